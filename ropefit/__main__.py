@@ -1,0 +1,5 @@
+"""`python -m ropefit` is the same as `ropefit`."""
+
+from ropefit.cli import main
+
+main()

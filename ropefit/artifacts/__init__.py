@@ -1,0 +1,30 @@
+"""Schemas of everything a run holds, and the store that keeps them."""
+
+from ropefit.artifacts.base import Artifact, Part, Provenance
+from ropefit.artifacts.checkpoint import Checkpoint
+from ropefit.artifacts.control import Control
+from ropefit.artifacts.model import FittedModel, Model, Parameter, ParameterGroup
+from ropefit.artifacts.observations import DroppedFrame, Observations, View
+from ropefit.artifacts.store import content_sha256, identity, read, write
+
+ARTIFACTS: tuple[type[Artifact], ...] = (Observations, Model, Control, Checkpoint)
+
+__all__ = [
+    "ARTIFACTS",
+    "Artifact",
+    "Checkpoint",
+    "Control",
+    "DroppedFrame",
+    "FittedModel",
+    "Model",
+    "Observations",
+    "Parameter",
+    "ParameterGroup",
+    "Part",
+    "Provenance",
+    "View",
+    "content_sha256",
+    "identity",
+    "read",
+    "write",
+]

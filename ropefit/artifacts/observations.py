@@ -1,0 +1,86 @@
+"""observations.h5: what preprocess makes of a recording, frame by frame, ready for any loss."""
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
+
+EndKind = Literal["free", "pinned", "clamped"]
+
+
+class View(Part):
+    """A pinhole camera: pixel = (fx X/Z + cx, fy Y/Z + cy) in OpenCV axes."""
+
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    fx: float = quantity("px", gt=0)
+    fy: float = quantity("px", gt=0)
+    cx: float = quantity("px")
+    cy: float = quantity("px")
+    pose: Annotated[np.ndarray, ArraySpec(("row", "column"))]  # recording <- camera
+    virtual: bool = Field(description="true when the recording has no camera and one was assumed")
+
+
+class DroppedFrame(Part):
+    """A frame of the recording that is not used, and why."""
+
+    frame: int
+    reason: str
+
+
+class Observations(Artifact):
+    """Ordered points, segments, plane, ends and noise of every usable frame."""
+
+    schema_name: ClassVar[str] = "ropefit-observations"
+    schema_version: ClassVar[int] = 1
+    file_name: ClassVar[str] = "observations.h5"
+
+    recording: str
+    recording_path: str
+    source: Literal["clouds", "rgbd", "markers"]
+    gravity: Annotated[np.ndarray, ArraySpec(("xyz",), "m/s^2")]
+    length: float = quantity("m", "rest length of the rope", gt=0)
+    length_source: Literal["recording", "estimated"]
+    diameter: float | None = quantity("m", default=None)
+    mass: float | None = quantity("kg", "whole rope", default=None)
+
+    frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
+    time: Annotated[np.ndarray, ArraySpec(("frame",), "s")]
+    dropped: list[DroppedFrame] = Field(default_factory=list)
+
+    end_kind: tuple[EndKind, EndKind]
+    ends_assumed: bool = Field(description="no [ends] in the recording: ends seen were taken as pinned")
+    end_position: Annotated[np.ndarray, ArraySpec(("frame", "end", "xyz"), "m", nan=True)]
+    end_orientation: Annotated[np.ndarray, ArraySpec(("frame", "end", "wxyz"), nan=True)]
+
+    # Points in order of arc length; frame t owns rows point_start[t]:point_start[t + 1].
+    points: Annotated[np.ndarray, ArraySpec(("point", "xyz"), "m")]
+    point_arc: Annotated[np.ndarray, ArraySpec(("point",), "m")]
+    point_offset: Annotated[np.ndarray, ArraySpec(("point",), "m")]  # signed, out of the plane
+    point_start: Annotated[np.ndarray, ArraySpec(("boundary",), dtype="int64")]
+    projected: bool = Field(description="points lie in the plane of gravity and the two ends")
+    projection_reason: str
+    plane_origin: Annotated[np.ndarray, ArraySpec(("frame", "xyz"), "m")]
+    plane_normal: Annotated[np.ndarray, ArraySpec(("frame", "xyz"))]
+
+    # The same in the image; seen by `view`.
+    view: View
+    pixels: Annotated[np.ndarray, ArraySpec(("pixel", "uv"), "px")]
+    pixel_arc: Annotated[np.ndarray, ArraySpec(("pixel",), "m")]
+    pixel_start: Annotated[np.ndarray, ArraySpec(("boundary",), dtype="int64")]
+
+    # K segment boundaries c_i and whether the K - 1 segments between them are seen.
+    node_arc: Annotated[np.ndarray, ArraySpec(("node",), "m")]
+    centreline: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m", nan=True)]
+    centreline_px: Annotated[np.ndarray, ArraySpec(("frame", "node", "uv"), "px", nan=True)]
+    seen: Annotated[np.ndarray, ArraySpec(("frame", "segment"), dtype="bool")]
+    lowest: Annotated[np.ndarray, ArraySpec(("frame", "xyz"), "m")]
+    noise: Annotated[np.ndarray, ArraySpec(("frame",), "m")]  # sd of a point about the centreline
+    noise_source: str
+
+    @property
+    def visibility(self) -> np.ndarray:
+        """(frame,) fraction of the rope's segments that are seen."""
+        return self.seen.mean(axis=1)

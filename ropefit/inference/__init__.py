@@ -1,0 +1,1 @@
+"""Fitting: minimisation, grid search, uncertainty, control. Knows rods and losses, no files."""

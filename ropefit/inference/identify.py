@@ -1,0 +1,172 @@
+"""Parameter identification of the paper: gradient or grid search over the η, one set or groups of frames."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.inference import minimise
+from ropefit.inference.minimise import Search
+from ropefit.inference.parameters import Space
+from ropefit.inference.rope import Rope
+from ropefit.inference.uncertainty import Uncertainty, sandwich
+from ropefit.losses.objectives import Objective, Scene
+
+CHUNK = 40_000  # particles simulated at once in a grid search; bounds its memory
+Report = Callable[[Search], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """Fit `objective` of `rope` to `scene`; group (F,) says which parameter set each frame uses."""
+
+    rope: Rope
+    scene: Scene
+    objective: Objective
+    space: Space
+    group: Tensor
+
+    @property
+    def groups(self) -> int:
+        return int(self.group.max()) + 1
+
+    def frames(self, index: Tensor) -> Task:
+        return Task(
+            self.rope.frames(index),
+            self.scene.frames(index),
+            self.objective,
+            self.space,
+            self.group[index],
+        )
+
+    def loss(self, u: Tensor, rows: Tensor) -> Tensor:
+        """(b,) loss [m] summed over the frames of each group in `rows`, for u (b, m)."""
+        place = torch.full((self.groups,), -1)
+        place[rows] = torch.arange(len(rows))
+        mine = torch.nonzero(place[self.group] >= 0)[:, 0]
+        owner = place[self.group[mine]]
+        values = self.space.to_values(u)[owner]
+        part = self if len(mine) == len(self.group) else self.frames(mine)
+        state = part.rope.settle(values)
+        per_frame = self.objective.loss(state.x, part.scene)
+        return torch.zeros(len(rows), dtype=u.dtype).index_add(0, owner, per_frame)
+
+
+def gradient_search(
+    task: Task,
+    evaluations: int,
+    resume: Search | None = None,
+    report: Report | None = None,
+    tolerance: float = 1e-4,
+) -> Search:
+    """Minimise by BFGS from the start (or from `resume`), by automatic differentiation."""
+    start = task.space.to_search(np.tile(task.space.start, (task.groups, 1)))
+    search = resume or minimise.begin(task.loss, start, reach=0.3)
+    while search.running and search.evaluations < evaluations:
+        minimise.step(task.loss, search, tolerance=tolerance)
+        if report:
+            report(search)
+    minimise.stop_at_limit(search)
+    return search
+
+
+def grid_search(
+    task: Task,
+    levels: int,
+    rounds: int,
+    resume: Search | None = None,
+    report: Report | None = None,
+) -> Search:
+    """Full factorial grids over the free parameters, each round half as wide around the best so far.
+
+    levels a parameter; the first round spans one decade to each side of the start (within the bounds).
+    """
+    m, groups = len(task.space.free), task.groups
+    start = task.space.to_search(np.tile(task.space.start, (groups, 1)))
+    if resume is None:
+        loss = _grid_losses(task, start[:, None, :])[:, 0]
+        search = Search(
+            start.clone(),
+            loss,
+            torch.zeros_like(start),
+            torch.zeros(groups, m, m, dtype=start.dtype),
+            torch.full((groups,), minimise.ACTIVE),
+            torch.zeros(groups, dtype=torch.int64),
+            1,
+            [float(loss.nansum())],
+        )
+    else:
+        search = resume
+    offsets = torch.tensor(
+        list(itertools.product(np.linspace(-1, 1, levels), repeat=m)), dtype=torch.float64
+    )
+    for index in range(int(search.calm[0]), rounds):
+        u = search.u[:, None, :] + np.log(10.0) * 0.5**index * offsets
+        losses = _grid_losses(task, u).nan_to_num(torch.inf, torch.inf)
+        best = losses.argmin(dim=1)
+        value = losses[torch.arange(groups), best]
+        better = value < search.loss.nan_to_num(torch.inf)
+        search.u[better] = u[torch.arange(groups), best][better]
+        search.loss = torch.where(better, value, search.loss)
+        search.evaluations += len(offsets)
+        search.calm += 1
+        search.trace.append(float(search.loss.nansum()))
+        if report:
+            report(search)
+    finite = torch.isfinite(search.loss)
+    search.status = torch.where(finite, minimise.NO_DECREASE, minimise.DIVERGED)
+    return search
+
+
+def _grid_losses(task: Task, u: Tensor) -> Tensor:
+    """(groups, candidates) losses for u (groups, candidates, m), in chunks of bounded memory."""
+    frames, nodes = task.rope.start.x.shape[:2]
+    chunk = max(1, CHUNK // (frames * nodes))
+    out = []
+    with torch.no_grad():
+        for part in torch.split(u, chunk, dim=1):
+            values = task.space.to_values(part).transpose(0, 1)[:, task.group]  # (c, F, n)
+            state = task.rope.settle(values)
+            per_frame = task.objective.loss(state.x, task.scene)
+            total = torch.zeros(len(values), task.groups, dtype=u.dtype)
+            out.append(total.index_add(1, task.group, per_frame).T)
+    return torch.cat(out, dim=1)
+
+
+def uncertainty(task: Task, values: np.ndarray, floor: float, length: float) -> Uncertainty:
+    """Uncertainty of the free parameters (relative, i.e. of log p) of a task with one group.
+
+    values (n,); central differences of the residual vectors, one percent up and down, in one batch.
+    """
+    m, frames = len(task.space.free), len(task.group)
+    step = 0.01
+    candidates = np.tile(values, (2 * m + 1, 1))
+    for k, index in enumerate(task.space.free):
+        candidates[2 * k + 1, index] *= np.exp(step)
+        candidates[2 * k + 2, index] *= np.exp(-step)
+    with torch.no_grad():
+        eta = torch.from_numpy(candidates)[:, None, :].expand(-1, frames, -1)
+        state = task.rope.settle(eta)
+        residuals = task.objective.residuals(state.x, task.scene)
+    columns, base, cluster = [], [], []
+    for term in residuals:
+        mask = term.mask.numpy()
+        vectors = np.zeros((*term.vectors.shape[:-1], 3))
+        vectors[..., : term.vectors.shape[-1]] = term.vectors.numpy()
+        vectors = vectors[:, mask]
+        columns.append((vectors[1::2] - vectors[2::2]) / (2 * step))
+        base.append(vectors[0])
+        cluster.append(np.nonzero(mask)[0])
+    jacobian = np.moveaxis(np.concatenate(columns, axis=1), 0, -1)
+    return sandwich(
+        jacobian,
+        np.concatenate(base),
+        np.concatenate(cluster),
+        floor=floor,
+        dead_below=1e-9 * length,
+    )

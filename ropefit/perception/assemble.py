@@ -1,0 +1,194 @@
+"""All frames together: lengths agreed, ends filled in, plane, segments, visibility, noise, image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ropefit.errors import BadInput
+from ropefit.perception.cloud import scatter
+from ropefit.perception.plane import hanging_plane
+from ropefit.perception.trace import Trace, resample
+from ropefit.perception.tracing import Tracer
+
+# A rope that leaves the plane by more than this share of its length and this many times the noise is
+# not flattened: there the projection would hide shape, not noise.
+KEEP_3D = 0.003
+KEEP_3D_NOISE = 5.0
+FLOOR = 1e-6  # m: no sensor is better
+
+
+def assemble(
+    tracer: Tracer, traces: list[Trace], frames: np.ndarray, nodes: int, project: str
+) -> dict[str, Any]:
+    """Everything of observations.h5 that is computed from the traces of the usable frames."""
+    position, orientation = (
+        np.stack(part) for part in zip(*(tracer.ends(frame) for frame in frames), strict=True)
+    )
+    if tracer.recording.ends is None:
+        position = _ends_seen(traces, tracer)
+    length = tracer.length or float(np.median([trace.length for trace in traces]))
+    apart = np.linalg.norm(position[:, 1] - position[:, 0], axis=1)
+    if np.nanmax(np.append(apart, 0.0)) > length and tracer.length is None:
+        length = float(np.nanmax(apart)) * 1.001
+    if not 0 < length < 100:
+        raise BadInput(
+            f"{tracer.recording.path}: the rope comes out {length:.4g} m long; data are in metres"
+        )
+    gravity = tracer.recording.gravity
+    planes = [
+        hanging_plane(ends, gravity, trace.centreline)
+        for ends, trace in zip(position, traces, strict=True)
+    ]
+    offsets = [
+        ((trace.points - origin) @ normal, (trace.centreline - origin) @ normal)
+        for trace, (origin, normal) in zip(traces, planes, strict=True)
+    ]
+    noise = np.array([_noise(tracer, trace) for trace in traces])
+    out_of_plane = float(np.sqrt(np.mean(np.concatenate([line**2 for _, line in offsets]))))
+    flatten, reason = _whether_to_project(project, out_of_plane, length, float(np.median(noise)))
+
+    node_arc = np.linspace(0.0, length, nodes)
+    points, lines = [], []
+    for trace, (_, normal), (off, off_line) in zip(traces, planes, offsets, strict=True):
+        factor = 1.0 if flatten else 0.0
+        points.append(trace.points - factor * off[:, None] * normal)
+        lines.append(trace.centreline - factor * off_line[:, None] * normal)
+    arcs = [_rescale(trace, length) for trace in traces]
+    camera = tracer.view(np.concatenate(lines))
+    seen = np.stack([_seen(a, t.reach, node_arc) for t, (a, _) in zip(traces, arcs, strict=True)])
+    known = np.stack([_covered(a, t.reach, node_arc) for t, (a, _) in zip(traces, arcs, strict=True)])
+    centreline = np.stack(
+        [resample(line, arc, node_arc) for line, (_, arc) in zip(lines, arcs, strict=True)]
+    )
+    centreline[~known] = np.nan
+
+    pixels, pixel_arcs, boundaries = [], [], []
+    for trace, line, point, (arc, line_arc) in zip(traces, lines, points, arcs, strict=True):
+        if trace.pixels is not None and trace.pixel_arc is not None:
+            pixel, pixel_arc = trace.pixels, trace.pixel_arc * length / trace.length
+        elif len(point) < 60:  # markers: the points themselves
+            pixel, pixel_arc = camera.project(point), arc
+        else:  # a cloud's denoised centreline stands in for the image's, where points were seen
+            at = np.linspace(0, length, 200)
+            at = at[_near(arc, at, length / 40)]
+            pixel, pixel_arc = camera.project(resample(line, line_arc, at)), at
+        pixels.append(pixel)
+        pixel_arcs.append(pixel_arc)
+        increasing = np.maximum.accumulate(pixel_arc)
+        boundaries.append(resample(pixel, increasing, node_arc))
+    centreline_px = np.stack(boundaries)
+    centreline_px[~known] = np.nan
+
+    down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
+    lowest = np.stack([_lowest(line, arc, a, down) for line, (a, arc) in zip(lines, arcs, strict=True)])
+    return {
+        "length": length,
+        "end_position": position,
+        "end_orientation": orientation,
+        "points": np.concatenate(points),
+        "point_arc": np.concatenate([a for a, _ in arcs]),
+        "point_offset": np.concatenate([off for off, _ in offsets]),
+        "point_start": _starts(points),
+        "projected": flatten,
+        "projection_reason": reason,
+        "plane_origin": np.stack([origin for origin, _ in planes]),
+        "plane_normal": np.stack([normal for _, normal in planes]),
+        "camera": camera,
+        "pixels": np.concatenate(pixels),
+        "pixel_arc": np.concatenate(pixel_arcs),
+        "pixel_start": _starts(pixels),
+        "node_arc": node_arc,
+        "centreline": centreline,
+        "centreline_px": centreline_px,
+        "seen": seen,
+        "lowest": lowest,
+        "noise": np.maximum(noise, FLOOR),
+        "noise_source": tracer.noise_source,
+    }
+
+
+def _ends_seen(traces: list[Trace], tracer: Tracer) -> np.ndarray:
+    """(F, 2, 3) ends as the data show them, end 0 staying the same one from frame to frame."""
+    ends = np.stack([trace.centreline[[0, -1]] for trace in traces])
+    if tracer.recording.source.table == "markers":
+        return ends
+    for t in range(1, len(ends)):
+        straight = np.linalg.norm(ends[t] - ends[t - 1], axis=1).sum()
+        crossed = np.linalg.norm(ends[t, ::-1] - ends[t - 1], axis=1).sum()
+        if crossed < straight:
+            ends[t] = ends[t, ::-1]
+            traces[t] = _reversed(traces[t])
+    return ends
+
+
+def _reversed(trace: Trace) -> Trace:
+    flip = slice(None, None, -1)
+    return Trace(
+        points=trace.points[flip],
+        point_arc=trace.length - trace.point_arc[flip],
+        centreline=trace.centreline[flip],
+        arc=trace.length - trace.arc[flip],
+        length=trace.length,
+        reach=trace.reach,
+        pixels=None if trace.pixels is None else trace.pixels[flip],
+        pixel_arc=None if trace.pixel_arc is None else trace.length - trace.pixel_arc[flip],
+    )
+
+
+def _noise(tracer: Tracer, trace: Trace) -> float:
+    return tracer.noise if tracer.noise is not None else scatter(trace.points, trace.centreline)
+
+
+def _whether_to_project(
+    project: str, out_of_plane: float, length: float, noise: float
+) -> tuple[bool, str]:
+    share = (
+        f"the rope leaves the plane of gravity and its ends by {out_of_plane * 1e3:.1f} mm rms "
+        f"(noise {noise * 1e3:.2g} mm)"
+    )
+    if project != "auto":
+        return project == "yes", f"asked for; {share}"
+    if out_of_plane > max(KEEP_3D * length, KEEP_3D_NOISE * noise):
+        return False, f"{share}: kept in 3D, a projection would hide shape"
+    return True, f"{share}: projected"
+
+
+def _rescale(trace: Trace, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """(point arcs, centreline arcs) [m] on a rope of the agreed length."""
+    factor = length / trace.length
+    arc = np.maximum.accumulate(trace.arc * factor)
+    return trace.point_arc * factor, arc
+
+
+def _near(arc: np.ndarray, at: np.ndarray, reach: float) -> np.ndarray:
+    """(M,) bool: places with a data point within `reach`."""
+    ordered = np.sort(arc)
+    right = np.clip(np.searchsorted(ordered, at), 0, len(ordered) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.minimum(np.abs(ordered[right] - at), np.abs(ordered[left] - at)) <= reach
+
+
+def _seen(arc: np.ndarray, reach: float, node_arc: np.ndarray) -> np.ndarray:
+    """(K-1,) bool: segments that hold a data point or have one within `reach` of their middle."""
+    middle = (node_arc[1:] + node_arc[:-1]) / 2
+    half = (node_arc[1] - node_arc[0]) / 2
+    return _near(arc, middle, max(reach, half))
+
+
+def _covered(arc: np.ndarray, reach: float, node_arc: np.ndarray) -> np.ndarray:
+    """(K,) bool: boundaries near enough to data to be compared with a particle."""
+    half = (node_arc[1] - node_arc[0]) / 2
+    return _near(arc, node_arc, max(reach, half))
+
+
+def _lowest(line: np.ndarray, line_arc: np.ndarray, arc: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(3,) lowest point of the denoised centreline where there are data."""
+    inside = (line_arc >= arc.min()) & (line_arc <= arc.max())
+    candidates = line[inside] if inside.any() else line
+    return candidates[np.argmax(candidates @ down)]
+
+
+def _starts(parts: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)

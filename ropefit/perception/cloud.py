@@ -1,0 +1,149 @@
+"""Order an unordered cloud of rope points: outliers out, geodesic order, centreline, arc length."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.sparse.csgraph import dijkstra
+
+from ropefit.perception.graph import bridge, neighbour_graph
+from ropefit.perception.trace import (
+    FrameRejected,
+    Trace,
+    polyline_arc,
+    project_to_polyline,
+    resample,
+)
+
+LEAST_POINTS = 20
+# Mean over a visible half cylinder, seen evenly over its width, of its height over the axis: π/4 radii.
+SURFACE_SHARE = np.pi / 4
+
+
+def remove_outliers(points: np.ndarray) -> np.ndarray:
+    """(M, 3) points whose distance to their neighbours is usual (open3d, statistical)."""
+    import open3d as o3d
+
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    kept, _ = cloud.remove_statistical_outlier(nb_neighbors=16, std_ratio=2.0)
+    return np.asarray(kept.points)
+
+
+def trace_cloud(
+    points: np.ndarray,
+    ends: np.ndarray,
+    length: float | None,
+    radius: float | None = None,
+    viewpoint: np.ndarray | None = None,
+    bins: int = 60,
+    most: int = 400,
+) -> Trace:
+    """Order the cloud (N, 3) [m] of one frame.
+
+    ends (2, 3): known end positions, NaN where unknown (then the farthest point of the cloud is the
+    end). With `radius` [m] and `viewpoint` (3,) the visible surface is moved back onto the centreline.
+    At most `most` points are kept, evenly in order. Raises FrameRejected.
+    """
+    if len(points) >= LEAST_POINTS:
+        points = remove_outliers(points)
+    if len(points) < LEAST_POINTS:
+        raise FrameRejected(f"only {len(points)} points after outlier removal")
+    known = np.isfinite(ends).all(axis=1)
+    along = _geodesic(points, ends, known)
+    line = _smooth_line(points, along, ends, known, bins)
+    if radius and viewpoint is not None:
+        points = points + _surface_to_axis(points, line, radius, viewpoint)
+        line = _smooth_line(points, along, ends, known, bins)
+    arc = polyline_arc(line)
+    if arc[-1] <= 0:
+        raise FrameRejected("the points do not extend along a line")
+    scale = length / arc[-1] if length and known.all() else 1.0
+    place, _ = project_to_polyline(points, line)
+    point_arc = np.interp(place, np.arange(len(line)), arc) * scale
+    order = np.argsort(point_arc, kind="stable")
+    order = order[np.unique(np.linspace(0, len(order) - 1, most).astype(int))]
+    total = length if length and known.all() else float(arc[-1])
+    return Trace(
+        points=points[order],
+        point_arc=point_arc[order],
+        centreline=line,
+        arc=arc * scale,
+        length=total,
+        reach=total / bins,
+    )
+
+
+def _geodesic(points: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(N,) distance along the cloud from end 0, by shortest paths over near neighbours.
+
+    Separate pieces (occlusion) are joined by the shortest links between them.
+    """
+    nodes = np.concatenate([points, ends[known]])
+    graph = bridge(neighbour_graph(nodes), nodes)
+    first = len(points) if known[0] else None
+    last = len(nodes) - 1 if known[1] else None
+    if first is not None:
+        return dijkstra(graph, directed=False, indices=first)[: len(points)]
+    if last is not None:
+        reach = dijkstra(graph, directed=False, indices=last)[: len(points)]
+        return reach.max() - reach
+    far = int(np.argmax(dijkstra(graph, directed=False, indices=0)))
+    return dijkstra(graph, directed=False, indices=far)[: len(points)]
+
+
+def _smooth_line(
+    points: np.ndarray, along: np.ndarray, ends: np.ndarray, known: np.ndarray, bins: int
+) -> np.ndarray:
+    """(M, 3) centreline: means over stretches of geodesic distance, smoothed, ends put back."""
+    finite = np.isfinite(along)
+    points, along = points[finite], along[finite]
+    edges = np.linspace(along.min(), along.max() + 1e-9, bins + 1)
+    index = np.digitize(along, edges) - 1
+    count = np.bincount(index, minlength=bins)
+    filled = count > 0
+    means = np.stack([np.bincount(index, column, bins) for column in points.T], axis=1)
+    means = means[filled] / count[filled, None]
+    centre = np.bincount(index, along, bins)[filled] / count[filled]
+    # Evenly spaced before smoothing, so that gaps do not pull; the ends are padded by reflection.
+    even = np.linspace(centre[0], centre[-1], bins)
+    line = resample(means, centre, even)
+    padded = np.concatenate([2 * line[0] - line[6:0:-1], line, 2 * line[-1] - line[-2:-8:-1]])
+    line = gaussian_filter1d(padded, 1.0, axis=0)[6:-6]
+    parts = [line]
+    if known[0] and np.linalg.norm(line[0] - ends[0]) > 1e-6:
+        parts.insert(0, ends[:1])
+    if known[1] and np.linalg.norm(line[-1] - ends[1]) > 1e-6:
+        parts.append(ends[1:])
+    return _without_overshoot(np.concatenate(parts))
+
+
+def _without_overshoot(line: np.ndarray) -> np.ndarray:
+    """Drop vertices next to an end that lie beyond it: the end is where the rope stops."""
+    for flip in (slice(None), slice(None, None, -1)):
+        line = line[flip]
+        while len(line) > 4 and (line[1] - line[0]) @ (line[3] - line[1]) < 0:
+            line = np.delete(line, 1, axis=0)
+        line = line[flip]
+    return line
+
+
+def _surface_to_axis(
+    points: np.ndarray, line: np.ndarray, radius: float, viewpoint: np.ndarray
+) -> np.ndarray:
+    """(N, 3) [m] moves from the visible surface to the axis: away from the eye, across the rope."""
+    place, _ = project_to_polyline(points, line)
+    edges = np.diff(line, axis=0)
+    tangent = edges[np.minimum(place.astype(int), len(edges) - 1)]
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    ray = points - viewpoint
+    ray -= (ray * tangent).sum(axis=1, keepdims=True) * tangent
+    ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-12)
+    return SURFACE_SHARE * radius * ray
+
+
+def scatter(points: np.ndarray, line: np.ndarray) -> float:
+    """Robust sd [m] of the points (N, 3) about the centreline, per component across it."""
+    _, offset = project_to_polyline(points, line)
+    distance = np.linalg.norm(offset, axis=1)
+    # |two Gaussian components| has median 1.1774 sd.
+    return float(np.median(distance) / 1.1774)

@@ -1,0 +1,17 @@
+"""Readers: every input format becomes one Recording."""
+
+from ropefit.recordings.manifest import Manifest
+from ropefit.recordings.open import fingerprint, open_recording, sample_path
+from ropefit.recordings.recording import End, Recording
+from ropefit.recordings.sources import Sight, Source
+
+__all__ = [
+    "End",
+    "Manifest",
+    "Recording",
+    "Sight",
+    "Source",
+    "fingerprint",
+    "open_recording",
+    "sample_path",
+]

@@ -1,0 +1,112 @@
+"""The ends of the rope over time: from ends.csv, or from the markers that are held."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ropefit.errors import BadInput
+from ropefit.recordings.manifest import Manifest, inside
+from ropefit.recordings.markers import Markers
+from ropefit.recordings.recording import End
+from ropefit.recordings.tables import read_table, whole
+
+QUATERNION = ["qw", "qx", "qy", "qz"]
+
+
+def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> tuple[End, End]:
+    """Ends 0 and 1. Raises BadInput."""
+    assert manifest.ends is not None
+    if manifest.ends.file is not None:
+        return _from_file(inside(directory, manifest.ends.file))
+    assert manifest.ends.markers is not None
+    if markers is None:
+        raise BadInput(f"{directory}: [ends] markers needs a [markers] table")
+    held0, held1 = manifest.ends.markers
+    return _from_markers(markers, held0, 0), _from_markers(markers, held1, 1)
+
+
+def end_times(path: Path) -> dict[int, float]:
+    """{frame: time [s]} of an ends file, for sources that have no clock of their own."""
+    columns = read_table(path, ["frame", "time", "end", "x", "y", "z"], QUATERNION)
+    return dict(zip(whole(path, "frame", columns["frame"]).tolist(), columns["time"], strict=True))
+
+
+def _from_file(path: Path) -> tuple[End, End]:
+    columns = read_table(path, ["frame", "time", "end", "x", "y", "z"], QUATERNION)
+    frame = whole(path, "frame", columns["frame"])
+    which = whole(path, "end", columns["end"])
+    if not np.isin(which, (0, 1)).all():
+        raise BadInput(f"{path}: column end holds 0 (control point) or 1 (other end) only")
+    position = np.stack([columns[axis] for axis in "xyz"], axis=1)
+    present = [name for name in QUATERNION if name in columns]
+    if present and len(present) < 4:
+        raise BadInput(f"{path}: a quaternion needs all of qw,qx,qy,qz; got {','.join(present)}")
+    quaternion = (
+        np.stack([columns[name] for name in QUATERNION], axis=1)
+        if present
+        else np.full((len(frame), 4), np.nan)
+    )
+    ends = []
+    for end in (0, 1):
+        rows = np.flatnonzero(which == end)
+        if np.unique(frame[rows]).size != rows.size:
+            raise BadInput(f"{path}: end {end} has two rows for one frame")
+        ends.append(_end(path, end, frame[rows].tolist(), position[rows], quaternion[rows]))
+    return ends[0], ends[1]
+
+
+def _end(
+    path: Path, end: int, frames: list[int], position: np.ndarray, quaternion: np.ndarray
+) -> End:
+    if not frames:
+        return End.free()
+    given = np.isfinite(quaternion)
+    if (given.any(axis=1) != given.all(axis=1)).any():
+        raise BadInput(f"{path}: end {end} has a quaternion with a missing entry")
+    clamped = given.all(axis=1)
+    if clamped.any() and not clamped.all():
+        row = frames[int(np.argmin(clamped))]
+        raise BadInput(f"{path}: end {end} is clamped in some frames but has no quaternion in {row}")
+    positions = dict(zip(frames, position, strict=True))
+    if not clamped.any():
+        return End("pinned", positions, {})
+    norm = np.linalg.norm(quaternion, axis=1)
+    if (np.abs(norm - 1) > 0.01).any():
+        row = frames[int(np.argmax(np.abs(norm - 1)))]
+        raise BadInput(f"{path}: end {end}, frame {row}: quaternion is not of unit length")
+    return End("clamped", positions, dict(zip(frames, quaternion / norm[:, None], strict=True)))
+
+
+def _from_markers(markers: Markers, held: list[int], end: int) -> End:
+    """One held marker pins the end; two clamp it along the line between them."""
+    if not held:
+        return End.free()
+    count = markers.positions.shape[1]
+    if any(not -count <= index < count for index in held):
+        raise BadInput(f"{markers.path}: [ends] markers {held} but there are {count} markers")
+    indices = sorted(index % count for index in held)
+    outer = indices[0] if end == 0 else indices[-1]
+    if len(set(indices)) < len(indices) or outer != (0 if end == 0 else count - 1):
+        raise BadInput(f"{markers.path}: end {end} must hold the outermost marker; got {held}")
+    seen = np.isfinite(markers.positions[:, indices]).all(axis=(1, 2))
+    rows = np.flatnonzero(seen)
+    frames = [markers.frames[row] for row in rows]
+    positions = dict(zip(frames, markers.positions[rows, outer], strict=True))
+    if len(indices) == 1:
+        return End("pinned", positions, {})
+    along = markers.positions[rows, indices[1]] - markers.positions[rows, indices[0]]
+    if (np.linalg.norm(along, axis=1) < 1e-9).any():
+        raise BadInput(f"{markers.path}: the two held markers of end {end} coincide")
+    orientation = [quaternion_along(tangent) for tangent in along]
+    return End("clamped", positions, dict(zip(frames, orientation, strict=True)))
+
+
+def quaternion_along(tangent: np.ndarray) -> np.ndarray:
+    """(4,) the rotation of least angle that takes e3 to the direction of `tangent` (3,)."""
+    direction = tangent / np.linalg.norm(tangent)
+    quaternion = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
+    norm = np.linalg.norm(quaternion)
+    # Exactly against e3 the axis is arbitrary: take e1.
+    return quaternion / norm if norm > 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])

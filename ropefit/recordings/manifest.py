@@ -1,0 +1,178 @@
+"""recording.toml: the pydantic picture of DESIGN's recording format, version 1."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from ropefit.errors import BadInput
+
+FORMAT = "ropefit-recording/1"
+MAX_LENGTH = 100.0  # m; longer ropes are almost surely millimetres
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RopeTable(_Table):
+    """What is known of the rope: SI units, all optional."""
+
+    length: Positive | None = None
+    diameter: Positive | None = None
+    mass: Positive | None = None
+
+    @field_validator("length")
+    @classmethod
+    def _metres(cls, value: float | None) -> float | None:
+        if value is not None and value > MAX_LENGTH:
+            raise ValueError(
+                f"a rope {value:g} m long; lengths are in metres, were millimetres given?"
+            )
+        return value
+
+
+class EndsTable(_Table):
+    """Poses of the ends: a file, or the markers held at each end."""
+
+    file: str | None = None
+    markers: tuple[list[int], list[int]] | None = None
+
+    @model_validator(mode="after")
+    def _one_of(self) -> EndsTable:
+        if (self.file is None) == (self.markers is None):
+            raise ValueError("give either file or markers")
+        if self.markers and any(len(held) > 2 for held in self.markers):
+            raise ValueError("at most two held markers an end: the end itself and its neighbour")
+        return self
+
+
+class CloudsTable(_Table):
+    pattern: str
+    viewpoint: tuple[Finite, Finite, Finite] | None = None
+
+
+class Intrinsics(_Table):
+    width: int = Field(gt=0, le=20000)
+    height: int = Field(gt=0, le=20000)
+    fx: Positive
+    fy: Positive
+    cx: Finite
+    cy: Finite
+
+
+class RgbdTable(_Table):
+    color: str
+    depth: str | None = None
+    depth_scale: Positive = 0.001
+    intrinsics: Intrinsics
+    camera_pose: list[list[Finite]] = Field(default_factory=lambda: np.eye(4).tolist())
+
+    @field_validator("camera_pose")
+    @classmethod
+    def _rigid(cls, value: list[list[float]]) -> list[list[float]]:
+        if len(value) != 4 or any(len(row) != 4 for row in value):
+            raise ValueError("camera_pose must be 4 rows of 4 numbers")
+        pose = np.array(value)
+        rotation = pose[:3, :3]
+        rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
+        if not rigid or np.linalg.det(rotation) < 0 or not np.allclose(pose[3], [0, 0, 0, 1]):
+            raise ValueError("camera_pose is not a rigid transform (recording <- camera)")
+        return value
+
+
+class MarkersTable(_Table):
+    file: str
+    arc_length: list[Finite] | None = None
+
+    @field_validator("arc_length")
+    @classmethod
+    def _increasing(cls, value: list[float] | None) -> list[float] | None:
+        if value is not None and any(b <= a for a, b in zip(value, value[1:], strict=False)):
+            raise ValueError("arc_length must increase from end 0 to end 1")
+        return value
+
+
+class PriorsTable(_Table):
+    """One-sigma uncertainty of the set-up; degrees, metres, seconds, kilograms."""
+
+    camera_rotation: Positive | None = None
+    camera_translation: Positive | None = None
+    scale: Positive | None = None
+    depth_gain: Positive | None = None
+    gravity: Positive | None = None
+    end_position: Positive | None = None
+    end_orientation: Positive | None = None
+    time_lag: Positive | None = None
+    length: Positive | None = None
+    mass: Positive | None = None
+
+
+class Manifest(_Table):
+    """The whole of recording.toml."""
+
+    format: Literal["ropefit-recording/1"]
+    name: str = Field(min_length=1, max_length=200)
+    gravity: tuple[Finite, Finite, Finite] = (0.0, 0.0, -9.81)
+    rope: RopeTable = RopeTable()
+    ends: EndsTable | None = None
+    clouds: CloudsTable | None = None
+    rgbd: RgbdTable | None = None
+    markers: MarkersTable | None = None
+    priors: PriorsTable = PriorsTable()
+
+    @model_validator(mode="after")
+    def _has_data(self) -> Manifest:
+        if not (self.clouds or self.rgbd or self.markers):
+            raise ValueError("no [clouds], [rgbd] or [markers]: at least one is needed")
+        if np.linalg.norm(self.gravity) > 1000:
+            raise ValueError("gravity beyond 1000 m/s^2; it is in m/s^2")
+        if self.ends and self.ends.markers and not self.markers:
+            raise ValueError("[ends] markers needs a [markers] table")
+        return self
+
+
+def read_manifest(directory: Path) -> Manifest:
+    """Read and check recording.toml. Raises BadInput with the key at fault."""
+    path = directory / "recording.toml"
+    if not directory.is_dir():
+        raise BadInput(f"{directory}: no such recording directory; give one with a recording.toml")
+    try:
+        if path.stat().st_size > 1 << 20:
+            raise BadInput(f"{path}: larger than 1 MB, not a recording.toml")
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BadInput(f"{directory}: has no recording.toml; see docs/recording-format.md")
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadInput(f"{path}: not readable as TOML ({error}); correct it")
+    try:
+        return Manifest.model_validate(raw)
+    except ValidationError as error:
+        raise BadInput(f"{path}: {describe(error)}")
+
+
+def describe(error: ValidationError) -> str:
+    """The first problem of a pydantic error in one line: key, what is wrong."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"]) or "file"
+    if first["type"] == "extra_forbidden":
+        return f"unknown key {where}; remove it or correct its spelling"
+    if where == "format":
+        return f"format must be {FORMAT!r}, got {first['input']!r}"
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}"
+
+
+def inside(directory: Path, name: str) -> Path:
+    """The path of a file named by a recording; it must lie inside the recording's directory."""
+    path = directory / name
+    root = directory.resolve()
+    if Path(name).is_absolute() or not path.resolve().is_relative_to(root):
+        raise BadInput(f"{directory}: {name} lies outside the recording; copy the file into it")
+    return path

@@ -1,0 +1,40 @@
+"""File-name patterns such as "clouds/{frame:06d}.ply": which frames are there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ropefit.errors import BadInput
+from ropefit.recordings.manifest import inside
+
+FIELD = re.compile(r"\{frame(?::0?(\d*)d)?\}")
+
+
+def list_frames(directory: Path, pattern: str, key: str) -> dict[int, Path]:
+    """{frame: path} of the files that match the pattern, by frame number. Raises BadInput if none."""
+    fields = FIELD.findall(pattern)
+    if len(fields) != 1 or "{" in FIELD.sub("", pattern) or FIELD.search(Path(pattern).parent.name):
+        raise BadInput(
+            f"{directory}: {key} = {pattern!r} needs one {{frame}} or {{frame:06d}} in its file name"
+        )
+    inside(directory, FIELD.sub("0", pattern))
+    before, after = FIELD.split(Path(pattern).name)[::2]
+    name = re.compile(re.escape(before) + r"(\d{1,9})" + re.escape(after))
+    folder = directory / Path(pattern).parent
+    found = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        match = name.fullmatch(path.name)
+        if match:
+            frame = int(match.group(1))
+            relative = Path(pattern).parent / path.name
+            if pattern_name(pattern, frame) == relative.as_posix():
+                found[frame] = inside(directory, str(relative))
+    if not found:
+        raise BadInput(f"{directory}: no file matches {key} = {pattern!r}; correct it or add the files")
+    return dict(sorted(found.items()))
+
+
+def pattern_name(pattern: str, frame: int) -> str:
+    """The file name of one frame."""
+    return Path(pattern.format(frame=frame)).as_posix()

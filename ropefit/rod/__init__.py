@@ -1,0 +1,5 @@
+"""The mechanics of the rod: state, frames, strains, rest shape, start. No solver here."""
+
+from ropefit.rod.strains import Rest, bend_twist, distance, straight_rest, stretch_shear
+
+__all__ = ["Rest", "bend_twist", "distance", "straight_rest", "stretch_shear"]

@@ -1,0 +1,85 @@
+"""The rod's three constraints and their exact gradients (paper, section II-A).
+
+Shapes: x (..., K, 3) [m], q (..., K-1, 4). All values are dimensionless but the distance [m].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ropefit.rod.quaternion import DARBOUX, director_gradient
+
+TINY = 1e-24  # m²: keeps the direction of two coincident particles at zero instead of NaN
+
+
+class Rest(NamedTuple):
+    """Rest shape: segment lengths (K-1,) [m] and rest Darboux quaternions (K-2, 4)."""
+
+    length: Tensor
+    darboux: Tensor
+
+
+def straight_rest(length: float, nodes: int) -> Rest:
+    """Rest shape of a straight rope of `length` [m] with `nodes` particles evenly spaced."""
+    darboux = torch.zeros(nodes - 2, 4, dtype=torch.float64)
+    darboux[:, 0] = 1.0
+    return Rest(torch.full((nodes - 1,), length / (nodes - 1), dtype=torch.float64), darboux)
+
+
+class StretchShear(NamedTuple):
+    """C^S (..., K-1, 3), eq. (5); d/dx is -1/l and +1/l times the identity; d/dq (..., K-1, 3, 4)."""
+
+    value: Tensor
+    grad_q: Tensor
+
+
+def stretch_shear(edges: Tensor, q: Tensor, rest: Rest) -> StretchShear:
+    """Edge over rest length minus the third director. edges: x[1:] - x[:-1], (..., K-1, 3)."""
+    gradient = director_gradient(q)
+    director = 0.5 * (gradient @ q[..., None])[..., 0]
+    return StretchShear(edges / rest.length[:, None] - director, -gradient)
+
+
+class BendTwist(NamedTuple):
+    """C^B (..., K-2, 3), eq. (7), with d/dq_i and d/dq_{i+1} (..., K-2, 3, 4)."""
+
+    value: Tensor
+    grad_first: Tensor
+    grad_second: Tensor
+
+
+def bend_twist(q: Tensor, rest: Rest) -> BendTwist:
+    """Im(q_i* q_{i+1} - s rest), with the sign s that brings the Darboux quaternions closest.
+
+    q and -q are the same frame, so the relative rotation is known up to sign only; s = -1 where it lies
+    nearer to minus the rest rotation (Kugelstadt & Schömer 2016).
+    """
+    first, second = q[..., :-1, :], q[..., 1:, :]
+    form = DARBOUX[1:].to(q)
+    grad_first = (second @ form.reshape(12, 4).T).reshape(*second.shape[:-1], 3, 4)
+    grad_second = (first @ form.transpose(1, 2).reshape(12, 4).T).reshape(*first.shape[:-1], 3, 4)
+    imaginary = (grad_second @ second[..., None])[..., 0]
+    real = (first * second).sum(-1, keepdim=True)
+    along = (imaginary * rest.darboux[:, 1:]).sum(-1, keepdim=True) + real * rest.darboux[:, :1]
+    sign = torch.where(along < 0, -1.0, 1.0)
+    return BendTwist(imaginary - sign * rest.darboux[:, 1:], grad_first, grad_second)
+
+
+class Distance(NamedTuple):
+    """C^D (..., K-1) [m], eq. (9), and the unit vectors (..., K-1, 3) that are its gradients."""
+
+    value: Tensor
+    direction: Tensor
+
+
+def distance(edges: Tensor, rest: Rest) -> Distance:
+    """Segment length minus rest length.
+
+    The gradient is the unit vector along the edge. (The paper divides by the rest length instead, which
+    is the same once the constraint holds.)
+    """
+    norm = torch.sqrt((edges * edges).sum(-1) + TINY)
+    return Distance(norm - rest.length, edges / norm[..., None])

@@ -1,0 +1,1 @@
+"""How a state is found, and how that is differentiated. No physics here."""

@@ -1,0 +1,55 @@
+"""A run is a directory of artifacts. Which command writes which file, and what counts as a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ropefit.artifacts import Control, Model, Observations
+from ropefit.errors import StageFailed, WrongUsage
+
+PRODUCERS = {
+    Observations.file_name: "ropefit preprocess RECORDING",
+    Model.file_name: "ropefit identify",
+    Control.file_name: "ropefit control",
+}
+REPORT = "report.html"
+KNOWN = {*PRODUCERS, REPORT, "figures", "identify.checkpoint.h5"}
+
+
+def is_run(directory: Path) -> bool:
+    """Whether a directory holds any artifact of ours."""
+    return any((directory / name).exists() for name in PRODUCERS)
+
+
+def existing_run(directory: Path) -> Path:
+    """The run directory, or one line on why it is none."""
+    if not directory.exists():
+        raise StageFailed(
+            f"{directory}: no such run; make one with `ropefit preprocess RECORDING --run {directory}`"
+        )
+    if not directory.is_dir():
+        raise WrongUsage(f"{directory}: is a file, not a run directory")
+    if not is_run(directory):
+        raise StageFailed(
+            f"{directory}: not a ropefit run (no artifacts in it); give another --run, or make it one "
+            f"with `ropefit preprocess RECORDING --run {directory}`"
+        )
+    return directory
+
+
+def new_run(directory: Path) -> Path:
+    """A directory to start a run in: new, empty, or already a run."""
+    if directory.exists() and not directory.is_dir():
+        raise WrongUsage(f"{directory}: is a file, not a directory; give another --run")
+    if directory.is_dir() and any(directory.iterdir()) and not is_run(directory):
+        strangers = [p.name for p in directory.iterdir() if p.name not in KNOWN and p.name[0] != "."]
+        if strangers:
+            raise WrongUsage(
+                f"{directory}: holds other files ({strangers[0]}, ...) and is not a ropefit run; "
+                "give an empty or new directory as --run"
+            )
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StageFailed(f"{directory}: cannot be made ({error.strerror}); give another --run")
+    return directory

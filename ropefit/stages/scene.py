@@ -1,0 +1,126 @@
+"""From artifacts to the tensors that fits work on."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ropefit.artifacts import Observations
+from ropefit.errors import BadInput
+from ropefit.inference.rope import Ends, Rope, build_rope
+from ropefit.losses.objectives import Pinhole, Scene
+from ropefit.losses.primary import Observed
+from ropefit.solvers.xpbd import Settings
+
+
+def pinhole(observations: Observations) -> Pinhole:
+    """The view as tensors."""
+    view = observations.view
+    pose = torch.tensor(view.pose)
+    return Pinhole(
+        torch.tensor([view.fx, view.fy], dtype=torch.float64),
+        torch.tensor([view.cx, view.cy], dtype=torch.float64),
+        pose[:3, :3].clone(),
+        pose[:3, 3].clone(),
+    )
+
+
+def build_scene(observations: Observations) -> Scene:
+    """Data of all frames, padded to the longest."""
+    o = observations
+    camera = pinhole(o)
+    centreline = torch.tensor(o.centreline)
+    mask = torch.isfinite(centreline).all(-1)
+    depth = camera.depth(centreline.nan_to_num())
+    # Mean depth of what was seen; the points stand in where no boundary was.
+    points, point_mask, segment = _padded(o, o.points, o.point_arc, o.point_start)
+    far = camera.depth(points)
+    mean = torch.where(point_mask, far, 0.0).sum(1) / point_mask.sum(1)
+    mean = torch.where(mask.any(1), torch.where(mask, depth, 0.0).sum(1) / mask.sum(1).clamp_min(1), mean)
+    size = np.linalg.norm(o.gravity)
+    down = o.gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
+    return Scene(
+        space=Observed(points, point_mask, segment, centreline.nan_to_num(), mask),
+        image=Observed(
+            *_padded(o, o.pixels, o.pixel_arc, o.pixel_start),
+            torch.tensor(o.centreline_px).nan_to_num(),
+            torch.isfinite(torch.tensor(o.centreline_px)).all(-1),
+        ),
+        camera=camera,
+        pixel_size=mean / camera.focal.mean(),
+        lowest=torch.tensor(o.lowest),
+        down=torch.tensor(down),
+    )
+
+
+def _padded(
+    o: Observations, values: np.ndarray, arc: np.ndarray, start: np.ndarray
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """(F, N, D) values, (F, N) mask, (F, N) segment index."""
+    counts = np.diff(start)
+    frames, most = len(counts), int(counts.max())
+    out = np.zeros((frames, most, values.shape[1]))
+    mask = np.arange(most) < counts[:, None]
+    out[mask] = values
+    segments = len(o.node_arc) - 1
+    index = np.zeros((frames, most), dtype=np.int64)
+    index[mask] = np.clip(np.floor(arc / o.length * segments), 0, segments - 1)
+    return torch.from_numpy(out), torch.from_numpy(mask), torch.from_numpy(index)
+
+
+def node_at(observations: Observations, control_at: float | None) -> int:
+    """The particle nearest to an arc length [m]; end 0 when none is given."""
+    if control_at is None:
+        return 0
+    if not 0 <= control_at <= observations.length:
+        raise BadInput(
+            f"control point at {control_at:g} m: the rope runs from 0 to {observations.length:g} m"
+        )
+    return int(np.argmin(np.abs(observations.node_arc - control_at)))
+
+
+def control_positions(observations: Observations, node: int) -> np.ndarray:
+    """(F, 3) [m] where the control point was: the recorded end, or the observed centreline there.
+
+    NaN where it was not seen.
+    """
+    if node == 0:
+        return observations.end_position[:, 0]
+    if node == len(observations.node_arc) - 1:
+        return observations.end_position[:, 1]
+    return observations.centreline[:, node]
+
+
+def rope_of(
+    observations: Observations,
+    *,
+    solver: str,
+    settings: Settings,
+    control_node: int,
+    two_sided: bool,
+    control_position: np.ndarray | None = None,
+    hold_frame: bool = False,
+) -> Rope:
+    """The paper's rope in every frame, with its ends where the observations have them.
+
+    control_position (F, 3) [m] overrides where the control point is held.
+    """
+    o = observations
+    nodes = len(o.node_arc)
+    position = o.end_position.copy()
+    if control_position is None:
+        control_position = control_positions(o, control_node)
+    elif control_node in (0, nodes - 1):
+        position[:, 0 if control_node == 0 else 1] = control_position
+    return build_rope(
+        length=o.length,
+        nodes=nodes,
+        gravity=o.gravity,
+        ends=Ends(position, o.end_orientation.copy()),
+        solver=solver,
+        settings=settings,
+        control_node=control_node,
+        control_position=control_position,
+        hold_frame=hold_frame,
+        two_sided=two_sided,
+    )

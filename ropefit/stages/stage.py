@@ -1,0 +1,177 @@
+"""The shape that every stage has: declared inputs -> its own settings -> a pure function -> an artifact.
+
+`execute` does for all of them what must not be forgotten in any: refuse stale inputs, skip what is up to
+date (and say why if it is not), stamp provenance, write atomically.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from ropefit import __version__
+from ropefit.artifacts import Artifact, Provenance, read, write
+from ropefit.errors import BadInput, StageFailed
+
+S = TypeVar("S", bound="StageSettings")
+A = TypeVar("A", bound=Artifact)
+
+
+class StageSettings(BaseModel):
+    """Settings of one stage: only what it uses, so that nothing else makes it stale."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def sha256(self) -> str:
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+Progress = Callable[[float, str], None]  # (share done in 0..1, what is going on)
+
+
+@dataclass
+class Context:
+    """What a stage may use besides its inputs: where to tell progress and to keep a checkpoint."""
+
+    directory: Path
+    progress: Progress = lambda share, text: None
+    say: Callable[[str], None] = lambda text: None
+    key: str = ""  # identifies inputs and settings; a checkpoint of another key is not resumed
+    external: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Stage(Generic[S]):
+    """A subcommand's work. compute(inputs by name, settings, context) -> artifact without provenance.
+
+    `external` hashes inputs from outside the run directory (a recording, a target file).
+    """
+
+    name: str
+    reads: tuple[type[Artifact], ...]
+    writes: type[Artifact]
+    compute: Callable[[dict[str, Any], S, Context], dict[str, Any]]
+    refresh: str = ""  # the command that makes the output anew
+
+    @property
+    def command(self) -> str:
+        return self.refresh or f"ropefit {self.name}"
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[A]):
+    """The artifact, its path, and whether it was computed now or found up to date."""
+
+    artifact: A
+    path: Path
+    computed: bool
+    why: str
+
+
+def execute(
+    stage: Stage[S],
+    directory: Path,
+    settings: S,
+    context: Context,
+    external: Mapping[str, str] | None = None,
+    force: bool = False,
+) -> Outcome[Any]:
+    """Run a stage in a run directory, unless its output is already what it would compute."""
+    inputs: dict[str, Any] = {}
+    hashes = dict(external or {})
+    for kind in stage.reads:
+        inputs[kind.file_name], hashes[kind.file_name] = load(directory, kind)
+    path = directory / stage.writes.file_name
+    why = _out_of_date(path, stage, hashes, settings) if not force else "asked to"
+    if why is None:
+        artifact, _ = read(path, stage.writes)
+        return Outcome(artifact, path, computed=False, why="up to date")
+    context.directory = directory
+    context.key = settings.sha256() + "".join(f"{k}{v}" for k, v in sorted(hashes.items()))
+    started = time.monotonic()
+    content = stage.compute(inputs, settings, context)
+    provenance = Provenance(
+        stage=stage.name,
+        package_version=__version__,
+        inputs=hashes,
+        settings=settings.model_dump(mode="json"),
+        settings_sha256=settings.sha256(),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        seconds=time.monotonic() - started,
+    )
+    artifact = stage.writes(provenance=provenance, **content)
+    write(path, artifact)
+    return Outcome(artifact, path, computed=True, why=why)
+
+
+def _out_of_date(
+    path: Path, stage: Stage[Any], hashes: Mapping[str, str], settings: StageSettings
+) -> str | None:
+    """Why the output must be computed, or None when it is what would be computed."""
+    if not path.exists():
+        return f"{path.name} does not exist yet"
+    try:
+        old, _ = read(path, stage.writes)
+    except BadInput as error:
+        return f"{path.name} is unreadable ({error})"
+    was = old.provenance
+    changed = [name for name in hashes if was.inputs.get(name) != hashes[name]]
+    if changed:
+        return f"{', '.join(changed)} changed"
+    if was.package_version != __version__:
+        return f"ropefit was {was.package_version}, is {__version__}"
+    if was.settings_sha256 != settings.sha256():
+        new = settings.model_dump(mode="json")
+        differ = [
+            f"{key} {was.settings.get(key)} -> {value}"
+            for key, value in new.items()
+            if was.settings.get(key) != value
+        ]
+        return "settings changed: " + ", ".join(differ)
+    return None
+
+
+def load(directory: Path, kind: type[A]) -> tuple[A, str]:
+    """An artifact of a run and its hash, refused when what it was made from has changed since."""
+    from ropefit.stages.run_directory import PRODUCERS
+
+    path = directory / kind.file_name
+    command = PRODUCERS[kind.file_name]
+    if not path.exists():
+        raise StageFailed(
+            f"{directory}: has no {kind.file_name}; run `{command} --run {directory}` first"
+        )
+    artifact, digest = read(path, kind)
+    for name, recorded in artifact.provenance.inputs.items():
+        upstream = directory / name
+        if name not in PRODUCERS:
+            continue
+        if not upstream.exists():
+            raise StageFailed(
+                f"{path}: made from {name}, which is gone; run `{PRODUCERS[name]} --run {directory}`"
+            )
+        if stored_hash(upstream) != recorded:
+            raise StageFailed(
+                f"{path}: stale, {name} has changed since; run `{command} --run {directory}`"
+            )
+    return artifact, digest
+
+
+def stored_hash(path: Path) -> str:
+    """The content hash an artifact carries."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get("content_sha256", ""))
+    except OSError:
+        return ""

@@ -1,0 +1,1 @@
+"""Makes ropefit's packaged sample recordings. Never imported by ropefit itself."""
