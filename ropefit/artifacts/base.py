@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, get_args
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -15,7 +15,8 @@ FIXED_SIZES = {"xyz": 3, "wxyz": 4, "uv": 2, "end": 2, "row": 4, "column": 4}
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """Annotation of a numpy field: names of its dimensions, SI unit, dtype, and whether NaN may occur.
+    """Annotation of a numpy field: names of its dimensions, SI unit, dtype, and whether NaN may
+    occur.
 
     Use as ``Annotated[np.ndarray, ArraySpec(("frame", "xyz"), "m")]``.
     """
@@ -59,7 +60,8 @@ class ArraySpec:
 
 
 def array_spec(annotation: Any, metadata: tuple[Any, ...] | list[Any] = ()) -> ArraySpec | None:
-    """The ArraySpec of a field's annotation (also inside ``… | None``), or None if it is no array."""
+    """The ArraySpec of a field's annotation (also inside ``… | None``), or None if it is no
+    array."""
     for item in metadata:
         if isinstance(item, ArraySpec):
             return item
@@ -78,7 +80,8 @@ def quantity(unit: str, description: str = "", **kwargs: Any) -> Any:
 
 
 class Part(BaseModel):
-    """A group inside an artifact: unknown keys are errors, dimensions of equal name agree in size."""
+    """A group inside an artifact: unknown keys are errors, dimensions of equal name agree in
+    size."""
 
     model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, frozen=True)
 
@@ -93,9 +96,7 @@ class Part(BaseModel):
             for dim, size in zip(spec.dims, value.shape, strict=True):
                 known, owner = sizes.setdefault(dim, (size, name))
                 if known != size:
-                    raise ValueError(
-                        f"dimension {dim} is {size} in {name} but {known} in {owner}"
-                    )
+                    raise ValueError(f"dimension {dim} is {size} in {name} but {known} in {owner}")
         return self
 
 
@@ -107,7 +108,7 @@ class Provenance(Part):
     inputs: dict[str, str] = Field(default_factory=dict, description="name of input -> sha256")
     settings: dict[str, Any] = Field(default_factory=dict)
     settings_sha256: str = ""
-    created: str = Field("", description="UTC, ISO 8601; not part of the content hash")
+    created: str = Field(default="", description="UTC, ISO 8601; not part of the content hash")
     seconds: float = quantity("s", "time the stage took; not part of the content hash", default=0.0)
 
 
@@ -118,5 +119,3 @@ class Artifact(Part):
     schema_version: ClassVar[int] = 1
     file_name: ClassVar[str]
     provenance: Provenance
-
-

@@ -40,7 +40,8 @@ class Control(Artifact):
     q: Annotated[np.ndarray, ArraySpec(("case", "segment", "wxyz"))]
     length_error: Annotated[np.ndarray, ArraySpec(("case",))]
 
-    # Key points: places on the rope that are predicted but not fitted (estimate), or targets (shape).
+    # Key points: places on the rope that are predicted but not fitted (estimate), or targets
+    # (shape).
     key_arc: Annotated[np.ndarray, ArraySpec(("case", "key"), "m", nan=True)]
     key_position: Annotated[np.ndarray, ArraySpec(("case", "key", "xyz"), "m", nan=True)]
     key_reference: Annotated[np.ndarray, ArraySpec(("case", "key", "xyz"), "m", nan=True)]

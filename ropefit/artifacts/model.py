@@ -22,7 +22,7 @@ class Parameter(Part):
     free: bool
     verdict: Verdict
     ci95: tuple[float, float] | None = Field(
-        None, description="Student-t interval; null when fixed or infinite"
+        default=None, description="Student-t interval; null when fixed or infinite"
     )
     trades_with: list[str] = Field(default_factory=list)
 

@@ -51,7 +51,9 @@ class Observations(Artifact):
     dropped: list[DroppedFrame] = Field(default_factory=list)
 
     end_kind: tuple[EndKind, EndKind]
-    ends_assumed: bool = Field(description="no [ends] in the recording: ends seen were taken as pinned")
+    ends_assumed: bool = Field(
+        description="no [ends] in the recording: ends seen were taken as pinned"
+    )
     end_position: Annotated[np.ndarray, ArraySpec(("frame", "end", "xyz"), "m", nan=True)]
     end_orientation: Annotated[np.ndarray, ArraySpec(("frame", "end", "wxyz"), nan=True)]
 

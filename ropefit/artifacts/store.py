@@ -1,8 +1,9 @@
 """Artifacts on disk: HDF5, written atomically, hashed, and read back through their schema.
 
-Layout of a file: the root carries `schema_name`, `schema_version` and `content_sha256`; every array is
-a dataset with attributes `unit` and `dims`; every nested part is a group; everything else is a dataset
-of JSON text with attribute `encoding = "json"`. Nothing is ever pickled.
+Layout of a file: the root carries `schema_name`, `schema_version` and `content_sha256`; every
+array is
+a dataset with attributes `unit` and `dims`; every nested part is a group; everything else is a
+dataset of JSON text with attribute `encoding = "json"`. Nothing is ever pickled.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ A = TypeVar("A", bound=Artifact)
 Leaf = tuple[str, "np.ndarray | str", dict[str, Any]]
 
 
-def _leaves(part: BaseModel, prefix: str = "") -> Iterator[Leaf]:
+def leaves(part: BaseModel, prefix: str = "") -> Iterator[Leaf]:
     """(path, array or JSON text, attributes) of everything in the part, in the schema's order."""
     for name, field in type(part).model_fields.items():
         value, path = getattr(part, name), f"{prefix}{name}"
@@ -39,10 +40,10 @@ def _leaves(part: BaseModel, prefix: str = "") -> Iterator[Leaf]:
         if spec is not None:
             yield path, value, {"unit": spec.unit, "dims": list(spec.dims)}
         elif isinstance(value, BaseModel):
-            yield from _leaves(value, f"{path}/")
+            yield from leaves(value, f"{path}/")
         elif isinstance(value, dict) and _part_type(field.annotation):
             for key, item in value.items():
-                yield from _leaves(item, f"{path}/{key}/")
+                yield from leaves(item, f"{path}/{key}/")
         else:
             extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
             text = json.dumps(value, sort_keys=True, allow_nan=True)
@@ -61,7 +62,7 @@ def _part_type(annotation: Any) -> type[BaseModel] | None:
 def content_sha256(artifact: Artifact) -> str:
     """Hash of everything the artifact says, apart from when and how long it took to write."""
     digest = hashlib.sha256(f"{artifact.schema_name}/{artifact.schema_version}".encode())
-    for path, value, _ in _leaves(artifact):
+    for path, value, _ in sorted(leaves(artifact), key=lambda leaf: leaf[0]):
         if path in NOT_CONTENT:
             continue
         digest.update(path.encode())
@@ -74,7 +75,8 @@ def content_sha256(artifact: Artifact) -> str:
 
 
 def write(path: Path, artifact: Artifact) -> str:
-    """Write atomically: a kill at any instant leaves the old file or the new one. Returns the hash."""
+    """Write atomically: a kill at any instant leaves the old file or the new one. Returns the
+    hash."""
     digest = content_sha256(artifact)
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -82,12 +84,14 @@ def write(path: Path, artifact: Artifact) -> str:
         raise StageFailed(f"cannot write {path}: {error.strerror}; free or choose another --run")
     try:
         os.close(handle)
-        with h5py.File(temporary, "w") as file:
+        with h5py.File(temporary, "w", track_order=True) as file:
             file.attrs["schema_name"] = artifact.schema_name
             file.attrs["schema_version"] = artifact.schema_version
             file.attrs["content_sha256"] = digest
-            for name, value, attributes in _leaves(artifact):
-                dataset = file.create_dataset(name, data=value, **_compression(value))
+            for name, value, attributes in leaves(artifact):
+                parent, _, leaf = name.rpartition("/")
+                group = _group(file, parent) if parent else file
+                dataset = group.create_dataset(leaf, data=value, **_compression(value))
                 dataset.attrs.update(attributes)
         with open(temporary, "rb") as file:
             os.fsync(file.fileno())
@@ -98,6 +102,15 @@ def write(path: Path, artifact: Artifact) -> str:
     finally:
         Path(temporary).unlink(missing_ok=True)
     return digest
+
+
+def _group(file: h5py.File, path: str) -> h5py.Group:
+    """The group at a path, made with its parents; entries keep the order in which they were
+    written."""
+    group: h5py.Group = file
+    for name in path.split("/"):
+        group = group[name] if name in group else group.create_group(name, track_order=True)  # type: ignore[assignment]
+    return group
 
 
 def _compression(value: np.ndarray | str) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""Where is the gripper, or where must it go: the control point as the gradient variable, frame by frame."""
+"""Where is the gripper, or where must it go: the control point as the gradient variable, frame by
+frame."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ Compare = Callable[[Tensor, Tensor], list[Residual]]  # (x (b, K, 3), rows (b,))
 class Gripper:
     """F independent searches for the control point of `rope`, compared by `residuals`.
 
-    eta (F, n). The unknowns of a frame are the move of the control point over `scale` [m], then (with
-    `turns`) a rotation vector [rad] of the first segment's frame.
+    eta (F, n). The unknowns of a frame are the move of the control point over `scale` [m], then
+    (with `turns`) a rotation vector [rad] of the first segment's frame.
     """
 
     rope: Rope
@@ -78,12 +79,13 @@ class Gripper:
         return multiply(from_rotation_vector(u[:, 3:]), self.rope.start.q[:, 0]).numpy()
 
     def position_sd(self, u: Tensor, clusters: int, floor: float) -> np.ndarray:
-        """(F, 3) [m] standard deviation of the control point from the scatter of its frame's residuals.
+        """(F, 3) [m] standard deviation of the control point from the scatter of its frame's
+        residuals.
 
-        Points are grouped into `clusters` stretches, which count as independent. NaN where the data do
-        not determine it.
+        Points are grouped into `clusters` stretches, which count as independent. NaN where the
+        data do not determine it.
         """
-        n, step = self.unknowns, 1e-3
+        n, step = self.unknowns, 1e-5
         rows = torch.arange(len(u))
         moves = torch.zeros(2 * n + 1, 1, n, dtype=u.dtype)
         for k in range(n):

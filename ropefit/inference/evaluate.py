@@ -17,7 +17,8 @@ CHUNK = 60  # frames simulated at once: bounds memory on long recordings
 
 
 class Agreement(NamedTuple):
-    """rms (F,) [m] and rms_px (F,) of point-to-line; residual (F, K) [m] at the segment boundaries."""
+    """rms (F,) [m] and rms_px (F,) of point-to-line; residual (F, K) [m] at the segment
+    boundaries."""
 
     rms: np.ndarray
     rms_px: np.ndarray

@@ -1,4 +1,5 @@
-"""Parameter identification of the paper: gradient or grid search over the η, one set or groups of frames."""
+"""Parameter identification of the paper: gradient or grid search over the η, one set or groups of
+frames."""
 
 from __future__ import annotations
 
@@ -82,9 +83,11 @@ def grid_search(
     resume: Search | None = None,
     report: Report | None = None,
 ) -> Search:
-    """Full factorial grids over the free parameters, each round half as wide around the best so far.
+    """Full factorial grids over the free parameters, each round half as wide around the best so
+    far.
 
-    levels a parameter; the first round spans one decade to each side of the start (within the bounds).
+    levels a parameter; the first round spans one decade to each side of the start (within the
+    bounds).
     """
     m, groups = len(task.space.free), task.groups
     start = task.space.to_search(np.tile(task.space.start, (groups, 1)))
@@ -141,10 +144,10 @@ def _grid_losses(task: Task, u: Tensor) -> Tensor:
 def uncertainty(task: Task, values: np.ndarray, floor: float, length: float) -> Uncertainty:
     """Uncertainty of the free parameters (relative, i.e. of log p) of a task with one group.
 
-    values (n,); central differences of the residual vectors, one percent up and down, in one batch.
+    values (n,); central differences of the residual vectors, in one batch.
     """
     m, frames = len(task.space.free), len(task.group)
-    step = 0.01
+    step = 1e-5  # small: near the solver's limit of stability the answer is strongly curved
     candidates = np.tile(values, (2 * m + 1, 1))
     for k, index in enumerate(task.space.free):
         candidates[2 * k + 1, index] *= np.exp(step)

@@ -1,7 +1,8 @@
 """Minimise many small independent problems at once: batched BFGS with a backtracking line search.
 
-The rows of a batch (frames, or groups of frames) share every simulation but nothing else: each has its
-own curvature estimate, step and end. A row that blows up (NaN, infinity) only shortens its own step.
+The rows of a batch (frames, or groups of frames) share every simulation but nothing else: each has
+its own curvature estimate, step and end. A row that blows up (NaN, infinity) only shortens its own
+step.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ CONVERGED = (SMALL_GRADIENT, NO_DECREASE)
 class Search:
     """Everything a search knows; saving and restoring it resumes the search exactly.
 
-    u (B, n), loss (B,), gradient (B, n), inverse Hessian (B, n, n), status (B,), calm (B,) iterations
-    in a row without a worthwhile decrease, trace: sum of losses after every evaluation.
+    u (B, n), loss (B,), gradient (B, n), inverse Hessian (B, n, n), status (B,), calm (B,)
+    iterations in a row without a worthwhile decrease, trace: sum of losses after every evaluation.
     """
 
     u: Tensor
@@ -82,7 +83,8 @@ def step(
 ) -> None:
     """One BFGS iteration of every running row, in place.
 
-    A row ends when its relative decrease stays under `tolerance` for `patience` iterations in a row, or
+    A row ends when its relative decrease stays under `tolerance` for `patience` iterations in a
+    row, or
     when no step along the negative gradient helps. No component of u moves by more than `largest`.
     """
     rows = torch.nonzero(search.status == ACTIVE)[:, 0]
@@ -112,7 +114,8 @@ def step(
         pending = pending[~enough]
         if len(pending) == 0:
             break
-        # Interpolate the parabola through loss, slope and trial; within [0.1, 0.5] of the last step.
+        # Interpolate the parabola through loss, slope and trial; within [0.1, 0.5] of the last
+        # step.
         fall = value[~enough] - loss[pending] - length[pending] * slope[pending]
         best = -slope[pending] * length[pending] / (2 * fall).clamp_min(1e-300)
         factor = torch.where(torch.isfinite(fall), best, 0.1).nan_to_num(0.1).clamp(0.1, 0.5)

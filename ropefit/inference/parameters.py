@@ -15,8 +15,8 @@ from ropefit.inference.rope import bounds, initial
 class Space:
     """The full parameter vector (n,) of which `free` (m indices) are searched.
 
-    A search variable u and its parameter p are tied by log p = lo + (hi - lo) sigmoid(4 u / (hi - lo)),
-    so that du ≈ d log p in the middle of the range and no value outside the bounds exists.
+    A search variable u and its parameter p are tied by log p = lo + (hi - lo) sigmoid(4 u / (hi -
+    lo)), so that du ≈ d log p in the middle of the range and no value outside the bounds exists.
     """
 
     names: tuple[str, ...]
@@ -52,9 +52,7 @@ class Space:
         free = torch.exp(low + (high - low) * torch.sigmoid(4 * u / (high - low)))
         values = torch.from_numpy(self.start).expand(*u.shape[:-1], -1).clone()
         columns = {i: free[..., k] for k, i in enumerate(index)}
-        return torch.stack(
-            [columns.get(i, values[..., i]) for i in range(len(self.names))], dim=-1
-        )
+        return torch.stack([columns.get(i, values[..., i]) for i in range(len(self.names))], dim=-1)
 
     def at_bound(self, values: np.ndarray) -> np.ndarray:
         """(m,) bool: free parameters within half a percent of the (log) range from a bound."""

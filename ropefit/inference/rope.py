@@ -1,7 +1,7 @@
 """The paper's rope as one function of its unknowns: η, control point, orientation of the gripper.
 
-A Rope holds what does not change during a fit (frames, rest shape, held particles, solver); `settle`
-runs Algorithm 1 for any batch of unknowns.
+A Rope holds what does not change during a fit (frames, rest shape, held particles, solver);
+`settle` runs Algorithm 1 for any batch of unknowns.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class Ends:
 class Rope:
     """F frames of one rope, ready to be simulated.
 
-    start: x (F, K, 3), q (F, K-1, 4); spread (K, 1): how much each particle of the start follows a move
-    of the control point (1 there, 0 at the other held particles, linear between).
+    start: x (F, K, 3), q (F, K-1, 4); spread (K, 1): how much each particle of the start follows a
+    move of the control point (1 there, 0 at the other held particles, linear between).
     """
 
     start: State
@@ -96,8 +96,9 @@ class Rope:
     ) -> State:
         """Run Algorithm 1. eta (..., F, n) in the order of `names`, broadcast over frames.
 
-        move (..., F, 3) [m]: of the control point from where the start has it. frame (..., F, 4): held
-        frame of the first segment, instead of the start's. longer: factor on the number of iterations.
+        move (..., F, 3) [m]: of the control point from where the start has it. frame (..., F, 4):
+        held frame of the first segment, instead of the start's. longer: factor on the number of
+        iterations.
         """
         x, q = self.start
         if move is not None:
@@ -138,13 +139,13 @@ def build_rope(
 ) -> Rope:
     """A rope with its ends (and control point) held where the frames have them.
 
-    length [m]; gravity (3,) [m/s²]; control_position (F, 3) [m] is needed when the control point is not
-    an end. hold_frame: hold the first segment's frame although end 0 is not clamped (its orientation is
-    then an unknown).
+    length [m]; gravity (3,) [m/s²]; control_position (F, 3) [m] is needed when the control point
+    is not an end. hold_frame: hold the first segment's frame although end 0 is not clamped (its
+    orientation is then an unknown).
     """
     inner = 0 < control_node < nodes - 1
-    held_end = np.isfinite(ends.position[:, :, 0]).all(axis=0)
-    clamped = np.isfinite(ends.orientation[:, :, 0]).all(axis=0)
+    held_end = np.asarray(np.isfinite(ends.position[:, :, 0]).all(axis=0))
+    clamped = np.asarray(np.isfinite(ends.orientation[:, :, 0]).all(axis=0))
     held = {0: held_end[0], nodes - 1: held_end[1], control_node: True}
     held_nodes = tuple(sorted(node for node, is_held in held.items() if is_held))
     mask = torch.zeros(nodes, dtype=torch.bool)
@@ -174,7 +175,7 @@ def build_rope(
         rest=straight_rest(length, nodes),
         chain=Chain.build(mask, mask_q),
         spread=torch.from_numpy(spread)[:, None],
-        gravity=torch.from_numpy(np.asarray(gravity, dtype=float)),
+        gravity=torch.tensor(gravity, dtype=torch.float64),
         solver=solver,
         settings=settings,
         control_node=control_node,
@@ -202,9 +203,7 @@ def _two_sides(
     """(K, 3) start of a rope held at an inner particle: a hanging shape on each side."""
     free = np.full((2, 3), np.nan)
     segment = length / (nodes - 1)
-    first = hanging_shape(
-        segment * node, node + 1, gravity, np.stack([ends[0], position]), free
-    )
+    first = hanging_shape(segment * node, node + 1, gravity, np.stack([ends[0], position]), free)
     second = hanging_shape(
         segment * (nodes - 1 - node), nodes - node, gravity, np.stack([position, ends[1]]), free
     )

@@ -1,7 +1,10 @@
-"""How sure a fit is: sandwich covariance by clusters, Student-t intervals, and a verdict for each number.
+"""How sure a fit is: sandwich covariance by clusters, Student-t intervals, and a verdict for each
+number.
 
-The losses are sums of norms. With J the derivative of the residual vectors r_i, the curvature of the
-loss is A = Σ J_iᵀJ_i / max(|r_i|, floor) (iteratively reweighted least squares) and its score by cluster
+The losses are sums of norms. With J the derivative of the residual vectors r_i, the curvature of
+the
+loss is A = Σ J_iᵀJ_i / max(|r_i|, floor) (iteratively reweighted least squares) and its score by
+cluster
 (a frame, or a segment) s_c = Σ J_iᵀ r_i/|r_i|. Points of one cluster are not independent, so the
 covariance is A⁻¹ (Σ s_c s_cᵀ) A⁻¹ · C/(C-n) with C clusters (Liang & Zeger 1986; Huber 1967).
 """
@@ -96,7 +99,9 @@ def verdicts(
                         if j != i and direction[j] ** 2 > 1e-3 and not result.dead[j]
                     ]
             partners += [
-                j for j in range(n) if j != i and abs(np.nan_to_num(result.correlation[i, j])) > STRONG
+                j
+                for j in range(n)
+                if j != i and abs(np.nan_to_num(result.correlation[i, j])) > STRONG
             ]
         partners = sorted(set(partners))
         if result.dead[i]:

@@ -1,7 +1,8 @@
-"""OBJ1-OBJ9: the paper's table of losses, in 3D, in the image, and in the image with the lowest point.
+"""OBJ1-OBJ9: the paper's table of losses, in 3D, in the image, and in the image with the lowest
+point.
 
-Image-plane residuals are pixels times the size of a pixel at the rope (its depth over the focal length,
-a constant of each frame), so that every loss is in metres and `+ L_LO` adds like to like.
+Image-plane residuals are pixels times the size of a pixel at the rope (its depth over the focal
+length, a constant of each frame), so that every loss is in metres and `+ L_LO` adds like to like.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from ropefit.losses.primary import (
 
 
 class Pinhole(NamedTuple):
-    """Camera as tensors: focal (2,) and centre (2,) [px], rotation (3, 3) and origin (3,) of its pose."""
+    """Camera as tensors: focal (2,) and centre (2,) [px], rotation (3, 3) and origin (3,) of its
+    pose."""
 
     focal: Tensor
     centre: Tensor
@@ -31,7 +33,8 @@ class Pinhole(NamedTuple):
     origin: Tensor
 
     def project(self, x: Tensor) -> Tensor:
-        """(..., 2) pixels of points x (..., 3) [m]; points behind the camera are put far outside."""
+        """(..., 2) pixels of points x (..., 3) [m]; points behind the camera are put far
+        outside."""
         local = (x - self.origin) @ self.rotation
         depth = local[..., 2:]
         depth = torch.where(depth.abs() < 1e-6, 1e-6, depth)

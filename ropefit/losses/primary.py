@@ -1,7 +1,7 @@
 """The paper's four primary losses (section III-C), each as residual vectors whose norms are summed.
 
-They work alike in 3D (D = 3, metres) and in the image plane (D = 2). x is (..., F, K, D): any batch of
-candidates, F frames, K particles; the data are (F, N, D), padded, with a mask.
+They work alike in 3D (D = 3, metres) and in the image plane (D = 2). x is (..., F, K, D): any
+batch of candidates, F frames, K particles; the data are (F, N, D), padded, with a mask.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""All frames together: lengths agreed, ends filled in, plane, segments, visibility, noise, image."""
+"""All frames together: lengths agreed, ends filled in, plane, segments, visibility, noise,
+image."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from ropefit.perception.plane import hanging_plane
 from ropefit.perception.trace import Trace, resample
 from ropefit.perception.tracing import Tracer
 
-# A rope that leaves the plane by more than this share of its length and this many times the noise is
-# not flattened: there the projection would hide shape, not noise.
+# A rope that leaves the plane by more than this share of its length and this many times the noise
+# is not flattened: there the projection would hide shape, not noise.
 KEEP_3D = 0.003
 KEEP_3D_NOISE = 5.0
 FLOOR = 1e-6  # m: no sensor is better
@@ -58,7 +59,9 @@ def assemble(
     arcs = [_rescale(trace, length) for trace in traces]
     camera = tracer.view(np.concatenate(lines))
     seen = np.stack([_seen(a, t.reach, node_arc) for t, (a, _) in zip(traces, arcs, strict=True)])
-    known = np.stack([_covered(a, t.reach, node_arc) for t, (a, _) in zip(traces, arcs, strict=True)])
+    known = np.stack(
+        [_covered(a, t.reach, node_arc) for t, (a, _) in zip(traces, arcs, strict=True)]
+    )
     centreline = np.stack(
         [resample(line, arc, node_arc) for line, (_, arc) in zip(lines, arcs, strict=True)]
     )
@@ -82,7 +85,9 @@ def assemble(
     centreline_px[~known] = np.nan
 
     down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
-    lowest = np.stack([_lowest(line, arc, a, down) for line, (a, arc) in zip(lines, arcs, strict=True)])
+    lowest = np.stack(
+        [_lowest(line, arc, a, down) for line, (a, arc) in zip(lines, arcs, strict=True)]
+    )
     return {
         "length": length,
         "end_position": position,
@@ -183,7 +188,9 @@ def _covered(arc: np.ndarray, reach: float, node_arc: np.ndarray) -> np.ndarray:
     return _near(arc, node_arc, max(reach, half))
 
 
-def _lowest(line: np.ndarray, line_arc: np.ndarray, arc: np.ndarray, down: np.ndarray) -> np.ndarray:
+def _lowest(
+    line: np.ndarray, line_arc: np.ndarray, arc: np.ndarray, down: np.ndarray
+) -> np.ndarray:
     """(3,) lowest point of the denoised centreline where there are data."""
     inside = (line_arc >= arc.min()) & (line_arc <= arc.max())
     candidates = line[inside] if inside.any() else line

@@ -9,7 +9,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics [px] and pose (4, 4) recording <- camera, OpenCV axes (x right, y down, z ahead)."""
+    """Intrinsics [px] and pose (4, 4) recording <- camera, OpenCV axes (x right, y down, z
+    ahead)."""
 
     width: int
     height: int
@@ -41,13 +42,11 @@ class Camera:
         return ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
 
 
-def virtual_camera(
-    points: np.ndarray, gravity: np.ndarray, viewpoint: np.ndarray | None
-) -> Camera:
+def virtual_camera(points: np.ndarray, gravity: np.ndarray, viewpoint: np.ndarray | None) -> Camera:
     """A 1280 x 720 camera of focal length 610 px that looks at points (N, 3) [m].
 
-    It stands at the viewpoint if that is known; else it faces the plane in which the points spread most
-    widely, far enough away to see all of them.
+    It stands at the viewpoint if that is known; else it faces the plane in which the points spread
+    most widely, far enough away to see all of them.
     """
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     spread = points - points.mean(axis=0)

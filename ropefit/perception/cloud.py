@@ -16,7 +16,8 @@ from ropefit.perception.trace import (
 )
 
 LEAST_POINTS = 20
-# Mean over a visible half cylinder, seen evenly over its width, of its height over the axis: π/4 radii.
+# Mean over a visible half cylinder, seen evenly over its width, of its height over the axis: π/4
+# radii.
 SURFACE_SHARE = np.pi / 4
 
 
@@ -41,14 +42,14 @@ def trace_cloud(
     """Order the cloud (N, 3) [m] of one frame.
 
     ends (2, 3): known end positions, NaN where unknown (then the farthest point of the cloud is the
-    end). With `radius` [m] and `viewpoint` (3,) the visible surface is moved back onto the centreline.
-    At most `most` points are kept, evenly in order. Raises FrameRejected.
+    end). With `radius` [m] and `viewpoint` (3,) the visible surface is moved back onto the
+    centreline. At most `most` points are kept, evenly in order. Raises FrameRejected.
     """
     if len(points) >= LEAST_POINTS:
         points = remove_outliers(points)
     if len(points) < LEAST_POINTS:
         raise FrameRejected(f"only {len(points)} points after outlier removal")
-    known = np.isfinite(ends).all(axis=1)
+    known = np.asarray(np.isfinite(ends).all(axis=1))
     along = _geodesic(points, ends, known)
     line = _smooth_line(points, along, ends, known, bins)
     if radius and viewpoint is not None:

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ropefit.perception.trace import FrameRejected
 
 MOST_PIECES = 60
 
 
-def neighbour_graph(nodes: np.ndarray, count: int = 8) -> csr_matrix:
+def neighbour_graph(nodes: np.ndarray, count: int = 8) -> csr_array:
     """(N, N) distances [same unit as nodes (N, D)] from each point to its nearest neighbours."""
-    distance, neighbour = cKDTree(nodes).query(nodes, k=min(count + 1, len(nodes)))
+    distance, neighbour = KDTree(nodes).query(nodes, k=min(count + 1, len(nodes)))
     rows = np.repeat(np.arange(len(nodes)), distance.shape[1] - 1)
     values = np.maximum(distance[:, 1:].ravel(), 1e-9)
-    return coo_matrix((values, (rows, neighbour[:, 1:].ravel())), shape=(len(nodes),) * 2).tocsr()
+    return coo_array((values, (rows, neighbour[:, 1:].ravel())), shape=(len(nodes),) * 2).tocsr()
 
 
-def bridge(graph: csr_matrix, nodes: np.ndarray) -> csr_matrix:
+def bridge(graph: csr_array, nodes: np.ndarray) -> csr_array:
     """Join the connected components of a graph by the shortest links between them.
 
     Raises FrameRejected when there are too many pieces to be one rope.
@@ -33,7 +33,7 @@ def bridge(graph: csr_matrix, nodes: np.ndarray) -> csr_matrix:
     gap = np.zeros((count, count))
     pair = np.zeros((count, count, 2), dtype=int)
     members = [np.flatnonzero(label == c) for c in range(count)]
-    trees = [cKDTree(nodes[m]) for m in members]
+    trees = [KDTree(nodes[m]) for m in members]
     for a in range(count):
         for b in range(a + 1, count):
             distance, index = trees[a].query(nodes[members[b]])
@@ -42,5 +42,5 @@ def bridge(graph: csr_matrix, nodes: np.ndarray) -> csr_matrix:
             pair[a, b] = members[a][index[nearest]], members[b][nearest]
     links = np.argwhere(minimum_spanning_tree(gap).toarray() > 0)
     i, j = pair[tuple(links.T)].T
-    bridges = coo_matrix((gap[tuple(links.T)], (i, j)), shape=graph.shape)
+    bridges = coo_array((gap[tuple(links.T)], (i, j)), shape=graph.shape)
     return (graph + bridges).tocsr()

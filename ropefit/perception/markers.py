@@ -13,14 +13,16 @@ def marker_arc(
 ) -> tuple[np.ndarray, float]:
     """Arc length of each marker (M,) and the rope's length [m], from all frames.
 
-    positions (F, M, 3), ends (F, 2, 3), NaN where unknown. Chords between neighbours, median over the
-    frames, from end 0 if it is known; scaled to `length` if the whole rope is spanned.
+    positions (F, M, 3), ends (F, 2, 3), NaN where unknown. Chords between neighbours, median over
+    the frames, from end 0 if it is known; scaled to `length` if the whole rope is spanned.
     """
     count = positions.shape[1]
     both = np.concatenate([ends[:, :1], positions, ends[:, 1:]], axis=1)
     chords = np.linalg.norm(np.diff(both, axis=1), axis=2)
     with np.errstate(all="ignore"):
-        chord = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in chords.T])
+        chord = np.array(
+            [np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in chords.T]
+        )
     inner = chord[1:-1]
     if np.isnan(inner).any():
         # A pair never seen together: share the distance between the nearest seen ones.
@@ -66,7 +68,7 @@ def trace_markers(
         (1, tangent) if np.isfinite(tangent).all() and there else (2, np.zeros(3))
         for tangent, there in zip(tangents, at_end, strict=True)
     )
-    spline = CubicSpline(knots, values, bc_type=conditions)
+    spline = CubicSpline(knots, values, bc_type=conditions)  # type: ignore[arg-type]
     at = np.linspace(knots[0], knots[-1], dense)
     spacing = float(np.median(np.diff(arc)))
     return Trace(
@@ -82,7 +84,8 @@ def trace_markers(
 def marker_noise(positions: np.ndarray, time: np.ndarray) -> tuple[float, str]:
     """(sd [m] per coordinate, how it was found) from markers (F, M, 3) at time (F,) [s].
 
-    From what is rough in time where the sampling is fast (third differences of a smooth motion vanish),
+    From what is rough in time where the sampling is fast (third differences of a smooth motion
+    vanish),
     else from what is rough along the rope (fourth differences, an upper bound: real curvature
     counts too), whichever is smaller.
     """
@@ -101,5 +104,3 @@ def _robust(values: np.ndarray) -> float:
     """sd from the median absolute value, NaN left out."""
     flat = np.abs(values[np.isfinite(values)])
     return float(1.4826 * np.median(flat)) if flat.size else np.nan
-
-

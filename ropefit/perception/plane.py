@@ -10,8 +10,8 @@ def hanging_plane(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(origin (3,), unit normal (3,)) of the plane that holds gravity and both ends (2, 3).
 
-    Where the ends lie above each other (or one is unknown), the plane takes the horizontal direction in
-    which the points (N, 3) spread most.
+    Where the ends lie above each other (or one is unknown), the plane takes the horizontal
+    direction in which the points (N, 3) spread most.
     """
     size = np.linalg.norm(gravity)
     known = np.isfinite(ends).all(axis=1)

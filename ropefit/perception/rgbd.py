@@ -10,6 +10,8 @@ from ropefit.perception.segment import Segmentation, segment_rope
 from ropefit.perception.trace import FrameRejected, Trace, polyline_arc, project_to_polyline
 
 LEAST_DEPTHS = 20
+STRETCH = 8  # px along the path, to each side
+AGREE = 0.02  # of the depth: a rope does not recede faster along such a stretch
 
 
 def trace_rgbd(
@@ -22,10 +24,11 @@ def trace_rgbd(
 ) -> tuple[Trace, Segmentation]:
     """Trace a rope in colour (H, W, 3) and depth (H, W) [m], 0 = none.
 
-    ends (2, 3) [m], NaN where unknown. Each skeleton pixel takes the median depth of the mask around
+    ends (2, 3) [m], NaN where unknown. Each skeleton pixel takes the median depth of the mask
+    around
     it; `radius` [m] moves the visible front of the rope back to its axis. Raises FrameRejected.
     """
-    known = np.isfinite(ends).all(axis=1)
+    known = np.asarray(np.isfinite(ends).all(axis=1))
     tips = np.full((2, 2), np.nan)
     tips[known] = camera.project(ends[known])
     found = segment_rope(color, tips)
@@ -64,22 +67,36 @@ def trace_rgbd(
 
 
 def _depth_along(found: Segmentation, depth: np.ndarray, window: int = 2) -> np.ndarray:
-    """(P,) [m] median depth of mask pixels around each path pixel; 0 where there is none."""
+    """(P,) [m] depth of the rope at each path pixel; 0 where there is none.
+
+    At the rope's edge a depth pixel belongs to the background or lies between (flying pixels),
+    always
+    behind the rope. So the nearest quarter of the mask's depths along a stretch of path says where
+    the rope is, and each pixel takes the median of those around it that agree.
+    """
     rows = np.round(found.path[:, 1]).astype(int)
     columns = np.round(found.path[:, 0]).astype(int)
-    out = np.zeros(len(rows))
-    for i, (row, column) in enumerate(zip(rows, columns, strict=True)):
+    patches = []
+    for row, column in zip(rows, columns, strict=True):
         patch = (
             slice(max(row - window, 0), row + window + 1),
             slice(max(column - window, 0), column + window + 1),
         )
-        values = depth[patch][found.mask[patch] & (depth[patch] > 0)]
-        out[i] = np.median(values) if values.size else 0.0
+        patches.append(depth[patch][found.mask[patch] & (depth[patch] > 0)])
+    out = np.zeros(len(rows))
+    for i in range(len(rows)):
+        stretch = np.concatenate(patches[max(i - STRETCH, 0) : i + STRETCH + 1])
+        if stretch.size == 0:
+            continue
+        front = np.percentile(stretch, 25)
+        agree = patches[i][np.abs(patches[i] - front) < AGREE * front]
+        out[i] = np.median(agree) if agree.size else 0.0
     return out
 
 
 def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
-    """(P,) bool: depths far from the running median along the path (background seen at the edge)."""
+    """(P,) bool: depths far from the running median along the path (background seen at the
+    edge)."""
     smooth = np.zeros_like(depth)
     smooth[good] = median_filter(depth[good], size=min(width, int(good.sum())), mode="nearest")
     gap = np.abs(depth - smooth)

@@ -1,12 +1,13 @@
-"""The medial line of a mask as one ordered path: longest way through the skeleton, spurs left aside."""
+"""The medial line of a mask as one ordered path: longest way through the skeleton, spurs left
+aside."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from skimage.morphology import skeletonize
 
 from ropefit.perception.graph import bridge
@@ -19,16 +20,16 @@ SMOOTHING = 2.0  # px: skeleton pixels are jagged by one
 def skeleton_path(mask: np.ndarray, ends: np.ndarray) -> np.ndarray | None:
     """(P, 2) ordered pixels (u, v), sub-pixel, of the rope in a mask (H, W).
 
-    ends (2, 2) [px] say where it starts and stops; without them it is the longest path. Pieces parted
-    by occlusion are joined. None when there is nothing to follow.
+    ends (2, 2) [px] say where it starts and stops; without them it is the longest path. Pieces
+    parted by occlusion are joined. None when there is nothing to follow.
     """
     rows, columns = np.nonzero(skeletonize(mask))
     if not 2 <= len(rows) <= MOST_PIXELS:
         return None
     pixels = np.column_stack([columns, rows]).astype(float)
-    pairs = cKDTree(pixels).query_pairs(1.5, output_type="ndarray")
+    pairs = KDTree(pixels).query_pairs(1.5, output_type="ndarray")
     steps = np.linalg.norm(pixels[pairs[:, 0]] - pixels[pairs[:, 1]], axis=1)
-    graph = coo_matrix((steps, pairs.T), shape=(len(pixels),) * 2).tocsr()
+    graph = coo_array((steps, pairs.T), shape=(len(pixels),) * 2).tocsr()
     try:
         graph = bridge(graph, pixels)
     except FrameRejected:
@@ -63,4 +64,6 @@ def _smooth(path: np.ndarray) -> np.ndarray:
     """Gaussian along the path between its jumps (bridged gaps stay sharp), tips kept."""
     jumps = np.flatnonzero(np.linalg.norm(np.diff(path, axis=0), axis=1) > 3) + 1
     parts = np.split(path, jumps)
-    return np.concatenate([gaussian_filter1d(part, SMOOTHING, axis=0, mode="nearest") for part in parts])
+    return np.concatenate(
+        [gaussian_filter1d(part, SMOOTHING, axis=0, mode="nearest") for part in parts]
+    )

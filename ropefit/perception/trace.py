@@ -13,11 +13,13 @@ class FrameRejected(Exception):
 
 @dataclass(frozen=True)
 class Trace:
-    """One frame. Arc lengths run from 0 at end 0 to `length` [m] at end 1, as far as they are known.
+    """One frame. Arc lengths run from 0 at end 0 to `length` [m] at end 1, as far as they are
+    known.
 
-    points (N, 3) [m] ordered by point_arc (N,); centreline (M, 3) with arc (M,), denoised and dense;
-    pixels (P, 2) with pixel_arc (P,), or None when there is no image; reach [m]: how far along the rope
-    a point speaks for its neighbourhood (its sampling distance).
+    points (N, 3) [m] ordered by point_arc (N,); centreline (M, 3) with arc (M,), denoised and
+    dense;
+    pixels (P, 2) with pixel_arc (P,), or None when there is no image; reach [m]: how far along the
+    rope a point speaks for its neighbourhood (its sampling distance).
     """
 
     points: np.ndarray
@@ -37,7 +39,8 @@ def polyline_arc(points: np.ndarray) -> np.ndarray:
 
 
 def resample(points: np.ndarray, arc: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(M, D) points of a polyline (N, D) with increasing arc (N,) at places (M,), linear between."""
+    """(M, D) points of a polyline (N, D) with increasing arc (N,) at places (M,), linear
+    between."""
     return np.stack([np.interp(at, arc, column) for column in points.T], axis=1)
 
 

@@ -37,7 +37,7 @@ class Tracer:
             self._prepare_markers()
 
     def ends(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (2, 3) [m] and orientations (2, 4) of a frame; NaN where free or not clamped."""
+        """Positions (2, 3) [m] and orientations (2, 4) of a frame; NaN where not held."""
         position, orientation = np.full((2, 3), np.nan), np.full((2, 4), np.nan)
         for end, rows in enumerate(self.recording.ends or ()):
             if rows.kind == "free":
@@ -50,8 +50,8 @@ class Tracer:
         apart = np.linalg.norm(position[1] - position[0])
         if self.length and apart > SLACK * self.length:
             raise BadInput(
-                f"{self.recording.path}: frame {frame}: the ends are {apart:.4g} m apart but the rope "
-                f"is {self.length:.4g} m long; correct [rope] length or the ends (metres?)"
+                f"{self.recording.path}: frame {frame}: the ends are {apart:.4g} m apart but the "
+                f"rope is {self.length:.4g} m long; correct [rope] length or the ends (metres?)"
             )
         return position, orientation
 

@@ -43,7 +43,7 @@ def read_cloud(path: Path) -> np.ndarray:
         raise BadInput(f"{path}: declares {declared} points, more than the file can hold")
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         try:
-            cloud = o3d.io.read_point_cloud(str(path), remove_nan_points=False)
+            cloud = o3d.io.read_point_cloud(path, remove_nan_points=False)
         except (RuntimeError, ValueError) as error:
             raise BadInput(f"{path}: not a readable point cloud ({error})")
     points = np.asarray(cloud.points, dtype=float).reshape(-1, 3)

@@ -68,7 +68,9 @@ def _end(
     clamped = given.all(axis=1)
     if clamped.any() and not clamped.all():
         row = frames[int(np.argmin(clamped))]
-        raise BadInput(f"{path}: end {end} is clamped in some frames but has no quaternion in {row}")
+        raise BadInput(
+            f"{path}: end {end} is clamped in some frames but has no quaternion in {row}"
+        )
     positions = dict(zip(frames, position, strict=True))
     if not clamped.any():
         return End("pinned", positions, {})

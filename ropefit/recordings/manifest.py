@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -94,7 +95,7 @@ class MarkersTable(_Table):
     @field_validator("arc_length")
     @classmethod
     def _increasing(cls, value: list[float] | None) -> list[float] | None:
-        if value is not None and any(b <= a for a, b in zip(value, value[1:], strict=False)):
+        if value is not None and any(b <= a for a, b in pairwise(value)):
             raise ValueError("arc_length must increase from end 0 to end 1")
         return value
 

@@ -34,7 +34,9 @@ class Markers(Source):
         if arc is not None and arc.shape != (count,):
             raise BadInput(f"{self.path}: {count} markers but {arc.size} entries in arc_length")
         if arc is not None and (np.any(~np.isfinite(arc)) or np.any(np.diff(arc) <= 0)):
-            raise BadInput(f"{self.path}: arc_length must be finite and increase from end 0 to end 1")
+            raise BadInput(
+                f"{self.path}: arc_length must be finite and increase from end 0 to end 1"
+            )
         self.arc_length = arc
         self._row = {frame: row for row, frame in enumerate(self.frames)}
 
@@ -54,7 +56,9 @@ def _read_csv(path: Path) -> Raw:
     frame = whole(path, "frame", columns["frame"])
     marker = whole(path, "marker", columns["marker"])
     if marker.min() < 0 or marker.max() > 100_000:
-        raise BadInput(f"{path}: marker numbers must run from 0; got {marker.min()}..{marker.max()}")
+        raise BadInput(
+            f"{path}: marker numbers must run from 0; got {marker.min()}..{marker.max()}"
+        )
     frames, row = np.unique(frame, return_inverse=True)
     count = int(marker.max()) + 1
     if frames.size * count > 10 * marker.size + 1000:

@@ -12,11 +12,11 @@ FIELD = re.compile(r"\{frame(?::0?(\d*)d)?\}")
 
 
 def list_frames(directory: Path, pattern: str, key: str) -> dict[int, Path]:
-    """{frame: path} of the files that match the pattern, by frame number. Raises BadInput if none."""
+    """{frame: path} of the files that match the pattern, in order. Raises BadInput if none."""
     fields = FIELD.findall(pattern)
     if len(fields) != 1 or "{" in FIELD.sub("", pattern) or FIELD.search(Path(pattern).parent.name):
         raise BadInput(
-            f"{directory}: {key} = {pattern!r} needs one {{frame}} or {{frame:06d}} in its file name"
+            f"{directory}: {key} = {pattern!r} needs one {{frame}} or {{frame:06d}} in its name"
         )
     inside(directory, FIELD.sub("0", pattern))
     before, after = FIELD.split(Path(pattern).name)[::2]
@@ -31,7 +31,9 @@ def list_frames(directory: Path, pattern: str, key: str) -> dict[int, Path]:
             if pattern_name(pattern, frame) == relative.as_posix():
                 found[frame] = inside(directory, str(relative))
     if not found:
-        raise BadInput(f"{directory}: no file matches {key} = {pattern!r}; correct it or add the files")
+        raise BadInput(
+            f"{directory}: no file matches {key} = {pattern!r}; correct it or add the files"
+        )
     return dict(sorted(found.items()))
 
 

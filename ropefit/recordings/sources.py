@@ -1,4 +1,5 @@
-"""What a source of frames is. One subclass a file; each names the table of recording.toml it reads."""
+"""What a source of frames is. One subclass a file; each names the table of recording.toml it
+reads."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ class Sight:
     """One frame of a source; what it does not have is None.
 
     points: (N, 3) [m] in the recording's frame; ordered: the points run from end 0 to end 1 and
-    arc_length (N,) [m] may be known (markers). color: (H, W, 3) uint8 RGB. depth: (H, W) [m], 0 = none.
+    arc_length (N,) [m] may be known (markers). color: (H, W, 3) uint8 RGB. depth: (H, W) [m], 0 =
+    none.
     """
 
     points: np.ndarray | None = None

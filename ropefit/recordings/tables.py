@@ -17,8 +17,8 @@ def read_table(
 ) -> dict[str, np.ndarray]:
     """Columns of a CSV file as float64 arrays (rows,).
 
-    Optional columns are missing from the result when the file lacks them; an empty cell in one reads as
-    NaN. NaN in a required column is an error unless `nan`. Raises BadInput.
+    Optional columns are missing from the result when the file lacks them; an empty cell in one
+    reads as NaN. NaN in a required column is an error unless `nan`. Raises BadInput.
     """
     optional = optional or []
     try:

@@ -72,8 +72,10 @@ def from_rotation_vector(v: Tensor) -> Tensor:
 def transport(tangents: Tensor, first: Tensor | None = None) -> Tensor:
     """(..., N, 4) frames along a polyline without twist: R(q_i) e3 = t_i.
 
-    tangents: (..., N, 3) unit. first: (..., 4) frame of the first tangent; without one, the smallest
-    rotation from e3. Each next frame is the last one turned by the smallest rotation between tangents.
+    tangents: (..., N, 3) unit. first: (..., 4) frame of the first tangent; without one, the
+    smallest
+    rotation from e3. Each next frame is the last one turned by the smallest rotation between
+    tangents.
     """
     if first is None:
         e3 = torch.zeros_like(tangents[..., 0, :])
@@ -87,7 +89,8 @@ def transport(tangents: Tensor, first: Tensor | None = None) -> Tensor:
 
 
 def smallest_rotation(a: Tensor, b: Tensor) -> Tensor:
-    """(..., 4) the rotation of least angle with R a = b (unit vectors); a half turn picks one axis."""
+    """(..., 4) the rotation of least angle with R a = b (unit vectors); a half turn picks one
+    axis."""
     real = 1.0 + (a * b).sum(-1, keepdim=True)
     axis = torch.linalg.cross(a, b)
     # Opposite vectors: any axis across a will do.

@@ -13,14 +13,15 @@ from ropefit.rod.quaternion import transport
 def hanging_shape(
     length: float, nodes: int, gravity: np.ndarray, ends: np.ndarray, tangents: np.ndarray
 ) -> np.ndarray:
-    """(K, 3) [m] centreline evenly spaced in arc length, in equilibrium if the rope had no stiffness.
+    """(K, 3) [m] centreline evenly spaced in arc length, in equilibrium if the rope had no
+    stiffness.
 
     ends, tangents: (2, 3), NaN where free or unclamped. Both ends: catenary (straight when taut; an
-    arbitrary plane when one end hangs exactly above the other). One end: straight along its tangent,
-    or down. Raises ValueError when both are free.
+    arbitrary plane when one end hangs exactly above the other). One end: straight along its
+    tangent, or down. Raises ValueError when both are free.
     """
-    held = np.isfinite(ends).all(axis=1)
-    clamped = np.isfinite(tangents).all(axis=1)
+    held = np.asarray(np.isfinite(ends).all(axis=1))
+    clamped = np.asarray(np.isfinite(tangents).all(axis=1))
     arc = np.linspace(0.0, length, nodes)
     size = np.linalg.norm(gravity)
     down = gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
@@ -53,7 +54,9 @@ def _catenary(length: float, arc: np.ndarray, down: np.ndarray, ends: np.ndarray
     # sinh(u)/u = ratio for u = width / (2 a), a the catenary's parameter.
     slack = max(length**2 - rise**2, width**2 * (1 + 1e-12))
     ratio = np.sqrt(slack) / width
-    u = brentq(lambda v: np.log(np.sinh(v) / v) - np.log(ratio), 1e-7, 30 + 2 * np.log(ratio))
+    u: float = brentq(
+        lambda v: np.log(np.sinh(v) / v) - np.log(ratio), 1e-7, 30 + 2 * np.log(ratio)
+    )
     a = width / (2 * u)
     lowest = (length - rise / np.tanh(u)) / 2  # arc length from end 0 to the lowest point
     along = a * (np.arcsinh((arc - lowest) / a) - np.arcsinh(-lowest / a))
@@ -66,8 +69,9 @@ def _catenary(length: float, arc: np.ndarray, down: np.ndarray, ends: np.ndarray
 def frames_along(x: Tensor, first: Tensor | None = None, last: Tensor | None = None) -> Tensor:
     """(..., K-1, 4) twist-free frames of a centreline x (..., K, 3), clamps put in their places.
 
-    first, last: (..., 4) held frames of the first and last segment, NaN where not held. The frames run
-    from the first clamp if there is one, so that their arbitrary turn about the tangent is the clamp's.
+    first, last: (..., 4) held frames of the first and last segment, NaN where not held. The frames
+    run from the first clamp if there is one, so that their arbitrary turn about the tangent is the
+    clamp's.
     """
     edges = x[..., 1:, :] - x[..., :-1, :]
     norm = torch.sqrt((edges * edges).sum(-1, keepdim=True) + 1e-24)

@@ -30,7 +30,8 @@ def straight_rest(length: float, nodes: int) -> Rest:
 
 
 class StretchShear(NamedTuple):
-    """C^S (..., K-1, 3), eq. (5); d/dx is -1/l and +1/l times the identity; d/dq (..., K-1, 3, 4)."""
+    """C^S (..., K-1, 3), eq. (5); d/dx is -1/l and +1/l times the identity; d/dq (..., K-1, 3,
+    4)."""
 
     value: Tensor
     grad_q: Tensor
@@ -54,8 +55,8 @@ class BendTwist(NamedTuple):
 def bend_twist(q: Tensor, rest: Rest) -> BendTwist:
     """Im(q_i* q_{i+1} - s rest), with the sign s that brings the Darboux quaternions closest.
 
-    q and -q are the same frame, so the relative rotation is known up to sign only; s = -1 where it lies
-    nearer to minus the rest rotation (Kugelstadt & Schömer 2016).
+    q and -q are the same frame, so the relative rotation is known up to sign only; s = -1 where it
+    lies nearer to minus the rest rotation (Kugelstadt & Schömer 2016).
     """
     first, second = q[..., :-1, :], q[..., 1:, :]
     form = DARBOUX[1:].to(q)
@@ -78,8 +79,8 @@ class Distance(NamedTuple):
 def distance(edges: Tensor, rest: Rest) -> Distance:
     """Segment length minus rest length.
 
-    The gradient is the unit vector along the edge. (The paper divides by the rest length instead, which
-    is the same once the constraint holds.)
+    The gradient is the unit vector along the edge. (The paper divides by the rest length instead,
+    which is the same once the constraint holds.)
     """
     norm = torch.sqrt((edges * edges).sum(-1) + TINY)
     return Distance(norm - rest.length, edges / norm[..., None])

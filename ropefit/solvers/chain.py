@@ -12,8 +12,8 @@ from torch import Tensor
 class Chain:
     """Incidence of K particles and K-1 segments, with inverse masses; held ones weigh 0.
 
-    weight (K,), weight_q (K-1,); difference (K-1, K): edges = difference @ x; scatter (K, K-1): moves
-    of the particles from impulses on the segments, `mean_scatter` the same averaged over the
+    weight (K,), weight_q (K-1,); difference (K-1, K): edges = difference @ x; scatter (K, K-1):
+    moves of the particles from impulses on the segments, `mean_scatter` the same averaged over the
     constraints that touch a particle; mean_q (K-1, K-2) pairs for the frames.
     """
 

@@ -1,15 +1,16 @@
 """The Thomas algorithm for many ropes at once, differentiable.
 
-All chains of a batch are laid end to end with zero coupling between them: one LAPACK call (`dptsv`, the
-Thomas recurrence for a positive definite matrix) solves them all in linear time. The derivative is one
-more solve with the same matrix.
+All chains of a batch are laid end to end with zero coupling between them: one LAPACK call
+(`dptsv`, the
+Thomas recurrence for a positive definite matrix) solves them all in linear time. The derivative is
+one more solve with the same matrix.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import torch
-from scipy.linalg.lapack import dptsv
+from scipy.linalg.lapack import dptsv  # type: ignore[attr-defined]
 from torch import Tensor
 
 
@@ -51,8 +52,8 @@ def _solve(diagonal: Tensor, off: Tensor, right: Tensor) -> Tensor:
 def solve_tridiagonal(diagonal: Tensor, off: Tensor, right: Tensor) -> Tensor:
     """Solve A y = right for symmetric positive definite tridiagonal A, batched.
 
-    diagonal (..., n), off (..., n-1), right (..., n), float64 on the CPU; returns (..., n). Rows with
-    NaN or infinity return NaN and leave the others alone.
+    diagonal (..., n), off (..., n-1), right (..., n), float64 on the CPU; returns (..., n). Rows
+    with NaN or infinity return NaN and leave the others alone.
     """
     diagonal, off, right = torch.broadcast_tensors(
         diagonal, torch.nn.functional.pad(off, (0, 1)), right

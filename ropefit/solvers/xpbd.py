@@ -1,6 +1,7 @@
 """Algorithm 1 of the paper: compliant position-based dynamics of a rope, differentiable.
 
-For each step the free particles fall by g dt² η_x^G / 2; then, for a fixed number of iterations, the
+For each step the free particles fall by g dt² η_x^G / 2; then, for a fixed number of iterations,
+the
 stretch-shear, bend-twist and distance constraints are projected and their moves are mixed by the η.
 The answer is whatever state the iterations reach: see `drift` in the result of a fit.
 """
@@ -56,8 +57,8 @@ class Eta(NamedTuple):
 class Settings:
     """steps x iterations, the time step [s] of the gravity prediction, and compliances.
 
-    Compliances are those of eq. (3), in the units of the projected system: dimensionless strains with
-    unit weights for shear and bend, m² for the distance. 0 (the default) is a hard constraint.
+    Compliances are those of eq. (3), in the units of the projected system: dimensionless strains
+    with unit weights for shear and bend, m² for the distance. 0 (the default) is a hard constraint.
     """
 
     steps: int = 10
@@ -147,7 +148,8 @@ def simulate(
 ) -> State:
     """Run Algorithm 1 from `start`; held particles stay where the start has them.
 
-    start.x (..., K, 3) [m], gravity (3,) [m/s²]. Differentiable in the start, the η and so the control
+    start.x (..., K, 3) [m], gravity (3,) [m/s²]. Differentiable in the start, the η and so the
+    control
     point. Under autograd the iterations are checkpointed in blocks of √n, so memory grows with √n.
     `watch(iteration, x, q)` is called after every iteration (not under autograd).
     """

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from ropefit.artifacts import Observations
-from ropefit.errors import BadInput
+from ropefit.errors import BadInput, WrongUsage
 
 LEAST_TO_HOLD_OUT = 8
 
@@ -15,8 +15,8 @@ LEAST_TO_HOLD_OUT = 8
 def group_frames(observations: Observations, spec: str) -> np.ndarray:
     """(F,) group number of each frame.
 
-    spec: "one"; "tension" (bending and tensioned frames, parted by the distance of the ends); or ranges
-    of frame numbers such as "0-17,18-35".
+    spec: "one"; "tension" (bending and tensioned frames, parted by the distance of the ends); or
+    ranges of frame numbers such as "0-17,18-35".
     """
     frames = observations.frames
     if spec == "one":
@@ -27,16 +27,16 @@ def group_frames(observations: Observations, spec: str) -> np.ndarray:
     for number, part in enumerate(spec.split(",")):
         match = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
         if not match:
-            raise BadInput(f"groups {spec!r}: expected one, tension or ranges such as 0-17,18-35")
+            raise WrongUsage(f"groups {spec!r}: expected one, tension or ranges such as 0-17,18-35")
         first, last = int(match.group(1)), int(match.group(2) or match.group(1))
         inside = (frames >= first) & (frames <= last)
         if not inside.any():
-            raise BadInput(f"groups {spec!r}: no frame in {part.strip()}")
+            raise WrongUsage(f"groups {spec!r}: no frame in {part.strip()}")
         if (group[inside] >= 0).any():
-            raise BadInput(f"groups {spec!r}: {part.strip()} overlaps an earlier range")
+            raise WrongUsage(f"groups {spec!r}: {part.strip()} overlaps an earlier range")
         group[inside] = number
     if (group < 0).any():
-        raise BadInput(f"groups {spec!r}: frame {frames[np.argmin(group)]} is in no group")
+        raise WrongUsage(f"groups {spec!r}: frame {frames[np.argmin(group)]} is in no group")
     return group
 
 
@@ -49,7 +49,10 @@ def _by_tension(observations: Observations) -> np.ndarray:
     ordered = np.sort(apart)
     if ordered[-1] - ordered[0] < 0.05 * observations.length:
         raise BadInput("groups by tension: the ends stay equally far apart in all frames")
-    inside = [ordered[:k].var() * k + ordered[k:].var() * (len(ordered) - k) for k in range(1, len(ordered))]
+    inside = [
+        ordered[:k].var() * k + ordered[k:].var() * (len(ordered) - k)
+        for k in range(1, len(ordered))
+    ]
     threshold = ordered[int(np.argmin(inside)) + 1]
     return (apart >= threshold).astype(np.int64)
 

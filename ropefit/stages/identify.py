@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,9 +12,18 @@ import torch
 from pydantic import Field, field_validator
 
 from ropefit import __version__
-from ropefit.artifacts import Checkpoint, FittedModel, Model, Observations, Provenance, read, write
-from ropefit.artifacts import Parameter, ParameterGroup
-from ropefit.errors import BadInput, NotConverged, RopefitError
+from ropefit.artifacts import (
+    Checkpoint,
+    FittedModel,
+    Model,
+    Observations,
+    Parameter,
+    ParameterGroup,
+    Provenance,
+    read,
+    write,
+)
+from ropefit.errors import BadInput, NotConverged, RopefitError, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.evaluate import agreement, settle_frames
 from ropefit.inference.identify import Task, gradient_search, grid_search, uncertainty
@@ -43,14 +53,14 @@ class IdentifySettings(StageSettings):
     groups: str = "one"
     two_sided: bool = False
     control_at: float | None = None
-    steps: int = Field(10, ge=1, le=1000)
-    iterations: int = Field(30, ge=1, le=100_000)
-    dt: float = Field(0.1, gt=0, le=100)
-    evaluations: int = Field(60, ge=1)
-    levels: int = Field(3, ge=2, le=9)
-    rounds: int = Field(3, ge=1, le=20)
-    holdout: float = Field(0.2, ge=0, lt=1)
-    most_frames: int = Field(60, ge=1)
+    steps: int = Field(default=10, ge=1, le=1000)
+    iterations: int = Field(default=30, ge=1, le=100_000)
+    dt: float = Field(default=0.1, gt=0, le=100)
+    evaluations: int = Field(default=60, ge=1)
+    levels: int = Field(default=3, ge=2, le=9)
+    rounds: int = Field(default=3, ge=1, le=20)
+    holdout: float = Field(default=0.2, ge=0, lt=1)
+    most_frames: int = Field(default=60, ge=1)
 
     @field_validator("loss")
     @classmethod
@@ -69,7 +79,9 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     node = node_at(observations, settings.control_at)
     usable = np.isfinite(control_positions(observations, node)).all(axis=1)
     if settings.two_sided and not 0 < node < len(observations.node_arc) - 1:
-        raise BadInput("two gravity weights need a control point inside the rope: give --control-at")
+        raise WrongUsage(
+            "two gravity weights need a control point inside the rope: give --control-at"
+        )
     usable |= observations.end_kind[0] == "free" and node == 0
     if not usable.all():
         raise BadInput(
@@ -93,15 +105,17 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     search = _search(task, settings, context)
     if (search.status == minimise.DIVERGED).any():
         raise NotConverged(
-            f"the {settings.solver} solver diverges from the starting weights; lower them with --start "
-            "or use fewer --steps"
+            f"the {settings.solver} solver diverges from the starting weights; lower them with "
+            "--start or use fewer --steps"
         )
     values = space.to_values(search.u).detach().numpy()
     eta = torch.from_numpy(values)[full.group]
     context.progress(0.95, "simulating all frames")
     state, convergence = settle_frames(rope, eta)
     if not torch.isfinite(state.x).all():
-        raise NotConverged(f"the {settings.solver} solver diverges in some frames; use more --steps")
+        raise NotConverged(
+            f"the {settings.solver} solver diverges in some frames; use more --steps"
+        )
     first = torch.from_numpy(np.tile(space.start, (len(group), 1)))
     before, _ = settle_frames(rope, first)
     now, then = agreement(state.x, scene), agreement(before.x, scene)
@@ -111,12 +125,12 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         context.progress(0.97, "uncertainty")
         mine = torch.nonzero(task.group == number)[:, 0]
         part = task.frames(mine)
-        part = Task(part.rope, part.scene, part.objective, space, torch.zeros(len(mine), dtype=torch.int64))
+        part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
         groups[f"group_{number}"] = _describe(
             part, values[number], search, number, observations, group == number
         )
     if not out.any():
-        context.say("too few frames to hold any out: the fit is judged on the frames it was made from")
+        context.say("too few frames to hold any out: the fit is judged on its own frames")
     drift = float(np.median(convergence.drift))
     model = FittedModel(
         solver=settings.solver,
@@ -158,11 +172,11 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
 def _check_names(settings: IdentifySettings, names: tuple[str, ...]) -> None:
     for name in [*(settings.free or []), *settings.start]:
         if name not in names:
-            raise BadInput(f"unknown parameter {name}; one of {', '.join(names)}")
+            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(names)}")
     for name, value in settings.start.items():
         low, high = bounds(name)
         if not low <= value <= high:
-            raise BadInput(f"start {name} = {value:g} is outside its bounds {low:g}..{high:g}")
+            raise WrongUsage(f"start {name} = {value:g} is outside its bounds {low:g}..{high:g}")
 
 
 def _search(task: Task, settings: IdentifySettings, context: Context) -> Search:
@@ -219,7 +233,9 @@ def _restore(path: Path, key: str) -> Search | None:
         torch.tensor(getattr(saved, name))
         for name in ("u", "loss", "gradient", "inverse", "status", "calm")
     ]
-    return Search(*tensors, saved.evaluations, saved.trace.tolist())
+    u, loss, gradient, inverse, status, calm = tensors
+    evaluations, trace = saved.evaluations, saved.trace.tolist()
+    return Search(u, loss, gradient, inverse, status, calm, evaluations, trace)
 
 
 def _describe(

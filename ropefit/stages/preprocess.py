@@ -1,4 +1,5 @@
-"""preprocess: a recording becomes ordered, segmented, projected observations with a measured noise."""
+"""preprocess: a recording becomes ordered, segmented, projected observations with a measured
+noise."""
 
 from __future__ import annotations
 
@@ -20,9 +21,9 @@ from ropefit.stages.stage import Context, Stage, StageSettings
 class PreprocessSettings(StageSettings):
     """nodes: K, the number of particles and segment boundaries. project: onto the hanging plane."""
 
-    nodes: int = Field(20, ge=4, le=400)
+    nodes: int = Field(default=20, ge=4, le=400)
     project: Literal["auto", "yes", "no"] = "auto"
-    most_points: int = Field(400, ge=20, le=20_000)
+    most_points: int = Field(default=400, ge=20, le=20_000)
 
 
 def compute(

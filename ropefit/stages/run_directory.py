@@ -25,14 +25,14 @@ def existing_run(directory: Path) -> Path:
     """The run directory, or one line on why it is none."""
     if not directory.exists():
         raise StageFailed(
-            f"{directory}: no such run; make one with `ropefit preprocess RECORDING --run {directory}`"
+            f"{directory}: no such run; run `ropefit preprocess RECORDING --run {directory}`"
         )
     if not directory.is_dir():
         raise WrongUsage(f"{directory}: is a file, not a run directory")
     if not is_run(directory):
         raise StageFailed(
-            f"{directory}: not a ropefit run (no artifacts in it); give another --run, or make it one "
-            f"with `ropefit preprocess RECORDING --run {directory}`"
+            f"{directory}: not a ropefit run (no artifacts in it); give another --run, or run "
+            f"`ropefit preprocess RECORDING --run {directory}` on an empty one"
         )
     return directory
 
@@ -42,7 +42,9 @@ def new_run(directory: Path) -> Path:
     if directory.exists() and not directory.is_dir():
         raise WrongUsage(f"{directory}: is a file, not a directory; give another --run")
     if directory.is_dir() and any(directory.iterdir()) and not is_run(directory):
-        strangers = [p.name for p in directory.iterdir() if p.name not in KNOWN and p.name[0] != "."]
+        strangers = [
+            p.name for p in directory.iterdir() if p.name not in KNOWN and p.name[0] != "."
+        ]
         if strangers:
             raise WrongUsage(
                 f"{directory}: holds other files ({strangers[0]}, ...) and is not a ropefit run; "

@@ -36,7 +36,9 @@ def build_scene(observations: Observations) -> Scene:
     points, point_mask, segment = _padded(o, o.points, o.point_arc, o.point_start)
     far = camera.depth(points)
     mean = torch.where(point_mask, far, 0.0).sum(1) / point_mask.sum(1)
-    mean = torch.where(mask.any(1), torch.where(mask, depth, 0.0).sum(1) / mask.sum(1).clamp_min(1), mean)
+    mean = torch.where(
+        mask.any(1), torch.where(mask, depth, 0.0).sum(1) / mask.sum(1).clamp_min(1), mean
+    )
     size = np.linalg.norm(o.gravity)
     down = o.gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
     return Scene(

@@ -1,7 +1,7 @@
-"""The shape that every stage has: declared inputs -> its own settings -> a pure function -> an artifact.
+"""The shape of every stage: declared inputs -> own settings -> a pure function -> an artifact.
 
-`execute` does for all of them what must not be forgotten in any: refuse stale inputs, skip what is up to
-date (and say why if it is not), stamp provenance, write atomically.
+`execute` does for all of them what must not be forgotten in any: refuse stale inputs, skip what is
+up to date (and say why if it is not), stamp provenance, write atomically.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Context:
 
 @dataclass(frozen=True)
 class Stage(Generic[S]):
-    """A subcommand's work. compute(inputs by name, settings, context) -> artifact without provenance.
+    """A subcommand's work: compute(inputs by name, settings, context) -> the artifact's contents.
 
     `external` hashes inputs from outside the run directory (a recording, a target file).
     """
@@ -157,7 +157,7 @@ def load(directory: Path, kind: type[A]) -> tuple[A, str]:
             continue
         if not upstream.exists():
             raise StageFailed(
-                f"{path}: made from {name}, which is gone; run `{PRODUCERS[name]} --run {directory}`"
+                f"{path}: made from {name}, gone; run `{PRODUCERS[name]} --run {directory}`"
             )
         if stored_hash(upstream) != recorded:
             raise StageFailed(

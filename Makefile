@@ -1,0 +1,46 @@
+# ropefit: `make demo` shows what it does, `make test` proves it. Both install what they need.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+RUN    ?= run
+
+.PHONY: demo test check install schemas results batch clean
+.DEFAULT_GOAL := demo
+
+install: $(STAMP)
+
+# Remade only when what is to be installed changes: a second make installs nothing.
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "ropefit: Python 3.11 or newer is needed, $(PYTHON) is older; give another: make PYTHON=python3.11"; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || \
+	  { echo "ropefit: cannot make a virtual environment; install it: sudo apt-get install python3-venv"; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m ropefit.system --install
+	@touch $@
+
+demo: $(STAMP)
+	$(BIN)/ropefit run --run $(RUN)
+	@echo "report: $(abspath $(RUN))/report.html"
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -n 2
+
+check: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+# The JSON Schema of every artifact, from the pydantic models.
+schemas: $(STAMP)
+	$(BIN)/python -m ropefit.artifacts.export schemas
+
+# The tables of docs/results.md.
+results: $(STAMP)
+	$(BIN)/python -m benchmarks.losses --write docs/results.md
+
+include pipelines/batch.mk
+
+clean:
+	rm -rf $(VENV) $(RUN) .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,286 @@
+"""What each command does: call stages, say what came out. Imported inside the commands only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ropefit.artifacts import Control, Model, Observations
+from ropefit.console import Session
+from ropefit.errors import StageFailed, WrongUsage
+from ropefit.recordings import fingerprint, open_recording, sample_path
+from ropefit.stages import control as control_stage
+from ropefit.stages import identify as identify_stage
+from ropefit.stages import preprocess as preprocess_stage
+from ropefit.stages.run_directory import existing_run, new_run
+from ropefit.stages.stage import Context, Outcome, Stage, StageSettings, execute, load
+
+
+def _stage(
+    session: Session,
+    stage: Stage[Any],
+    run: Path,
+    settings: StageSettings,
+    force: bool,
+    objects: dict[str, Any] | None = None,
+    external: dict[str, str] | None = None,
+) -> Outcome[Any]:
+    context = Context(run, session.progress(stage.name), session.say, external=objects or {})
+    outcome = execute(stage, run, settings, context, external, force)
+    session.finish()
+    if outcome.computed:
+        seconds = outcome.artifact.provenance.seconds
+        session.say(f"{stage.name}: {outcome.path} written in {seconds:.1f} s ({outcome.why})")
+    else:
+        session.say(f"{stage.name}: {outcome.path} is up to date (--force computes it again)")
+    return outcome
+
+
+def preprocess(
+    session: Session, recording: Path | None, run: Path, settings: dict[str, Any], force: bool
+) -> dict[str, Any]:
+    """Recording -> observations.h5."""
+    if recording is None:
+        recording = sample_path()
+        session.say(f"no RECORDING given: using the packaged sample {recording}")
+    opened = open_recording(recording)
+    chosen = preprocess_stage.PreprocessSettings(**settings)
+    new_run(run)
+    outcome = _stage(
+        session,
+        preprocess_stage.STAGE,
+        run,
+        chosen,
+        force,
+        {"recording": opened},
+        {"recording": fingerprint(opened)},
+    )
+    o: Observations = outcome.artifact
+    data = {
+        "stage": "preprocess",
+        "artifact": str(outcome.path),
+        "computed": outcome.computed,
+        "recording": o.recording,
+        "frames": len(o.frames),
+        "dropped": [item.model_dump() for item in o.dropped],
+        "length_m": o.length,
+        "length_source": o.length_source,
+        "ends": list(o.end_kind),
+        "ends_assumed": o.ends_assumed,
+        "noise_m": float(np.median(o.noise)),
+        "visibility": float(o.visibility.mean()),
+        "projected": o.projected,
+        "projection": o.projection_reason,
+    }
+    session.table(
+        f"{o.recording}: observations",
+        ["", ""],
+        [
+            ["frames", f"{len(o.frames)} used, {len(o.dropped)} dropped"],
+            [
+                "rope",
+                f"{o.length:.4g} m ({o.length_source}); ends {o.end_kind[0]}, {o.end_kind[1]}",
+            ],
+            ["noise", f"{np.median(o.noise) * 1e3:.2g} mm ({o.noise_source})"],
+            ["seen", f"{o.visibility.mean():.0%} of the rope"],
+            ["plane", o.projection_reason],
+        ],
+    )
+    if o.ends_assumed:
+        session.say("no [ends] in the recording: the ends seen in the data are taken as pinned")
+    return data
+
+
+def identify(session: Session, run: Path, settings: dict[str, Any], force: bool) -> dict[str, Any]:
+    """observations.h5 -> model.h5."""
+    chosen = identify_stage.IdentifySettings(**settings)
+    outcome = _stage(session, identify_stage.STAGE, existing_run(run), chosen, force)
+    model: Model = outcome.artifact
+    m = model.nominal
+    rows = []
+    for name, group in m.groups.items():
+        for key, p in group.parameters.items():
+            interval = f"{p.ci95[0]:.4g} .. {p.ci95[1]:.4g}" if p.ci95 else "-"
+            partners = f" with {', '.join(p.trades_with)}" if p.trades_with else ""
+            label = f"{name} {key}" if len(m.groups) > 1 else key
+            rows.append(
+                [label, f"{p.initial:.4g}", f"{p.value:.4g}", interval, p.verdict + partners]
+            )
+    session.table(
+        f"{model.recording}: {m.solver}, {m.loss}, {m.search}",
+        ["parameter", "before", "after", "95 % interval", "verdict"],
+        rows,
+    )
+    heldout = "none held out" if m.rms_heldout is None else f"held out {m.rms_heldout * 1e3:.3g} mm"
+    session.say(
+        f"point-to-line rms: fitted frames {m.rms_fit * 1e3:.3g} mm, {heldout}, "
+        f"before {np.sqrt(np.mean(m.rms_initial**2)) * 1e3:.3g} mm"
+    )
+    if not m.solver_converged:
+        session.say(
+            f"the solver has not converged: iterated twice as long, particles move by "
+            f"{np.median(m.drift):.2%} of the length; the weights belong to {m.steps} x "
+            f"{m.iterations} iterations and are not properties of the rope"
+        )
+    for group in m.groups.values():
+        if not group.converged:
+            session.say(f"warning: the search did not converge ({group.stop_reason})")
+    return {
+        "stage": "identify",
+        "artifact": str(outcome.path),
+        "computed": outcome.computed,
+        "solver": m.solver,
+        "loss": m.loss,
+        "search": m.search,
+        "groups": {
+            name: {
+                "frames": group.frames,
+                "parameters": {key: p.model_dump() for key, p in group.parameters.items()},
+                "loss_before": group.loss_before,
+                "loss_after": group.loss_after,
+                "converged": group.converged,
+                "stop_reason": group.stop_reason,
+            }
+            for name, group in m.groups.items()
+        },
+        "rms_fit_m": m.rms_fit,
+        "rms_heldout_m": m.rms_heldout,
+        "solver_converged": m.solver_converged,
+        "drift": float(np.median(m.drift)),
+        "length_error": float(np.mean(np.abs(m.length_error[:, -1]))),
+    }
+
+
+def control(
+    session: Session, run: Path, settings: dict[str, Any], target: Path | None, force: bool
+) -> dict[str, Any]:
+    """observations.h5, model.h5 -> control.h5."""
+    from ropefit.stages.targets import read_targets
+
+    chosen = control_stage.ControlSettings(**settings)
+    existing_run(run)
+    objects: dict[str, Any] = {}
+    external: dict[str, str] = {}
+    if target is not None:
+        length = load(run, Observations)[0].length
+        objects["targets"] = read_targets(target, length)
+        external["target"] = objects["targets"].sha256
+    outcome = _stage(session, control_stage.STAGE, run, chosen, force, objects, external)
+    c: Control = outcome.artifact
+    rows = []
+    if c.kind == "estimate":
+        rows.append(["control point", *_spread(c.deviation, c.deviation_px)])
+        for k in range(c.key_arc.shape[1]):
+            label = f"key point at {c.key_arc[0, k]:.3g} m"
+            rows.append([label, *_spread(c.key_deviation[:, k], c.key_deviation_px[:, k])])
+    else:
+        for case in range(len(c.cases)):
+            at = ", ".join(f"{value:.4f}" for value in c.position[case])
+            label = f"target {c.cases[case]}: gripper to ({at}) m"
+            rows.append([label, *_spread(c.key_deviation[case], c.key_deviation_px[case])])
+    session.table(
+        f"{c.kind} by {c.loss_name}: deviation",
+        ["", "median [mm]", "mean [mm]", "max [mm]", "mean [px]"],
+        rows,
+    )
+    session.say(f"{int(c.converged.sum())} of {len(c.cases)} searches converged")
+    for note in c.notes:
+        session.say(f"note: {note}")
+    return {
+        "stage": "control",
+        "artifact": str(outcome.path),
+        "computed": outcome.computed,
+        "kind": c.kind,
+        "loss": c.loss_name,
+        "cases": c.cases,
+        "position_m": c.position,
+        "position_sd_m": c.position_sd,
+        "orientation": c.orientation,
+        "deviation_m": c.deviation,
+        "deviation_px": c.deviation_px,
+        "key_deviation_m": c.key_deviation,
+        "key_deviation_px": c.key_deviation_px,
+        "obj1_m": c.obj1,
+        "length_error": c.length_error,
+        "converged": c.converged,
+        "notes": c.notes,
+    }
+
+
+def _spread(metres: np.ndarray, pixels: np.ndarray) -> list[str]:
+    known = metres[np.isfinite(metres)] * 1e3
+    if known.size == 0:
+        return ["-", "-", "-", "-"]
+    values = [np.median(known), known.mean(), known.max(), np.nanmean(pixels)]
+    return [f"{value:.3g}" for value in values]
+
+
+def report(session: Session, run: Path) -> dict[str, Any]:
+    """Everything in the run -> report.html."""
+    from ropefit.stages.report import write_report
+
+    path = write_report(existing_run(run), session.say)
+    session.say(f"report: {path}")
+    return {"stage": "report", "report": str(path)}
+
+
+def run_all(
+    session: Session,
+    recording: Path | None,
+    run: Path,
+    first: dict[str, Any],
+    second: dict[str, Any],
+    third: dict[str, Any],
+    force: bool,
+) -> None:
+    """preprocess, identify, control, report."""
+    data = {
+        "preprocess": preprocess(session, recording, run, first, force),
+        "identify": identify(session, run, second, force),
+        "control": control(session, run, third, None, force),
+        "report": report(session, run),
+    }
+    session.result(data)
+
+
+def inspect(session: Session, path: Path) -> dict[str, Any]:
+    """What an artifact or a run holds."""
+    from ropefit.stages.inspect import inspect_path
+
+    data = inspect_path(path)
+    for item in data["artifacts"]:
+        title = f"{item['file']}: {item['schema']} version {item['version']}"
+        session.table(
+            f"{title}, {'valid' if item['valid'] else 'NOT VALID: ' + item['problem']}",
+            ["entry", "shape", "unit", "what"],
+            [[e["name"], e["shape"], e["unit"], e["value"]] for e in item["entries"]],
+        )
+    if not all(item["valid"] for item in data["artifacts"]):
+        session.result(data)
+        bad = next(item for item in data["artifacts"] if not item["valid"])
+        raise StageFailed(bad["problem"])
+    return data
+
+
+def simulate(session: Session, spec: Path, out: Path) -> dict[str, Any]:
+    """SPEC.toml -> a recording."""
+    from ropefit.stages.simulate import simulate_recording
+
+    data = simulate_recording(spec, out, session.progress("simulate"), session.say)
+    session.finish()
+    session.say(f"simulate: {out} written, {data['frames']} frames")
+    return data
+
+
+def parse_start(items: list[str]) -> dict[str, float]:
+    """NAME=VALUE options."""
+    out = {}
+    for item in items:
+        name, _, value = item.partition("=")
+        try:
+            out[name.strip()] = float(value)
+        except ValueError:
+            raise WrongUsage(f"--start {item!r}: expected NAME=VALUE with a number")
+    return out

@@ -1,0 +1,142 @@
+"""What a person (or a script) sees: progress and words on standard error, results on standard
+output."""
+
+from __future__ import annotations
+
+import json
+import sys
+import traceback
+from types import TracebackType
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from ropefit.errors import RopefitError, WrongUsage
+
+
+class Session:
+    """One command: owns the terminal, turns failures into one line and an exit code."""
+
+    def __init__(self, json: bool = False, quiet: bool = False, debug: bool = False):
+        self.json, self.quiet, self.debug = json, quiet, debug
+        self.errors = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.out = Console(stderr=json, highlight=False, soft_wrap=True)
+        self._progress: Progress | None = None
+
+    def __enter__(self) -> Session:
+        import torch
+
+        torch.set_num_threads(1)  # ropes are small: threads cost more than they give
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.finish()
+        if error is None or isinstance(error, (typer.Exit, SystemExit)):
+            return
+        if self.debug:
+            traceback.print_exception(kind, error, trace)
+        error = _as_failure(error)
+        self.errors.print(f"ropefit: {_one_line(error)}", markup=False, style="bold red")
+        raise SystemExit(error.exit_code)
+
+    def say(self, text: str) -> None:
+        """A line for a person, on standard error."""
+        if not self.quiet:
+            self.errors.print(text, markup=False)
+
+    def progress(self, label: str):
+        """A progress function (share, text) for a stage; drawn on terminals only."""
+        if self.quiet or not self.errors.is_terminal:
+            return lambda share, text: None
+        self.finish()
+        self._progress = Progress(
+            TextColumn(label),
+            BarColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=self.errors,
+            transient=True,
+        )
+        self._progress.start()
+        task = self._progress.add_task("", total=1.0)
+        bar = self._progress
+        return lambda share, text: bar.update(task, completed=share, description=text)
+
+    def finish(self) -> None:
+        """Take the progress bar away."""
+        if self._progress is not None:
+            self._progress.stop()
+            self._progress = None
+
+    def table(self, title: str, columns: list[str], rows: list[list[str]]) -> None:
+        """A table for a person."""
+        if self.quiet or self.json:
+            return
+        table = Table(title=title, title_justify="left", show_edge=False)
+        for column in columns:
+            table.add_column(column, overflow="fold")
+        for row in rows:
+            table.add_row(*(cell.replace("[", r"\[") for cell in row))
+        self.out.print(table)
+
+    def result(self, data: dict[str, Any]) -> None:
+        """The command's result, as one JSON object when that was asked for."""
+        if self.json:
+            sys.stdout.write(json.dumps(_plain(data), allow_nan=False) + "\n")
+            sys.stdout.flush()
+
+
+def _as_failure(error: BaseException) -> RopefitError:
+    from pydantic import ValidationError
+
+    if isinstance(error, RopefitError):
+        return error
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        name = "--" + str(first["loc"][0] if first["loc"] else "settings").replace("_", "-")
+        return WrongUsage(f"{name}: {first['msg'].removeprefix('Value error, ')}")
+    if isinstance(error, ImportError):
+        from ropefit.system import missing_library, remedy
+
+        library = missing_library(str(error))
+        return RopefitError(
+            remedy(library) if library else f"{error}; run pip install ropefit again"
+        )
+    if isinstance(error, KeyboardInterrupt):
+        return RopefitError("stopped; what was finished is kept, run the same command to go on")
+    if isinstance(error, MemoryError):
+        return RopefitError("out of memory; use fewer frames, points or nodes")
+    if isinstance(error, BrokenPipeError):
+        return RopefitError("the reader of the output went away")
+    return RopefitError(
+        f"unexpected {type(error).__name__}: {error}; this is a bug, run again with --debug"
+    )
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+def _plain(value: Any) -> Any:
+    """JSON without NaN: numpy to Python, non-finite numbers to null."""
+    import numpy as np
+
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,21 @@
+"""What a report is made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ropefit.artifacts import Control, FittedModel, Model, Observations
+
+
+@dataclass(frozen=True)
+class RunContents:
+    """The artifacts of one run. `model` and `control` are None where the stage has not run."""
+
+    observations: Observations
+    model: Model | None = None
+    control: Control | None = None
+
+    @property
+    def fitted(self) -> FittedModel | None:
+        """The nominal model, if there is one."""
+        return self.model.nominal if self.model else None

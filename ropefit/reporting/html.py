@@ -1,0 +1,89 @@
+"""Pieces of the page in HTML. Everything that is not Markup is escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from jinja2.utils import htmlsafe_json_dumps
+from markupsafe import Markup
+
+from ropefit.reporting.figures import Figure
+
+WIDE = 4  # columns that a phone still shows side by side
+
+
+def paragraph(text: object, kind: str = "") -> Markup:
+    """A paragraph, of a CSS class."""
+    return Markup('<p class="{}">{}</p>' if kind else "<p>{1}</p>").format(kind, text)
+
+
+def heading(text: object) -> Markup:
+    """A heading inside a section."""
+    return Markup("<h3>{}</h3>").format(text)
+
+
+def facts(items: Mapping[Any, object], kind: str = "") -> Markup:
+    """Names and values, side by side."""
+    rows = Markup("").join(
+        Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(name, value)
+        for name, value in items.items()
+    )
+    return Markup('<dl class="facts {}">{}</dl>').format(kind, rows)
+
+
+def bullets(items: Iterable[object]) -> Markup:
+    """An unordered list."""
+    rows = Markup("").join(Markup("<li>{}</li>").format(item) for item in items)
+    return Markup("<ul>{}</ul>").format(rows) if rows else rows
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[object]], numeric: Sequence[int] = ()
+) -> Markup:
+    """A table; a wide one becomes cards on a phone. `numeric`: columns set to the right."""
+    kinds = [Markup(' class="number"') if i in numeric else "" for i in range(len(head))]
+    top = Markup("").join(
+        Markup('<th scope="col"{}>{}</th>').format(kind, name)
+        for kind, name in zip(kinds, head, strict=True)
+    )
+    body = Markup("").join(
+        Markup("<tr>{}</tr>\n").format(
+            Markup("").join(
+                Markup('<td data-label="{}"{}>{}</td>').format(name, kind, cell)
+                for name, kind, cell in zip(head, kinds, row, strict=True)
+            )
+        )
+        for row in rows
+    )
+    return Markup('<table class="{}"><thead><tr>{}</tr></thead><tbody>\n{}</tbody></table>').format(
+        "stack" if len(head) > WIDE else "", top, body
+    )
+
+
+def plot(figure: Figure) -> Markup:
+    """A figure with its caption; drawn when the page is opened."""
+    return Markup(
+        '<figure class="plot">'
+        '<div class="canvas" role="img" aria-label="{}" style="height:{}px"></div>'
+        '<script type="application/json">{}</script><figcaption>{}</figcaption></figure>\n'
+    ).format(figure.name, figure.height, htmlsafe_json_dumps(figure.content()), figure.caption)
+
+
+def pair(*figures: Figure) -> Markup:
+    """Figures beside each other, below each other where the page is narrow."""
+    return Markup('<div class="pair">{}</div>').format(Markup("").join(map(plot, figures)))
+
+
+def sequence(figures: Sequence[Figure], labels: Sequence[str]) -> Markup:
+    """Figures that show one step of many, moved together by a slider."""
+    slider = Markup("")
+    if len(labels) > 1:
+        slider = Markup(
+            '<div class="control"><button type="button">Play</button>'
+            '<input type="range" min="0" max="{}" value="0" aria-label="Frame">'
+            "<output>{}</output></div>"
+        ).format(len(labels) - 1, labels[0])
+    return Markup(
+        '<div class="sequence">{}{}<script type="application/json" class="labels">{}</script></div>'
+    ).format(pair(*figures), slider, htmlsafe_json_dumps(list(labels)))

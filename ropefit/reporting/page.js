@@ -1,0 +1,99 @@
+"use strict";
+(function () {
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const narrow = window.matchMedia("(max-width: 40rem)");
+  const config = (figure) => ({ displaylogo: false, plotlyServerURL: "",
+    modeBarButtons: [figure.layout.scene ? ["toImage", "resetCameraDefault3d"]
+      : ["toImage", "zoom2d", "pan2d", "resetScale2d"]] });
+  const colour = (name) =>
+    getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+  function themed(figure) {
+    const layout = JSON.parse(JSON.stringify(figure.layout));
+    const ink = colour("--ink"), soft = colour("--soft"), line = colour("--line");
+    layout.font = { family: "system-ui, sans-serif", size: narrow.matches ? 11 : 12, color: ink };
+    layout.paper_bgcolor = layout.plot_bgcolor = "rgba(0,0,0,0)";
+    layout.hoverlabel = { bgcolor: colour("--panel"), bordercolor: line, font: { color: ink } };
+    layout.modebar = { bgcolor: "rgba(0,0,0,0)", color: soft, activecolor: ink };
+    const paint = (axis) => Object.assign(axis,
+      { gridcolor: line, zerolinecolor: line, linecolor: soft, tickcolor: soft });
+    for (const key of Object.keys(layout)) {
+      if (/^[xy]axis\d*$/.test(key)) paint(layout[key]);
+      if (/^scene\d*$/.test(key)) {
+        for (const name of ["xaxis", "yaxis", "zaxis"])
+          Object.assign(paint(layout[key][name]), { showbackground: false });
+      }
+    }
+    for (const shape of layout.shapes || []) if (shape.fillcolor === "band") shape.fillcolor = soft;
+    return layout;
+  }
+
+  function inked(trace) {
+    return JSON.parse(JSON.stringify(trace), (key, value) =>
+      value === "ink" ? colour("--ink") : value === "soft" ? colour("--soft")
+        : value === "ground" ? colour("--ground") : value);
+  }
+
+  const plots = [...document.querySelectorAll("figure.plot")].map((element) => ({
+    canvas: element.querySelector(".canvas"),
+    figure: JSON.parse(element.querySelector("script").textContent),
+    step: 0,
+  }));
+
+  function current(plot) {
+    const data = plot.figure.data.map(inked);
+    if (plot.figure.steps)
+      plot.figure.steps[plot.step].forEach((arrays, i) => Object.assign(data[i], arrays));
+    return data;
+  }
+
+  function draw(plot) {
+    return Plotly.react(plot.canvas, current(plot), themed(plot.figure), config(plot.figure));
+  }
+
+  function show(plot, step) {
+    plot.step = step;
+    const changes = {};
+    plot.figure.steps[step].forEach((arrays, i, all) => {
+      for (const key of Object.keys(arrays)) changes[key] = all.map((each) => each[key]);
+    });
+    return Plotly.restyle(plot.canvas, changes, plot.figure.steps[step].map((_, i) => i));
+  }
+
+  for (const plot of plots) {
+    draw(plot);
+    let width = plot.canvas.clientWidth;
+    new ResizeObserver(() => {
+      if (plot.canvas.clientWidth === width) return;
+      width = plot.canvas.clientWidth;
+      Plotly.Plots.resize(plot.canvas);
+    }).observe(plot.canvas);
+  }
+  dark.addEventListener("change", () => plots.forEach(draw));
+  narrow.addEventListener("change", () => plots.forEach(draw));
+
+  for (const sequence of document.querySelectorAll(".sequence")) {
+    const mine = plots.filter((plot) => sequence.contains(plot.canvas) && plot.figure.steps);
+    const slider = sequence.querySelector("input");
+    if (!slider) continue;
+    const label = sequence.querySelector("output"), button = sequence.querySelector("button");
+    const labels = JSON.parse(sequence.querySelector(".labels").textContent);
+    let timer = null;
+    const go = (step) => {
+      slider.value = step;
+      label.textContent = labels[step];
+      for (const plot of mine) show(plot, step);
+    };
+    const stop = () => {
+      clearInterval(timer);
+      timer = null;
+      button.textContent = "Play";
+    };
+    slider.addEventListener("input", () => { stop(); go(Number(slider.value)); });
+    button.addEventListener("click", () => {
+      if (timer) return stop();
+      button.textContent = "Pause";
+      timer = setInterval(() => go((Number(slider.value) + 1) % labels.length), 160);
+    });
+  }
+})();

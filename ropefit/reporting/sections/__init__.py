@@ -1,0 +1,24 @@
+"""The sections of the report in the order of the page."""
+
+from ropefit.reporting.sections.base import Section
+from ropefit.reporting.sections.control import ControlSection
+from ropefit.reporting.sections.observations import ObservationsSection
+from ropefit.reporting.sections.overlay import OverlaySection
+from ropefit.reporting.sections.parameters import ParametersSection
+from ropefit.reporting.sections.provenance import ProvenanceSection
+from ropefit.reporting.sections.residual import ResidualSection
+from ropefit.reporting.sections.solver import SolverSection
+from ropefit.reporting.sections.summary import SummarySection
+
+SECTIONS: tuple[Section, ...] = (
+    SummarySection(),
+    OverlaySection(),
+    ResidualSection(),
+    ParametersSection(),
+    SolverSection(),
+    ControlSection(),
+    ObservationsSection(),
+    ProvenanceSection(),
+)
+
+__all__ = ["SECTIONS", "Section"]

@@ -1,0 +1,124 @@
+"""Did the solver arrive? Whatever it did not finish is no property of the rope."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from ropefit.artifacts import FittedModel
+from ropefit.reporting.contents import RunContents
+from ropefit.reporting.figures import (
+    AFTER,
+    BEFORE,
+    MOST_POINTS,
+    Figure,
+    axis,
+    evenly,
+    line,
+    plane,
+    thinned,
+)
+from ropefit.reporting.html import facts, pair, paragraph
+from ropefit.reporting.sections.base import Section
+from ropefit.reporting.words import given, millimetres, number, percent
+
+
+class SolverSection(Section):
+    """Distance constraint and rope length along the iterations, and per frame at the end."""
+
+    title = "Solver"
+
+    def applies(self, run: RunContents) -> bool:
+        return run.fitted is not None
+
+    def render(self, run: RunContents) -> Markup:
+        f = run.fitted
+        assert f is not None
+        length, frames = run.observations.length, run.observations.frames
+        final = f.length_error[:, -1]
+        settings = {
+            "Solver": f.solver,
+            "Iterations": f"{f.steps} steps × {f.iterations}",
+            "Time step": given(f.dt, "s"),
+            Markup("Largest |C<sup>D</sup>| at the end"): millimetres(
+                float(f.distance_violation[:, -1].max())
+            ),
+            "Largest error of length": percent(float(np.abs(final).max())),
+        }
+        return (
+            paragraph(_verdict(f, length))
+            + facts(settings)
+            + pair(_violation(f), _length(f))
+            + pair(_drift(f, frames), _length_by_frame(f, frames))
+        )
+
+
+def _verdict(f: FittedModel, length: float) -> str:
+    total = f.steps * f.iterations
+    drift = float(np.median(f.drift))
+    told = (
+        f"with {2 * total} iterations instead of {total} the rope would move by {percent(drift)} "
+        f"of its length in the median frame ({millimetres(drift * length)}) and by "
+        f"{percent(float(f.drift.max()))} in the worst"
+    )
+    if f.solver_converged:
+        return f"Converged: {told}."
+    against = drift * length / f.rms_fit if f.rms_fit > 0 else np.inf
+    rest = ""
+    if against > 1:
+        rest = f" That is {number(against, 2)} times what is left between simulation and recording."
+    return (
+        f"Not converged: {told}.{rest} The parameters make up for the iterations that are missing: "
+        "they hold for this count only and are not properties of the rope."
+    )
+
+
+def _violation(f: FittedModel) -> Figure:
+    middle, worst = np.median(f.distance_violation, axis=0), f.distance_violation.max(axis=0)
+    return Figure(
+        "Largest distance constraint over the iterations",
+        [
+            line(f.iteration, 1e3 * middle, "median frame", AFTER),
+            line(f.iteration, 1e3 * worst, "worst frame", BEFORE),
+        ],
+        plane(
+            axis("iteration", type="log", dtick=1),
+            axis("max |C<sup>D</sup>| (mm)", rangemode="tozero"),
+        ),
+        "How far the worst-stretched segment is from its rest length.",
+    )
+
+
+def _length(f: FittedModel) -> Figure:
+    last = int(np.argmax(np.abs(f.length_error[:, -1])))
+    return Figure(
+        "Relative rope length over the iterations",
+        [
+            line(f.iteration, 100 * np.median(f.length_error, axis=0), "median frame", AFTER),
+            line(f.iteration, 100 * f.length_error[last], "worst frame", BEFORE),
+        ],
+        plane(axis("iteration", type="log", dtick=1), axis("length beyond rest length (%)")),
+        "Rope length against rest length. Worst: the frame farthest off at the end.",
+    )
+
+
+def _drift(f: FittedModel, frames: np.ndarray) -> Figure:
+    shown = evenly(len(frames), MOST_POINTS)
+    return Figure(
+        "Move of the rope if iterated twice as long, in every frame",
+        [line(frames[shown], 100 * f.drift[shown], "drift", AFTER)],
+        plane(axis("frame"), axis("drift (% of length)", rangemode="tozero")),
+        "Largest move of any particle if iterated twice as long."
+        + thinned(len(frames), MOST_POINTS),
+    )
+
+
+def _length_by_frame(f: FittedModel, frames: np.ndarray) -> Figure:
+    shown = evenly(len(frames), MOST_POINTS)
+    return Figure(
+        "Error of the rope length in every frame",
+        [line(frames[shown], 100 * f.length_error[shown, -1], "error of length", AFTER)],
+        plane(axis("frame"), axis("length beyond rest length (%)")),
+        "Error of the simulated rope’s length at the last iteration."
+        + thinned(len(frames), MOST_POINTS),
+    )

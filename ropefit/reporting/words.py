@@ -1,0 +1,102 @@
+"""Numbers and names as a reader wants to see them. SI in, text out."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+import numpy as np
+from markupsafe import Markup
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number to `digits` significant digits; a dash when it is not known."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    if not 1e-3 <= abs(value) < 1e5:
+        return f"{mantissa}·10{_superscript(int(exponent))}".replace("-", "−")
+    decimals = digits - 1 - int(exponent)
+    return f"{round(value, decimals):.{max(decimals, 0)}f}".replace("-", "−")
+
+
+def _superscript(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def given(value: float, unit: str = "") -> str:
+    """A number that somebody chose: no more digits than it has."""
+    return f"{value:.4g} {unit}".rstrip().replace("-", "−")
+
+
+def millimetres(metres: float | None, digits: int = 2) -> str:
+    """A distance in mm."""
+    return f"{number(None if metres is None else metres * 1e3, digits)} mm"
+
+
+def metres(value: float) -> str:
+    """A given length in m, or in mm when it is short."""
+    return given(value, "m") if value >= 0.1 or value == 0 else given(1e3 * value, "mm")
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """A share as a percentage."""
+    return f"{number(100 * share, digits)} %"
+
+
+def digits_of(interval: tuple[float, float] | None, least: int = 4, most: int = 8) -> int:
+    """Significant digits that tell the two sides of an interval apart."""
+    if interval is None or interval[0] == interval[1] or not all(map(math.isfinite, interval)):
+        return least
+    ratio = max(map(abs, interval)) / abs(interval[1] - interval[0])
+    return min(most, max(least, 2 + math.ceil(math.log10(ratio))))
+
+
+def plural(count: int, noun: str) -> str:
+    """'1 frame', '2 frames'."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def listed(items: Iterable[object]) -> Markup:
+    """'a, b and c', escaped."""
+    parts = [Markup("{}").format(item) for item in items]
+    if len(parts) < 2:
+        return Markup("").join(parts)
+    return Markup(", ").join(parts[:-1]) + Markup(" and ") + parts[-1]
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """'0–17, 20, 22–35'."""
+    runs: list[list[int]] = []
+    for value in sorted(int(n) for n in numbers):
+        if runs and value == runs[-1][1] + 1:
+            runs[-1][1] = value
+        else:
+            runs.append([value, value])
+    return ", ".join(str(a) if a == b else f"{a}–{b}" for a, b in runs)
+
+
+def blocks(mask: np.ndarray) -> list[tuple[int, int]]:
+    """(first, last) index of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def symbol(name: str) -> Markup:
+    """A parameter's symbol: eta_x_G becomes η with x below and G above; other names stay."""
+    match = re.fullmatch(r"eta_([A-Za-z]+)(?:_([A-Za-z]+))?(?:_(\d+))?", name)
+    if not match:
+        return Markup("{}").format(name)
+    below, above, side = match.groups()
+    below += f",{side}" if side else ""
+    return Markup("η<sub>{}</sub>").format(below) + (
+        Markup("<sup>{}</sup>").format(above) if above else Markup("")
+    )
+
+
+def slug(title: str) -> str:
+    """A title as an anchor."""
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")

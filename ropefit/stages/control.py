@@ -1,0 +1,300 @@
+"""control: where the control point was in every frame, or where it must go to reach a target
+shape."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from pydantic import Field, field_validator
+
+from ropefit.artifacts import Control, FittedModel, Model, Observations
+from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.inference import minimise
+from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
+from ropefit.inference.minimise import Search
+from ropefit.inference.rope import Rope, eta_names
+from ropefit.losses.objectives import OBJECTIVES, Pinhole
+from ropefit.solvers.xpbd import Settings
+from ropefit.stages.scene import build_scene, control_positions, pinhole, rope_of
+from ropefit.stages.stage import Context, Stage, StageSettings
+from ropefit.stages.targets import Targets
+
+STARTS = 6  # recorded poses from which shape control tries to set out
+
+
+class ControlSettings(StageSettings):
+    """loss for an estimate; key: arc lengths [m] of key points to predict; turn: also the
+    orientation."""
+
+    loss: str = "OBJ1"
+    key: list[float] = Field(default_factory=list)
+    turn: bool | None = None  # None: not in an estimate, yes in shape control
+    evaluations: int = Field(default=60, ge=1)
+    target: bool = False
+
+    @field_validator("loss")
+    @classmethod
+    def _known_loss(cls, value: str) -> str:
+        if value not in OBJECTIVES:
+            raise ValueError(f"unknown loss {value}; one of {', '.join(OBJECTIVES)}")
+        return value
+
+
+def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context) -> dict[str, Any]:
+    """The contents of control.h5. Raises BadInput, NotConverged."""
+    observations: Observations = inputs[Observations.file_name]
+    model: FittedModel = inputs[Model.file_name].nominal
+    if settings.target:
+        return _shape(observations, model, settings, context, context.external["targets"])
+    return _estimate(observations, model, settings, context)
+
+
+def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, context: Context):
+    node = model.control_node
+    turns = bool(settings.turn)
+    _check_turn(turns, node)
+    guess = control_guess(o, node)
+    rope = _rope(o, model, guess, turns)
+    scene = build_scene(o)
+    objective = OBJECTIVES[settings.loss]
+    gripper = Gripper(
+        rope, _eta(o, model), to_observations(objective, scene), 0.1 * o.length, turns
+    )
+    search = _run(gripper, settings, context)
+    x, q = _settle(gripper, search.u)
+    noise = float(np.median(o.noise))
+    sd = gripper.position_sd(search.u, len(o.node_arc) - 1, noise)
+    with torch.no_grad():
+        obj1 = OBJECTIVES["OBJ1"].loss(torch.from_numpy(x), scene).numpy()
+    arc = np.tile(np.array(settings.key, dtype=float), (len(o.frames), 1))
+    if arc.size and (arc.min() < 0 or arc.max() > o.length):
+        raise WrongUsage(f"--key {arc.min():g}..{arc.max():g} m: the rope runs to {o.length:g} m")
+    position = gripper.position(search.u)
+    observed = _observed_at(o, arc)
+    return {
+        "kind": "estimate",
+        "loss_name": settings.loss,
+        "cases": o.frames,
+        "start": guess,
+        "position": position,
+        "position_sd": sd,
+        "reference": control_positions(o, node),
+        "obj1": obj1,
+        **_common(o, model, gripper, search, x, q, turns),
+        **_deviations(o, position, control_positions(o, node), x, arc, observed),
+    }
+
+
+def _shape(
+    o: Observations,
+    model: FittedModel,
+    settings: ControlSettings,
+    context: Context,
+    targets: Targets,
+):
+    node = model.control_node
+    turns = settings.turn if settings.turn is not None else node == 0
+    _check_turn(turns, node)
+    recorded = control_positions(o, node)
+    frames = np.flatnonzero(np.isfinite(recorded).all(axis=1))
+    if frames.size == 0:
+        raise BadInput("no frame has a recorded control point to set out from")
+    starts = frames[np.unique(np.linspace(0, frames.size - 1, STARTS).astype(int))]
+    cases = len(targets.points)
+    # Every target from every start; the rope's other ends stay where that frame had them.
+    frame = np.tile(starts, cases)
+    case = np.repeat(np.arange(cases), len(starts))
+    whole = _rope(o, model, recorded, turns).frames(torch.from_numpy(frame))
+    compare = to_targets(targets.arc[case], targets.points[case], o.length)
+    gripper = Gripper(whole, _eta(o, model)[frame], compare, 0.1 * o.length, turns)
+    with torch.no_grad():
+        rows = torch.arange(len(frame))
+        zero = torch.zeros(len(frame), gripper.unknowns, dtype=torch.float64)
+        first = gripper.loss(zero, rows).reshape(cases, -1).nan_to_num(torch.inf)
+    best = first.argmin(1) + torch.arange(cases) * len(starts)
+    gripper = Gripper(
+        whole.frames(best),
+        gripper.eta[best],
+        to_targets(targets.arc, targets.points, o.length),
+        0.1 * o.length,
+        turns,
+    )
+    search = _run(gripper, settings, context)
+    x, q = _settle(gripper, search.u)
+    sd = gripper.position_sd(search.u, targets.points.shape[1], float(np.median(o.noise)))
+    nowhere = np.full((cases, 3), np.nan)
+    reached = _reached(x, targets, o.length)
+    content = {
+        "kind": "shape",
+        "loss_name": "targets",
+        "cases": targets.number,
+        "start": whole.frames(best).start.x[:, node].numpy().copy(),
+        "position": gripper.position(search.u),
+        "position_sd": sd,
+        "reference": nowhere,
+        "obj1": np.full(cases, np.nan),
+        **_common(o, model, gripper, search, x, q, turns),
+        **_deviations(o, nowhere, nowhere, x, targets.arc, targets.points),
+    }
+    content["key_position"] = reached
+    content.update(_key_deviations(pinhole(o), reached, targets.points))
+    content["notes"].append(
+        "the rope's other end is held where the starting frame had it; "
+        f"each target set out from the best of {len(starts)} recorded poses"
+    )
+    return content
+
+
+def _check_turn(turns: bool, node: int) -> None:
+    if turns and node != 0:
+        raise WrongUsage("the orientation can be moved only at end 0; leave out --turn")
+
+
+def control_guess(o: Observations, node: int) -> np.ndarray:
+    """(F, 3) [m] where the control point may be, from what is seen of the rope alone.
+
+    The observed centreline, carried on straight beyond its first or last visible boundary. The
+    recorded pose of the end is not used: it is what the estimate is judged by.
+    """
+    out = np.empty((len(o.frames), 3))
+    for t, line in enumerate(o.centreline):
+        seen = np.flatnonzero(np.isfinite(line).all(axis=1))
+        arc, points = o.node_arc[seen], line[seen]
+        if len(seen) < 2:
+            first, last = o.point_start[t], o.point_start[t + 1]
+            arc, points = o.point_arc[first:last], o.points[first:last]
+        at = o.node_arc[node]
+        if arc[0] <= at <= arc[-1]:
+            out[t] = [np.interp(at, arc, column) for column in points.T]
+            continue
+        tip, inner = (0, 1) if at < arc[0] else (-1, -2)
+        slope = (points[tip] - points[inner]) / max(abs(arc[tip] - arc[inner]), 1e-9)
+        out[t] = points[tip] + slope * abs(at - arc[tip])
+    return out
+
+
+def _rope(o: Observations, model: FittedModel, position: np.ndarray, turns: bool) -> Rope:
+    position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
+    if o.end_kind[0] == "free" and model.control_node == 0:
+        raise BadInput("end 0 is free: there is no control point to estimate")
+    return rope_of(
+        o,
+        solver=model.solver,
+        settings=Settings(model.steps, model.iterations, model.dt),
+        control_node=model.control_node,
+        two_sided=model.two_sided,
+        control_position=position,
+        hold_frame=turns,
+    )
+
+
+def _eta(o: Observations, model: FittedModel) -> torch.Tensor:
+    """(F, n) the weights of each frame's group."""
+    names = eta_names(model.two_sided)
+    eta = np.full((len(o.frames), len(names)), np.nan)
+    for group in model.groups.values():
+        rows = np.isin(o.frames, group.frames)
+        eta[rows] = [group.parameters[name].value for name in names]
+    return torch.from_numpy(eta)
+
+
+def _run(gripper: Gripper, settings: ControlSettings, context: Context) -> Search:
+    def report(search: Search) -> None:
+        running = int((search.status == minimise.ACTIVE).sum())
+        share = search.evaluations / settings.evaluations
+        context.progress(share, f"{running} of {len(search.u)} still moving")
+
+    search = gripper.search(settings.evaluations, report)
+    if (search.status == minimise.DIVERGED).all():
+        raise NotConverged("the solver diverges from every start; identify with smaller weights")
+    missed = int((~search.converged).sum())
+    if missed:
+        context.say(f"warning: {missed} of {len(search.u)} searches did not converge (marked)")
+    return search
+
+
+def _settle(gripper: Gripper, u: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
+    with torch.no_grad():
+        state = gripper.state(u, torch.arange(len(u)))
+    if not torch.isfinite(state.x).all():
+        raise NotConverged("the solver diverges in some frames; identify with smaller weights")
+    return state.x.numpy(), state.q.numpy()
+
+
+def _common(
+    o: Observations, model: FittedModel, gripper: Gripper, search: Search, x, q, turns: bool
+) -> dict[str, Any]:
+    length = np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1)
+    empty = np.full((len(x), 4), np.nan)
+    notes = []
+    if not model.solver_converged:
+        notes.append("the solver has not converged: positions depend on its number of iterations")
+    return {
+        "solver": model.solver,
+        "control_node": model.control_node,
+        "moves_orientation": turns,
+        "orientation": gripper.orientation(search.u) if turns else empty,
+        "loss": search.loss.numpy(),
+        "converged": search.converged.numpy(),
+        "x": x,
+        "q": q,
+        "length_error": length / o.length - 1,
+        "length": o.length,
+        "notes": notes,
+    }
+
+
+def _deviations(
+    o: Observations, position, reference, x: np.ndarray, arc: np.ndarray, observed: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Deviations of the control point and of the key points, in metres and pixels."""
+    camera = pinhole(o)
+    share = torch.from_numpy(np.nan_to_num(arc) / o.length)
+    key = interpolate(torch.from_numpy(x), share).numpy()
+    key[~np.isfinite(arc)] = np.nan
+    return {
+        "deviation": np.linalg.norm(position - reference, axis=-1),
+        "deviation_px": _pixels(camera, position, reference),
+        "key_arc": arc,
+        "key_position": key,
+        "key_reference": observed,
+        **_key_deviations(camera, key, observed),
+    }
+
+
+def _key_deviations(
+    camera: Pinhole, key: np.ndarray, observed: np.ndarray
+) -> dict[str, np.ndarray]:
+    return {
+        "key_deviation": np.linalg.norm(key - observed, axis=-1),
+        "key_deviation_px": _pixels(camera, key, observed),
+    }
+
+
+def _pixels(camera: Pinhole, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    first, second = (camera.project(torch.tensor(points)) for points in (a, b))
+    return (first - second).norm(dim=-1).numpy()
+
+
+def _observed_at(o: Observations, arc: np.ndarray) -> np.ndarray:
+    """(F, M, 3) [m] the observed centreline at arc lengths (F, M); NaN where it was not seen."""
+    out = np.full((*arc.shape, 3), np.nan)
+    for t in range(len(arc)):
+        for axis in range(3):
+            # np.interp with NaN neighbours gives NaN: unseen stays unseen.
+            out[t, :, axis] = np.interp(arc[t], o.node_arc, o.centreline[t, :, axis])
+    return out
+
+
+def _reached(x: np.ndarray, targets: Targets, length: float) -> np.ndarray:
+    """(C, M, 3) [m] the point of the rope that answers to each target point."""
+    compare = to_targets(targets.arc, targets.points, length)
+    with torch.no_grad():
+        known, loose = compare(torch.from_numpy(x), torch.arange(len(x)))
+    gap = torch.where(known.mask[..., None], known.vectors, loose.vectors).numpy()
+    return targets.points - np.where(np.isfinite(targets.points), gap, np.nan)
+
+
+STAGE = Stage(name="control", reads=(Observations, Model), writes=Control, compute=compute)

@@ -1,0 +1,413 @@
+"""The report: complete, self-contained, honest, and drawn by a browser."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from ropefit.artifacts import (
+    Control,
+    DroppedFrame,
+    FittedModel,
+    Model,
+    Observations,
+    Parameter,
+    ParameterGroup,
+    Provenance,
+    View,
+    write,
+)
+from ropefit.errors import StageFailed
+from ropefit.reporting.report import RunContents, render_report
+from ropefit.reporting.words import number, ranges, symbol
+from ropefit.stages.report import write_report
+
+F, K = 9, 6
+IN_ORDER = ["Summary", "Overlay", "Residual", "Parameters"]
+IN_ORDER += ["Solver", "Control", "Observations", "Provenance"]
+EVIL = "<script>alert(1)</script>"
+
+
+def provenance(stage, **inputs):
+    return Provenance(
+        stage=stage,
+        package_version="0.1.0",
+        inputs=inputs or {"recording": "ab" * 32},
+        settings={"nodes": K, "project": "auto"},
+        settings_sha256="cd" * 32,
+        created="2026-01-02T03:04:05+00:00",
+        seconds=1.5,
+    )
+
+
+def ropes():
+    """(F, K, 3) [m] hanging arcs."""
+    s = np.linspace(0, np.pi, K)
+    span = np.linspace(0.3, 0.5, F)[:, None]
+    return np.stack([span * (1 - np.cos(s)) / 2, 0 * span * s, -0.3 * np.sin(s) + 0 * span], -1)
+
+
+def observations(**changes):
+    x = ropes()
+    seen = np.ones((F, K - 1), dtype=bool)
+    seen[2, 3] = False
+    nan = np.full((F, 2, 4), np.nan)
+    pixels = 600 * x[..., [0, 2]] * [1, -1] + [640, 360]
+    content = {
+        "provenance": provenance("preprocess"),
+        "recording": "made-up",
+        "recording_path": "/nowhere/made-up",
+        "source": "clouds",
+        "gravity": np.array([0, 0, -9.81]),
+        "length": 1.0,
+        "length_source": "recording",
+        "mass": 0.05,
+        "frames": np.arange(F) + 10,
+        "time": np.arange(F) * 0.1,
+        "dropped": [DroppedFrame(frame=19, reason="too few points")],
+        "end_kind": ("pinned", "free"),
+        "ends_assumed": False,
+        "end_position": np.stack([x[:, 0], np.full((F, 3), np.nan)], axis=1),
+        "end_orientation": nan,
+        "points": x.reshape(-1, 3),
+        "point_arc": np.tile(np.linspace(0, 1, K), F),
+        "point_offset": np.zeros(F * K),
+        "point_start": np.arange(F + 1) * K,
+        "projected": True,
+        "projection_reason": "it is flat",
+        "plane_origin": x[:, 0],
+        "plane_normal": np.tile([0.0, 1.0, 0.0], (F, 1)),
+        "view": View(
+            width=1280, height=720, fx=600, fy=600, cx=640, cy=360, pose=camera(), virtual=True
+        ),
+        "pixels": pixels.reshape(-1, 2),
+        "pixel_arc": np.tile(np.linspace(0, 1, K), F),
+        "pixel_start": np.arange(F + 1) * K,
+        "node_arc": np.linspace(0, 1, K),
+        "centreline": x,
+        "centreline_px": pixels,
+        "seen": seen,
+        "lowest": x[:, K // 2],
+        "noise": np.full(F, 0.001),
+        "noise_source": "scatter of the points about the centreline",
+    }
+    return Observations(**content | changes)
+
+
+def camera():
+    """Looks along +y from one metre away, z up."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=float)
+    pose[:3, 3] = [0.2, -1.0, 0.0]
+    return pose
+
+
+def fitted(heldout=True, converged=True):
+    x, samples = ropes(), 4
+    out = np.zeros(F, dtype=bool)
+    out[4:6] = heldout
+    common = {"lower": 0.01, "upper": 100.0, "meaning": "weight of something"}
+    group = ParameterGroup(
+        frames=np.arange(F) + 10,
+        parameters={
+            "eta_x_G": Parameter(
+                **common | {"initial": 0.04, "value": 0.0512, "free": True},
+                verdict="determined",
+                ci95=(0.05, 0.0524),
+            ),
+            "eta_q_B": Parameter(
+                **common | {"initial": 1, "value": 2, "free": True},
+                verdict="trade-off",
+                trades_with=["eta_x_D"],
+            ),
+            "eta_x_D": Parameter(**common, initial=1, value=1, free=False, verdict="fixed"),
+        },
+        free_names=["eta_x_G", "eta_q_B"],
+        correlation=np.array([[1.0, np.nan], [np.nan, np.nan]]),
+        condition=None,
+        loss_before=2.0,
+        loss_after=0.5,
+        evaluations=12,
+        converged=True,
+        stop_reason="loss no longer decreases",
+    )
+    residual = np.full((F, K), 0.0012)
+    residual[2, 3] = np.nan
+    return FittedModel(
+        solver="thomas",
+        loss="OBJ1",
+        search="gradient",
+        steps=10,
+        iterations=30,
+        dt=0.1,
+        control_node=0,
+        fixed_nodes=[0],
+        two_sided=False,
+        groups={"group_0": group},
+        heldout=out,
+        x=x,
+        q=np.tile([1.0, 0, 0, 0], (F, K - 1, 1)),
+        x_initial=x + 0.01,
+        residual=residual,
+        rms=np.full(F, 0.0012),
+        rms_initial=np.full(F, 0.01),
+        rms_px=np.full(F, 0.7),
+        iteration=np.array([1, 10, 100, 300]),
+        distance_violation=np.full((F, samples), 1e-4),
+        length_error=np.full((F, samples), -1e-4),
+        drift=np.full(F, 1e-4 if converged else 0.02),
+        solver_converged=converged,
+        trace=np.array([2.0, 1.0, 0.5]),
+        rms_fit=0.0012,
+        rms_heldout=0.0013 if heldout else None,
+    )
+
+
+def model(**kind):
+    return Model(
+        provenance=provenance("identify", **{"observations.h5": "ef" * 32}),
+        recording="made-up",
+        length=1.0,
+        frames=np.arange(F) + 10,
+        models={"nominal": fitted(**kind)},
+    )
+
+
+def control(kind="estimate"):
+    x, nan = ropes(), np.full(F, np.nan)
+    shape = kind == "shape"
+    key = x[:, [2, 3]]
+    return Control(
+        provenance=provenance("control", **{"model.h5": "01" * 32}),
+        kind=kind,
+        loss_name="OBJ1",
+        solver="thomas",
+        control_node=0,
+        moves_orientation=shape,
+        cases=np.arange(F) + 10,
+        start=x[:, 0],
+        position=x[:, 0] + 0.002,
+        orientation=np.full((F, 4), 0.5 if shape else np.nan),
+        reference=x[:, 0] * (np.nan if shape else 1),
+        deviation=nan if shape else np.full(F, 0.0035),
+        deviation_px=nan if shape else np.full(F, 2.1),
+        loss=np.ones(F),
+        obj1=np.ones(F),
+        position_sd=np.full((F, 3), 0.001),
+        converged=np.arange(F) != 3,
+        x=x,
+        q=np.tile([1.0, 0, 0, 0], (F, K - 1, 1)),
+        length_error=np.full(F, 1e-4),
+        key_arc=np.tile([0.4, np.nan], (F, 1)),
+        key_position=key,
+        key_reference=key + 0.001,
+        key_deviation=np.full((F, 2), 0.0017),
+        key_deviation_px=np.full((F, 2), 1.0),
+        length=1.0,
+        notes=[f"a note {EVIL}"],
+    )
+
+
+def titles(page):
+    return re.findall(r"<h2>(.*?)</h2>", page)
+
+
+def without_scripts(page):
+    return re.sub(r"<script\b.*?</script>", "", page, flags=re.S)
+
+
+def figures(page):
+    found = re.findall(r'px"></div><script type="application/json">(.*?)</script>', page)
+    return [json.loads(text) for text in found]
+
+
+@pytest.fixture(scope="module")
+def full():
+    return render_report(RunContents(observations(), model(), control()))
+
+
+def test_every_section_in_order(full):
+    assert titles(full) == IN_ORDER
+
+
+def test_sections_without_their_artifact_are_left_out():
+    assert titles(render_report(RunContents(observations(), model()))) == [
+        title for title in IN_ORDER if title != "Control"
+    ]
+    bare = render_report(RunContents(observations()))
+    assert titles(bare) == ["Summary", "Overlay", "Observations", "Provenance"]
+    assert "No simulation has been fitted" in bare
+
+
+def test_loads_nothing_from_anywhere(full):
+    html = without_scripts(full)
+    assert not re.search(r"""(src|href|action)\s*=\s*["'](?!#)""", html)
+    assert "http://" not in html
+    assert "https://" not in html
+    assert not re.search(r"<script[^>]+src", full)
+    assert not re.search(r"url\(|@import", html)
+    assert full.count("plotly.js v") == 1
+    assert "default-src 'none'" in full
+    assert len(full.encode()) < 12e6
+
+
+def test_the_same_artifacts_give_the_same_page(full):
+    assert render_report(RunContents(observations(), model(), control())) == full
+
+
+def test_untrusted_text_is_escaped():
+    dropped = [DroppedFrame(frame=1, reason=EVIL)]
+    seen = observations(recording=EVIL, projection_reason=EVIL, noise_source=EVIL, dropped=dropped)
+    page = render_report(RunContents(seen, model(), control()))
+    assert EVIL not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+
+
+def test_heldout_frames_are_told():
+    page = render_report(RunContents(observations(), model()))
+    assert "In 2 frames that the fit never saw, the simulated rope lies 1.3 mm (rms)" in page
+    without = render_report(RunContents(observations(), model(heldout=False)))
+    assert "no frame was held out" in without
+    assert "No frame was held out: how well the fit predicts unseen frames is not known." in without
+
+
+def test_an_unconverged_solver_is_told():
+    page = render_report(RunContents(observations(), model(converged=False)))
+    assert "The solver has not converged" in page
+    assert "depend on the iteration count and are not properties of the rope" in page
+    assert "not properties" not in render_report(RunContents(observations(), model()))
+
+
+def test_assumed_ends_are_told(full):
+    assert "the ends seen were taken as pinned" not in full
+    page = render_report(RunContents(observations(ends_assumed=True)))
+    assert "the ends seen were taken as pinned" in page
+
+
+def test_parameters_come_with_interval_and_verdict(full):
+    row = re.search(r'<tr>(?:(?!</tr>).)*title="eta_x_G".*?</tr>', full, re.S).group()
+    assert "0.05000 … 0.05240" in row or "0.0500 … 0.0524" in row
+    assert "determined" in row
+    row = re.search(r'<tr><td[^>]*><span title="eta_q_B".*?</tr>', full, re.S).group()
+    assert "trade-off" in row
+    assert "none" in row
+    assert str(symbol("eta_x_D")) in row
+
+
+def test_control_tells_deviations_and_poses(full):
+    assert "8 of 9 frames" in full
+    assert "deviation of the control point (px)" in full
+    page = render_report(RunContents(observations(), model(), control("shape")))
+    assert "Pose reached" in page
+    assert "0.5000, 0.5000, 0.5000, 0.5000" in page
+    assert "anywhere" in page
+
+
+def test_figures_are_valid_and_have_units(full):
+    plots = figures(full)
+    assert len(plots) >= 12
+    for plot in plots:
+        text = json.dumps(plot).replace('"ink"', '"black"').replace('"soft"', '"grey"')
+        clean = json.loads(text.replace('"band"', '"grey"'))
+        go.Figure(data=clean["data"], layout=clean["layout"])  # raises on an unknown property
+        for name, axis in plot["layout"].items():
+            if re.match(r"[xy]axis", name) and axis["title"]["text"]:
+                title = axis["title"]["text"]
+                assert title in ("frame", "iteration", "step of the search") or "(" in title
+
+
+def test_long_recordings_are_thinned():
+    many = 200
+    x = np.tile(ropes(), (23, 1, 1))[:many]
+    long = observations(
+        frames=np.arange(many),
+        time=np.arange(many) * 0.1,
+        end_position=np.stack([x[:, 0], x[:, -1]], axis=1),
+        end_orientation=np.full((many, 2, 4), np.nan),
+        points=x.reshape(-1, 3),
+        point_arc=np.tile(np.linspace(0, 1, K), many),
+        point_offset=np.zeros(many * K),
+        point_start=np.arange(many + 1) * K,
+        plane_origin=x[:, 0],
+        plane_normal=np.tile([0.0, 1.0, 0.0], (many, 1)),
+        pixels=x.reshape(-1, 3)[:, :2],
+        pixel_arc=np.tile(np.linspace(0, 1, K), many),
+        pixel_start=np.arange(many + 1) * K,
+        centreline=x,
+        centreline_px=x[..., :2],
+        seen=np.ones((many, K - 1), dtype=bool),
+        lowest=x[:, 0],
+        noise=np.full(many, 0.001),
+    )
+    page = render_report(RunContents(long))
+    assert "60 of 200 frames are shown, evenly chosen." in page
+    assert len(figures(page)[0]["steps"]) == 60
+
+
+def test_written_into_the_run(tmp_path):
+    with pytest.raises(StageFailed, match=r"no observations\.h5"):
+        write_report(tmp_path, print)
+    digest = write(tmp_path / "observations.h5", observations())
+    said = []
+    path = write_report(tmp_path, said.append)
+    assert path == tmp_path / "report.html"
+    assert "model.h5 and control.h5" in said[0]
+    fresh = model().model_copy(
+        update={"provenance": provenance("identify", **{"observations.h5": digest})}
+    )
+    write(tmp_path / "model.h5", fresh)
+    write_report(tmp_path, said.append)
+    assert "<h2>Solver</h2>" in path.read_text(encoding="utf-8")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "model.h5",
+        "observations.h5",
+        "report.html",
+    ]
+    write(tmp_path / "observations.h5", observations(recording="another"))
+    with pytest.raises(StageFailed, match="stale"):
+        write_report(tmp_path, said.append)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (1.0, "1.00"),
+        (12345.0, "12300"),
+        (-0.25, "−0.250"),
+        (9.999, "10.0"),
+        (1.5e-6, "1.50·10⁻⁶"),
+        (float("nan"), "–"),
+        (None, "–"),
+    ],
+)
+def test_numbers(value, text):
+    assert number(value) == text
+
+
+def test_ranges():
+    assert ranges([3, 1, 2, 7, 9, 10]) == "1–3, 7, 9–10"
+
+
+@pytest.mark.parametrize("kind", ["estimate", "shape"])
+def test_a_browser_draws_it(tmp_path, kind):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine")
+    page = tmp_path / "report.html"
+    text = render_report(RunContents(observations(), model(), control(kind)))
+    page.write_text(text, encoding="utf-8")
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
+    flags += ["--virtual-time-budget=8000", "--enable-logging=stderr", "--v=0"]
+    flags += [f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri()]
+    command = [browser, *flags]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    drawn = re.findall(r'<svg class="main-svg"', done.stdout)
+    assert len(drawn) >= len(figures(text))
+    told = [line for line in done.stderr.splitlines() if "CONSOLE" in line or "Uncaught" in line]
+    wrong = [line for line in told if not re.search("Multiple readback|GL Driver Message", line)]
+    assert not wrong
