@@ -166,8 +166,8 @@ def identify(
         bool, typer.Option(help="A gravity weight for each side of the control point.")
     ] = False,
     control_at: ControlAt = None,
-    steps: Annotated[int, typer.Option(help="Gravity steps of Algorithm 1.")] = 10,
-    iterations: Annotated[int, typer.Option(help="Constraint iterations per step.")] = 30,
+    steps: Annotated[int, typer.Option(help="Gravity steps of Algorithm 1.")] = 50,
+    iterations: Annotated[int, typer.Option(help="Constraint iterations per step.")] = 20,
     dt: Annotated[float, typer.Option(help="Time step of the gravity prediction [s].")] = 0.1,
     evaluations: Annotated[int, typer.Option(help="Most evaluations of a gradient search.")] = 60,
     levels: Annotated[int, typer.Option(help="Grid search: values per weight.")] = 3,

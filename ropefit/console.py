@@ -27,9 +27,6 @@ class Session:
         self._progress: Progress | None = None
 
     def __enter__(self) -> Session:
-        import torch
-
-        torch.set_num_threads(1)  # ropes are small: threads cost more than they give
         return self
 
     def __exit__(

@@ -400,7 +400,10 @@ def test_a_browser_draws_it(tmp_path, kind):
         pytest.skip("no Chromium on this machine")
     page = tmp_path / "report.html"
     text = render_report(RunContents(observations(), model(), control(kind)))
-    page.write_text(text, encoding="utf-8")
+    move = "const s = document.querySelector('input'); s.value = 5;"
+    move += "s.dispatchEvent(new Event('input'));"
+    moved = text.replace("</body>", f"<script>{move}</script></body>")
+    page.write_text(moved, encoding="utf-8")
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
     flags += ["--virtual-time-budget=8000", "--enable-logging=stderr", "--v=0"]
     flags += [f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri()]
@@ -408,6 +411,7 @@ def test_a_browser_draws_it(tmp_path, kind):
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     drawn = re.findall(r'<svg class="main-svg"', done.stdout)
     assert len(drawn) >= len(figures(text))
+    assert "<output>Frame 15, 0.50 s, held out</output>" in done.stdout
     told = [line for line in done.stderr.splitlines() if "CONSOLE" in line or "Uncaught" in line]
     wrong = [line for line in told if not re.search("Multiple readback|GL Driver Message", line)]
     assert not wrong

@@ -32,7 +32,7 @@ class ArraySpec:
             raise ValueError(f"expected numbers of type {self.dtype}, got {array.dtype}")
         if array.dtype.kind == "f" and np.dtype(self.dtype).kind in "biu":
             raise ValueError(f"expected {self.dtype}, got {array.dtype}")
-        array = np.ascontiguousarray(array, dtype=self.dtype)
+        array = np.asarray(array, dtype=self.dtype, order="C")
         if array.ndim != len(self.dims):
             raise ValueError(f"expected dimensions {self.dims}, got shape {array.shape}")
         for name, size in zip(self.dims, array.shape, strict=True):

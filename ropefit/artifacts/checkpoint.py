@@ -22,4 +22,4 @@ class Checkpoint(Artifact):
     status: Annotated[np.ndarray, ArraySpec(("row_",), dtype="int64")]
     calm: Annotated[np.ndarray, ArraySpec(("row_",), dtype="int64")]
     evaluations: int
-    trace: Annotated[np.ndarray, ArraySpec(("evaluation",))]
+    trace: Annotated[np.ndarray, ArraySpec(("step", "row_"), nan=True)]

@@ -37,10 +37,11 @@ class ParameterGroup(Part):
         np.ndarray, ArraySpec(("free", "free_"), nan=True)
     ]  # NaN along directions the data do not determine
     condition: float | None = Field(
-        description="condition number of the scaled sensitivity matrix; null when singular"
+        default=None,
+        description="condition number of the scaled sensitivity matrix; null when singular",
     )
-    loss_before: float
-    loss_after: float
+    loss_before: float = quantity("m")
+    loss_after: float = quantity("m")
     evaluations: int
     converged: bool
     stop_reason: str
@@ -74,8 +75,9 @@ class FittedModel(Part):
     distance_violation: Annotated[np.ndarray, ArraySpec(("frame", "sample"), "m")]
     length_error: Annotated[np.ndarray, ArraySpec(("frame", "sample"))]  # relative
     drift: Annotated[np.ndarray, ArraySpec(("frame",))]  # of length, if iterated twice as long
+    drift_allowed: float = quantity("1", "median drift up to which the solver counts as converged")
     solver_converged: bool
-    trace: Annotated[np.ndarray, ArraySpec(("evaluation",))]
+    trace: Annotated[np.ndarray, ArraySpec(("step",), "m")]  # loss after every step of the search
 
     rms_fit: float = quantity("m")
     rms_heldout: float | None = quantity("m", default=None)

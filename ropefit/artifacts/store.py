@@ -24,6 +24,9 @@ from ropefit.artifacts.base import Artifact, array_spec
 from ropefit.errors import BadInput, StageFailed
 
 MAX_BYTES = 4 << 30  # an artifact that declares more than this is refused before allocation
+MAX_RATIO = 2000  # gzip does not reach it: an array that declares more than its data can hold
+# What h5py raises for a file that is truncated, damaged or not as a schema says.
+UNREADABLE = (OSError, KeyError, RuntimeError, TypeError, ValueError, MemoryError)
 NOT_CONTENT = {"provenance/created", "provenance/seconds"}
 
 A = TypeVar("A", bound=Artifact)
@@ -46,7 +49,7 @@ def leaves(part: BaseModel, prefix: str = "") -> Iterator[Leaf]:
                 yield from leaves(item, f"{path}/{key}/")
         else:
             extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
-            text = json.dumps(value, sort_keys=True, allow_nan=True)
+            text = json.dumps(value, sort_keys=True, default=BaseModel.model_dump)
             yield path, text, {"encoding": "json", **({"unit": extra["unit"]} if extra else {})}
 
 
@@ -97,7 +100,7 @@ def write(path: Path, artifact: Artifact) -> str:
             os.fsync(file.fileno())
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
-    except OSError as error:
+    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
         raise StageFailed(f"cannot write {path}: {error}; the previous file is unchanged")
     finally:
         Path(temporary).unlink(missing_ok=True)
@@ -136,7 +139,7 @@ def read(path: Path, kind: type[A]) -> tuple[A, str]:
                 )
             stored = str(file.attrs.get("content_sha256", ""))
             raw = _read_group(file, kind, path)
-    except (OSError, KeyError, RuntimeError, ValueError) as error:
+    except UNREADABLE as error:
         raise BadInput(f"{path}: not a readable HDF5 file ({_one_line(error)}); {fix}")
     try:
         artifact = kind.model_validate(raw)
@@ -153,7 +156,7 @@ def read(path: Path, kind: type[A]) -> tuple[A, str]:
 def _identity(file: h5py.File, path: Path) -> tuple[str, int]:
     if "schema_name" not in file.attrs or "schema_version" not in file.attrs:
         raise BadInput(f"{path}: is HDF5 but not a ropefit artifact; give another file")
-    return str(file.attrs["schema_name"]), int(file.attrs["schema_version"])
+    return str(file.attrs["schema_name"]), int(str(file.attrs["schema_version"]))
 
 
 def identity(path: Path) -> tuple[str, int]:
@@ -161,18 +164,18 @@ def identity(path: Path) -> tuple[str, int]:
     try:
         with h5py.File(path, "r") as file:
             return _identity(file, path)
-    except (OSError, RuntimeError) as error:
+    except UNREADABLE as error:
         raise BadInput(f"{path}: not a readable HDF5 file ({_one_line(error)}); make it anew")
 
 
 def _read_group(group: h5py.Group, kind: type[BaseModel], path: Path) -> dict[str, Any]:
     raw: dict[str, Any] = {}
-    for name, node in group.items():
+    if not isinstance(group, h5py.Group):
+        raise BadInput(f"{path}: {group.name} is a value where a group belongs; make it anew")
+    for name, node in _entries(group, path):
         field = kind.model_fields.get(name)
         if field is None:
             raise BadInput(f"{path}: unknown entry {node.name}; written by another ropefit?")
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise BadInput(f"{path}: {node.name} is a link; artifacts hold their own data")
         if isinstance(node, h5py.Dataset):
             raw[name] = _read_dataset(node, path)
             continue
@@ -180,20 +183,33 @@ def _read_group(group: h5py.Group, kind: type[BaseModel], path: Path) -> dict[st
         if part is None or not isinstance(node, h5py.Group):
             raise BadInput(f"{path}: {node.name} is a group where a value belongs; make it anew")
         if get_origin(field.annotation) is dict:
-            raw[name] = {key: _read_group(item, part, path) for key, item in node.items()}
+            raw[name] = {key: _read_group(item, part, path) for key, item in _entries(node, path)}
         else:
             raw[name] = _read_group(node, part, path)
     # An empty dict[str, Part] has no group in the file; its default restores it.
     return raw
 
 
+def _entries(group: h5py.Group, path: Path) -> Iterator[tuple[str, Any]]:
+    """(name, group or dataset) in the order of writing; links are refused, never followed."""
+    for name in map(str, group):
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise BadInput(f"{path}: {group.name}/{name} is a link; artifacts hold their own data")
+        yield name, group[name]
+
+
 def _read_dataset(node: h5py.Dataset, path: Path) -> Any:
+    if node.is_virtual or node.external:
+        raise BadInput(
+            f"{path}: {node.name} is kept in another file; artifacts hold their own data"
+        )
     if node.dtype.hasobject:
         if node.shape != ():
             raise BadInput(f"{path}: {node.name} is not a single text; make it anew")
-        return json.loads(node.asstr()[()])
-    if node.size is None or node.size * node.dtype.itemsize > MAX_BYTES:
-        raise BadInput(f"{path}: {node.name} declares {node.shape} entries, more than 4 GiB")
+        return json.loads(str(node.asstr()[()]))
+    size = MAX_BYTES + 1 if node.size is None else node.size * node.dtype.itemsize
+    if size > min(MAX_BYTES, MAX_RATIO * node.id.get_storage_size()):
+        raise BadInput(f"{path}: {node.name} declares {node.shape} entries, more than it can hold")
     return node[()]
 
 

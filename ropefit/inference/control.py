@@ -85,7 +85,7 @@ class Gripper:
         Points are grouped into `clusters` stretches, which count as independent. NaN where the
         data do not determine it.
         """
-        n, step = self.unknowns, 1e-5
+        n, step = self.unknowns, 1e-6
         rows = torch.arange(len(u))
         moves = torch.zeros(2 * n + 1, 1, n, dtype=u.dtype)
         for k in range(n):

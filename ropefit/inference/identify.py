@@ -18,6 +18,9 @@ from ropefit.inference.rope import Rope
 from ropefit.inference.uncertainty import Uncertainty, sandwich
 from ropefit.losses.objectives import Objective, Scene
 
+SCREEN = 64
+STARTS = 3
+RACE = 8  # steps after which only the best start of a group goes on
 CHUNK = 40_000  # particles simulated at once in a grid search; bounds its memory
 Report = Callable[[Search], None]
 
@@ -46,15 +49,15 @@ class Task:
         )
 
     def loss(self, u: Tensor, rows: Tensor) -> Tensor:
-        """(b,) loss [m] summed over the frames of each group in `rows`, for u (b, m)."""
-        place = torch.full((self.groups,), -1)
-        place[rows] = torch.arange(len(rows))
-        mine = torch.nonzero(place[self.group] >= 0)[:, 0]
-        owner = place[self.group[mine]]
-        values = self.space.to_values(u)[owner]
-        part = self if len(mine) == len(self.group) else self.frames(mine)
-        state = part.rope.settle(values)
-        per_frame = self.objective.loss(state.x, part.scene)
+        """(b,) loss [m] summed over the frames of each row's group, for u (b, m).
+
+        Row r of a search belongs to group r // STARTS.
+        """
+        members = [torch.nonzero(self.group == int(row) // STARTS)[:, 0] for row in rows]
+        owner = torch.repeat_interleave(torch.tensor([len(item) for item in members]))
+        index = torch.cat(members)
+        state = self.rope.frames(index).settle(self.space.to_values(u)[owner])
+        per_frame = self.objective.loss(state.x, self.scene.frames(index))
         return torch.zeros(len(rows), dtype=u.dtype).index_add(0, owner, per_frame)
 
 
@@ -65,15 +68,42 @@ def gradient_search(
     report: Report | None = None,
     tolerance: float = 1e-4,
 ) -> Search:
-    """Minimise by BFGS from the start (or from `resume`), by automatic differentiation."""
-    start = task.space.to_search(np.tile(task.space.start, (task.groups, 1)))
-    search = resume or minimise.begin(task.loss, start, reach=0.3)
+    """Minimise by BFGS, from the best of a coarse screen or from `resume`, by exact gradients.
+
+    Returns one row a group: the best of STARTS searches.
+    """
+    search = resume or minimise.begin(task.loss, _screened_starts(task), reach=0.3)
     while search.running and search.evaluations < evaluations:
         minimise.step(task.loss, search, tolerance=tolerance)
+        if len(search.trace) > RACE:  # from here on only the leaders go on
+            behind = torch.ones(len(search.u), dtype=torch.bool)
+            behind[_leaders(search, task.groups)] = False
+            search.status[behind & (search.status == minimise.ACTIVE)] = minimise.LIMIT
         if report:
             report(search)
     minimise.stop_at_limit(search)
-    return search
+    return search.rows(_leaders(search, task.groups))
+
+
+def _leaders(search: Search, groups: int) -> Tensor:
+    """(groups,) the best row of each group."""
+    best = search.loss.reshape(groups, STARTS).argmin(dim=1)
+    return best + STARTS * torch.arange(groups)
+
+
+def _screened_starts(task: Task) -> Tensor:
+    """(groups · STARTS, m) the best of the start and SCREEN points within a factor of 4 of it.
+
+    Near the solver's limit of stability the loss is rough; a search that sets out there stays there.
+    """
+    m = len(task.space.free)
+    start = task.space.to_search(np.tile(task.space.start, (task.groups, 1)))
+    points = torch.quasirandom.SobolEngine(m, scramble=False).draw(SCREEN, dtype=torch.float64)
+    u = start[:, None, :] + np.log(4.0) * (2 * points - 1)
+    u = torch.cat([start[:, None, :], u], dim=1)
+    order = _grid_losses(task, u).nan_to_num(torch.inf, torch.inf).argsort(dim=1)
+    best = order[:, :STARTS]
+    return torch.gather(u, 1, best[..., None].expand(-1, -1, m)).reshape(-1, m)
 
 
 def grid_search(
@@ -101,7 +131,7 @@ def grid_search(
             torch.full((groups,), minimise.ACTIVE),
             torch.zeros(groups, dtype=torch.int64),
             1,
-            [float(loss.nansum())],
+            [loss.clone()],
         )
     else:
         search = resume
@@ -111,19 +141,35 @@ def grid_search(
     for index in range(int(search.calm[0]), rounds):
         u = search.u[:, None, :] + np.log(10.0) * 0.5**index * offsets
         losses = _grid_losses(task, u).nan_to_num(torch.inf, torch.inf)
-        best = losses.argmin(dim=1)
+        best = _best_stable(task, u, losses)
         value = losses[torch.arange(groups), best]
         better = value < search.loss.nan_to_num(torch.inf)
         search.u[better] = u[torch.arange(groups), best][better]
         search.loss = torch.where(better, value, search.loss)
         search.evaluations += len(offsets)
         search.calm += 1
-        search.trace.append(float(search.loss.nansum()))
+        search.trace.append(search.loss.clone())
         if report:
             report(search)
     finite = torch.isfinite(search.loss)
     search.status = torch.where(finite, minimise.NO_DECREASE, minimise.DIVERGED)
     return search
+
+
+def _best_stable(task: Task, u: Tensor, losses: Tensor) -> Tensor:
+    """(groups,) index of the best candidate that still converges when nudged up a little.
+
+    The best of a grid may sit so near the solver's limit of stability that other frames diverge.
+    """
+    order = losses.argsort(dim=1)
+    chosen = order[:, 0].clone()
+    for group in range(task.groups):
+        for index in order[group, :20]:
+            near = u[group, index].expand(task.groups, 1, -1) + np.log(1.05)
+            if torch.isfinite(_grid_losses(task, near)[group, 0]):
+                chosen[group] = index
+                break
+    return chosen
 
 
 def _grid_losses(task: Task, u: Tensor) -> Tensor:
@@ -147,7 +193,9 @@ def uncertainty(task: Task, values: np.ndarray, floor: float, length: float) -> 
     values (n,); central differences of the residual vectors, in one batch.
     """
     m, frames = len(task.space.free), len(task.group)
-    step = 1e-5  # small: near the solver's limit of stability the answer is strongly curved
+    step = (
+        1e-6  # small: the answer is curved near the limit of stability, and loss terms have kinks
+    )
     candidates = np.tile(values, (2 * m + 1, 1))
     for k, index in enumerate(task.space.free):
         candidates[2 * k + 1, index] *= np.exp(step)

@@ -32,7 +32,8 @@ class Search:
     """Everything a search knows; saving and restoring it resumes the search exactly.
 
     u (B, n), loss (B,), gradient (B, n), inverse Hessian (B, n, n), status (B,), calm (B,)
-    iterations in a row without a worthwhile decrease, trace: sum of losses after every evaluation.
+    iterations in a row without a worthwhile decrease, trace: losses (B,) after every
+    step.
     """
 
     u: Tensor
@@ -42,7 +43,20 @@ class Search:
     status: Tensor
     calm: Tensor
     evaluations: int = 0
-    trace: list[float] = field(default_factory=list)
+    trace: list[Tensor] = field(default_factory=list)
+
+    def rows(self, index: Tensor) -> Search:
+        """The same search, some of its rows only."""
+        return Search(
+            self.u[index],
+            self.loss[index],
+            self.gradient[index],
+            self.inverse[index],
+            self.status[index],
+            self.calm[index],
+            self.evaluations,
+            [item[index] for item in self.trace],
+        )
 
     @property
     def running(self) -> bool:
@@ -69,7 +83,7 @@ def begin(function: Function, u: Tensor, reach: float = 0.1) -> Search:
         status=status,
         calm=torch.zeros(len(u), dtype=torch.int64),
         evaluations=1,
-        trace=[float(loss.nansum())],
+        trace=[loss.clone()],
     )
 
 
@@ -83,9 +97,8 @@ def step(
 ) -> None:
     """One BFGS iteration of every running row, in place.
 
-    A row ends when its relative decrease stays under `tolerance` for `patience` iterations in a
-    row, or
-    when no step along the negative gradient helps. No component of u moves by more than `largest`.
+    A row ends when its relative decrease stays under `tolerance` for `patience` iterations running,
+    or when no step along the negative gradient helps. No component of u moves more than `largest`.
     """
     rows = torch.nonzero(search.status == ACTIVE)[:, 0]
     u, loss, gradient = search.u[rows], search.loss[rows], search.gradient[rows]
@@ -140,7 +153,7 @@ def step(
     status = torch.where(small, SMALL_GRADIENT, status)
     search.u[rows], search.loss[rows], search.gradient[rows] = new_u, new_loss, new_gradient
     search.status[rows], search.calm[rows] = status, calm
-    search.trace.append(float(search.loss.nansum()))
+    search.trace.append(search.loss.clone())
 
 
 def stop_at_limit(search: Search) -> None:

@@ -15,6 +15,7 @@ from torch import Tensor
 from ropefit.rod.start import frames_along, hanging_shape
 from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.chain import Chain
+from ropefit.solvers.compiled import simulate_compiled
 from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, Watcher, simulate
 
 # Order of the six weights of Algorithm 1 in every parameter vector.
@@ -30,7 +31,7 @@ MEANING = {
     "eta_x_G_1": "weight of gravity between the control point and end 1",
 }
 INITIAL = {"eta_x_G": 0.04, "eta_x_G_0": 0.04, "eta_x_G_1": 0.04}
-BOUNDS = {"eta_SOR": (0.05, 1.9), "gravity": (1e-5, 100.0), "other": (0.02, 1.95)}
+BOUNDS = {"gravity": (1e-5, 100.0), "other": (1e-3, 1.5)}
 
 
 def eta_names(two_sided: bool) -> tuple[str, ...]:
@@ -45,7 +46,7 @@ def initial(name: str) -> float:
 
 def bounds(name: str) -> tuple[float, float]:
     """Range in which a weight is searched; beyond it the iterations diverge or do nothing."""
-    return BOUNDS["gravity"] if "_G" in name else BOUNDS.get(name, BOUNDS["other"])
+    return BOUNDS["gravity" if "_G" in name else "other"]
 
 
 @dataclass(frozen=True)
@@ -112,9 +113,9 @@ class Rope:
         settings = replace(self.settings, iterations=self.settings.iterations * longer)
         solver = SOLVERS[self.solver]
         weights = self._eta(eta)
-        return simulate(
-            State(x, q), self.rest, self.chain, weights, solver, self.gravity, settings, watch
-        )
+        problem = (State(x, q), self.rest, self.chain, weights, solver, self.gravity, settings)
+        # Only the reference implementation can be watched on its way.
+        return simulate(*problem, watch) if watch else simulate_compiled(*problem)
 
     def _eta(self, eta: Tensor) -> Eta:
         columns = [eta[..., i, None, None] for i in range(eta.shape[-1])]

@@ -10,6 +10,7 @@ from ropefit.errors import BadInput
 from ropefit.recordings.manifest import Manifest, inside
 from ropefit.recordings.markers import Markers
 from ropefit.recordings.recording import End
+from ropefit.recordings.sources import check_metres
 from ropefit.recordings.tables import read_table, whole
 
 QUATERNION = ["qw", "qx", "qy", "qz"]
@@ -40,6 +41,7 @@ def _from_file(path: Path) -> tuple[End, End]:
     if not np.isin(which, (0, 1)).all():
         raise BadInput(f"{path}: column end holds 0 (control point) or 1 (other end) only")
     position = np.stack([columns[axis] for axis in "xyz"], axis=1)
+    check_metres(path, position)
     present = [name for name in QUATERNION if name in columns]
     if present and len(present) < 4:
         raise BadInput(f"{path}: a quaternion needs all of qw,qx,qy,qz; got {','.join(present)}")

@@ -5,15 +5,24 @@ from __future__ import annotations
 import tomllib
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from ropefit.errors import BadInput
 
 FORMAT = "ropefit-recording/1"
 MAX_LENGTH = 100.0  # m; longer ropes are almost surely millimetres
+MAX_DIAMETER = 1.0  # m; so are thicker ones
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -29,12 +38,15 @@ class RopeTable(_Table):
     diameter: Positive | None = None
     mass: Positive | None = None
 
-    @field_validator("length")
+    @field_validator("length", "diameter")
     @classmethod
-    def _metres(cls, value: float | None) -> float | None:
-        if value is not None and value > MAX_LENGTH:
+    def _metres(cls, value: float | None, info: ValidationInfo) -> float | None:
+        most, what = (
+            (MAX_LENGTH, "long") if info.field_name == "length" else (MAX_DIAMETER, "thick")
+        )
+        if value is not None and value > most:
             raise ValueError(
-                f"a rope {value:g} m long; lengths are in metres, were millimetres given?"
+                f"a rope {value:g} m {what}; lengths are in metres, were millimetres given?"
             )
         return value
 
@@ -144,18 +156,28 @@ def read_manifest(directory: Path) -> Manifest:
     path = directory / "recording.toml"
     if not directory.is_dir():
         raise BadInput(f"{directory}: no such recording directory; give one with a recording.toml")
-    try:
-        if path.stat().st_size > 1 << 20:
-            raise BadInput(f"{path}: larger than 1 MB, not a recording.toml")
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         raise BadInput(f"{directory}: has no recording.toml; see docs/recording-format.md")
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadInput(f"{path}: not readable as TOML ({error}); correct it")
     try:
-        return Manifest.model_validate(raw)
+        return Manifest.model_validate(read_toml(path))
     except ValidationError as error:
         raise BadInput(f"{path}: {describe(error)}")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises BadInput."""
+    try:
+        if path.stat().st_size > 1 << 20:
+            raise BadInput(f"{path}: larger than 1 MB, not a description in TOML")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such file; correct its name")
+    except (
+        OSError,
+        ValueError,
+        RecursionError,
+    ) as error:  # TOML and Unicode errors are ValueErrors
+        raise BadInput(f"{path}: not readable as TOML ({error}); correct it")
 
 
 def describe(error: ValidationError) -> str:
@@ -165,7 +187,7 @@ def describe(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         return f"unknown key {where}; remove it or correct its spelling"
     if where == "format":
-        return f"format must be {FORMAT!r}, got {first['input']!r}"
+        return f"format must be {FORMAT!r}, got {str(first['input'])[:60]!r}"
     message = first["msg"].removeprefix("Value error, ")
     return f"{where}: {message}"
 
@@ -173,7 +195,10 @@ def describe(error: ValidationError) -> str:
 def inside(directory: Path, name: str) -> Path:
     """The path of a file named by a recording; it must lie inside the recording's directory."""
     path = directory / name
-    root = directory.resolve()
-    if Path(name).is_absolute() or not path.resolve().is_relative_to(root):
+    try:
+        outside = not path.resolve().is_relative_to(directory.resolve())
+    except (OSError, RuntimeError, ValueError) as error:  # links in a circle, NUL in a name
+        raise BadInput(f"{directory}: {name!r} names no file ({error}); correct it")
+    if outside or Path(name).is_absolute():
         raise BadInput(f"{directory}: {name} lies outside the recording; copy the file into it")
     return path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 from ropefit.errors import BadInput, StageFailed
@@ -47,9 +48,12 @@ def fingerprint(recording: Recording) -> str:
     """sha256 over the names and contents of every file the recording consists of."""
     digest = hashlib.sha256()
     for path in sorted(recording.files):
-        digest.update(path.relative_to(recording.path).as_posix().encode())
-        with path.open("rb") as file:
-            digest.update(hashlib.file_digest(file, "sha256").digest())
+        digest.update(os.fsencode(path.relative_to(recording.path)))
+        try:
+            with path.open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        except OSError as error:
+            raise BadInput(f"{path}: not readable ({error.strerror})")
     return digest.hexdigest()
 
 

@@ -8,19 +8,22 @@ from pathlib import Path
 from ropefit.errors import BadInput
 from ropefit.recordings.manifest import inside
 
-FIELD = re.compile(r"\{frame(?::0?(\d*)d)?\}")
+FIELD = re.compile(r"\{frame(?::0?[0-9]?d)?\}")
 
 
 def list_frames(directory: Path, pattern: str, key: str) -> dict[int, Path]:
     """{frame: path} of the files that match the pattern, in order. Raises BadInput if none."""
-    fields = FIELD.findall(pattern)
-    if len(fields) != 1 or "{" in FIELD.sub("", pattern) or FIELD.search(Path(pattern).parent.name):
+    parts = FIELD.split(Path(pattern).name)
+    if (
+        len(parts) != 2
+        or len(FIELD.findall(pattern)) != 1
+        or set("{}") & set(FIELD.sub("", pattern))
+    ):
         raise BadInput(
             f"{directory}: {key} = {pattern!r} needs one {{frame}} or {{frame:06d}} in its name"
         )
     inside(directory, FIELD.sub("0", pattern))
-    before, after = FIELD.split(Path(pattern).name)[::2]
-    name = re.compile(re.escape(before) + r"(\d{1,9})" + re.escape(after))
+    name = re.compile(re.escape(parts[0]) + r"([0-9]{1,9})" + re.escape(parts[1]))
     folder = directory / Path(pattern).parent
     found = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -10,6 +12,8 @@ from ropefit.errors import BadInput
 from ropefit.recordings.manifest import Manifest
 from ropefit.recordings.patterns import list_frames
 from ropefit.recordings.sources import Sight, Source
+
+FORMATS = ["PNG", "JPEG"]
 
 
 class Rgbd(Source):
@@ -31,49 +35,45 @@ class Rgbd(Source):
             raise BadInput(f"{directory}: frame {missing[0]} has a colour image but no depth image")
 
     def sight(self, frame: int) -> Sight:
-        import cv2
-
-        color = self._image(self.color[frame], cv2.IMREAD_COLOR, np.uint8)
+        color = self._image(self.color[frame], "RGB").astype(np.uint8)
         depth = None
         if self.depth:
-            raw = self._image(self.depth[frame], cv2.IMREAD_UNCHANGED, np.uint16)
+            raw = self._image(self.depth[frame], "I;16")
             depth = raw.astype(float) * self.settings.depth_scale
-        return Sight(color=cv2.cvtColor(color, cv2.COLOR_BGR2RGB), depth=depth)
+        return Sight(color=color, depth=depth)
 
-    def _image(self, path: Path, mode: int, dtype: type) -> np.ndarray:
-        import cv2
+    def _image(self, path: Path, mode: Literal["RGB", "I;16"]) -> np.ndarray:
+        """(H, W[, 3]) pixels; size and checksums are checked before anything is decoded."""
+        from PIL import Image
 
-        want = (self.settings.intrinsics.height, self.settings.intrinsics.width)
-        _check_size(path, want)
+        want = (self.settings.intrinsics.width, self.settings.intrinsics.height)
         try:
-            image = cv2.imdecode(np.fromfile(path, np.uint8), mode)
-        except (OSError, cv2.error) as error:
-            raise BadInput(f"{path}: not a readable image ({error})")
-        if image is None:
-            raise BadInput(f"{path}: not a readable image; write it anew")
-        if image.dtype != dtype or (dtype is np.uint16 and image.ndim != 2):
-            raise BadInput(f"{path}: {image.dtype} {image.shape}; depth is one channel of uint16")
-        if image.shape[:2] != want:
+            with (
+                warnings.catch_warnings(action="ignore"),
+                Image.open(path, formats=FORMATS) as image,
+            ):
+                if image.size == want:
+                    image.verify()
+        except FileNotFoundError:
+            raise BadInput(f"{path}: no such file")
+        except Exception as error:  # PIL raises whatever a damaged file makes it meet
+            raise BadInput(f"{path}: not a readable PNG or JPEG ({error})")
+        if image.size != want:
             raise BadInput(
-                f"{path}: {image.shape[1]}x{image.shape[0]} pixels, intrinsics say "
-                f"{want[1]}x{want[0]}"
+                f"{path}: {image.width}x{image.height} pixels, intrinsics say {want[0]}x{want[1]}"
             )
-        return image
+        deep = image.mode.startswith("I")  # 16 bits, one channel
+        if deep != (mode == "I;16"):
+            need = "one channel of 16 bits" if mode == "I;16" else "8 bits a channel"
+            raise BadInput(f"{path}: pixels of kind {image.mode}; {need} needed")
+        try:
+            with (
+                warnings.catch_warnings(action="ignore"),
+                Image.open(path, formats=FORMATS) as image,
+            ):
+                return np.asarray(image if deep else image.convert("RGB"))
+        except Exception as error:
+            raise BadInput(f"{path}: truncated or damaged image ({error})")
 
     def files(self) -> list[Path]:
         return [*self.color.values(), *self.depth.values()]
-
-
-def _check_size(path: Path, want: tuple[int, int]) -> None:
-    """Refuse an image whose header declares other dimensions, before anything is decoded."""
-    from PIL import Image, UnidentifiedImageError
-
-    try:
-        with Image.open(path, formats=["PNG", "JPEG"]) as image:
-            width, height = image.size
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file")
-    except (OSError, UnidentifiedImageError, ValueError, Image.DecompressionBombError) as error:
-        raise BadInput(f"{path}: not a readable PNG or JPEG ({error})")
-    if (height, width) != want:
-        raise BadInput(f"{path}: {width}x{height} pixels, intrinsics say {want[1]}x{want[0]}")

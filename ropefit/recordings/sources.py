@@ -10,7 +10,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from ropefit.errors import BadInput
 from ropefit.recordings.manifest import Manifest
+
+FARTHEST = 1e7  # m; a larger coordinate is no position of a rope
 
 
 @dataclass(frozen=True)
@@ -47,3 +50,10 @@ class Source(ABC):
     @abstractmethod
     def files(self) -> list[Path]:
         """Every file this source may read."""
+
+
+def check_metres(path: Path, points: np.ndarray) -> None:
+    """Refuse positions (..., 3) [m], NaN where unknown, that no rope can have. Raises BadInput."""
+    largest = float(np.max(np.abs(points), initial=0.0, where=~np.isnan(points)))
+    if largest > FARTHEST:
+        raise BadInput(f"{path}: a position of {largest:.4g} m; positions are in metres")

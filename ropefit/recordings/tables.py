@@ -25,6 +25,8 @@ def read_table(
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
             header = [cell.strip() for cell in next(reader, [])]
+            if len(set(header)) < len(header):
+                raise BadInput(f"{path}: header names a column twice: {','.join(header)[:200]}")
             missing = [name for name in required if name not in header]
             unknown = [name for name in header if name not in required + optional]
             if missing or unknown:
@@ -32,14 +34,15 @@ def read_table(
                 raise BadInput(f"{path}: header {what}; expected {','.join(required + optional)}")
             rows = [_numbers(path, reader.line_num, header, row, required) for row in reader if row]
     except FileNotFoundError:
-        raise BadInput(f"{path}: no such file; recording.toml names it")
+        raise BadInput(f"{path}: no such file; correct its name or add it")
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise BadInput(f"{path}: not readable as CSV ({error})")
     if not rows:
         raise BadInput(f"{path}: has no rows")
     columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-    for name in required:
-        bad = ~np.isfinite(columns[name]) if not nan else np.isinf(columns[name])
+    for name, column in columns.items():
+        may_miss = nan or name not in required
+        bad = np.isinf(column) if may_miss else ~np.isfinite(column)
         if bad.any():
             raise BadInput(f"{path}: column {name}, row {int(np.argmax(bad)) + 2}: not a number")
     return columns

@@ -18,7 +18,7 @@ BEFORE = "#999999"
 AFTER = "#d55e00"
 TARGET = "#009e73"
 MARK = "#cc79a7"
-MANY = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00"]
+MANY = ["#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#999999", "#0072b2"]
 SEQUENTIAL = "Viridis"
 DIVERGING = [  # see-through, so that the page's ink is readable on it, light or dark
     [0.0, "rgba(213,94,0,0.6)"],
@@ -78,6 +78,8 @@ def thinned(count: int, most: int, noun: str = "frames") -> str:
 def span(values: np.ndarray, edge: float = 0.06) -> tuple[list[float], list[float]]:
     """Ranges of u and of v (downwards) that hold all of values (..., 2), with a margin."""
     flat = values.reshape(-1, 2)
+    if not np.isfinite(flat).all(axis=1).any():
+        return [0.0, 1.0], [1.0, 0.0]
     low, high = np.nanmin(flat, axis=0), np.nanmax(flat, axis=0)
     edge = edge * float((high - low).max()) + 2
     return places([low[0] - edge, high[0] + edge], 1), places([high[1] + edge, low[1] - edge], 1)

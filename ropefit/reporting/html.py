@@ -18,6 +18,11 @@ def paragraph(text: object, kind: str = "") -> Markup:
     return Markup('<p class="{}">{}</p>' if kind else "<p>{1}</p>").format(kind, text)
 
 
+def loose(text: object) -> Markup:
+    """Text that may be broken anywhere: long names without spaces."""
+    return Markup('<span class="loose">{}</span>').format(text)
+
+
 def heading(text: object) -> Markup:
     """A heading inside a section."""
     return Markup("<h3>{}</h3>").format(text)

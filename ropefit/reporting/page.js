@@ -8,7 +8,8 @@
   const colour = (name) =>
     getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-  function themed(figure) {
+  function themed(plot) {
+    const figure = plot.figure;
     const layout = JSON.parse(JSON.stringify(figure.layout));
     const ink = colour("--ink"), soft = colour("--soft"), line = colour("--line");
     layout.font = { family: "system-ui, sans-serif", size: narrow.matches ? 11 : 12, color: ink };
@@ -20,6 +21,9 @@
     for (const key of Object.keys(layout)) {
       if (/^[xy]axis\d*$/.test(key)) paint(layout[key]);
       if (/^scene\d*$/.test(key)) {
+        const eye = layout[key].camera.eye;
+        const back = Math.max(1, plot.canvas.clientHeight / plot.canvas.clientWidth);
+        for (const name of Object.keys(eye)) eye[name] *= back;
         for (const name of ["xaxis", "yaxis", "zaxis"])
           Object.assign(paint(layout[key][name]), { showbackground: false });
       }
@@ -48,7 +52,7 @@
   }
 
   function draw(plot) {
-    return Plotly.react(plot.canvas, current(plot), themed(plot.figure), config(plot.figure));
+    return Plotly.react(plot.canvas, current(plot), themed(plot), config(plot.figure));
   }
 
   function show(plot, step) {

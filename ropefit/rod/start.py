@@ -54,9 +54,11 @@ def _catenary(length: float, arc: np.ndarray, down: np.ndarray, ends: np.ndarray
     # sinh(u)/u = ratio for u = width / (2 a), a the catenary's parameter.
     slack = max(length**2 - rise**2, width**2 * (1 + 1e-12))
     ratio = np.sqrt(slack) / width
-    u: float = brentq(
-        lambda v: np.log(np.sinh(v) / v) - np.log(ratio), 1e-7, 30 + 2 * np.log(ratio)
-    )
+
+    def excess(v: float) -> float:
+        return np.log(np.sinh(v) / v) - np.log(ratio)
+
+    u = float(brentq(excess, 1e-7, 30 + 2 * np.log(ratio)))  # type: ignore[arg-type]
     a = width / (2 * u)
     lowest = (length - rise / np.tanh(u)) / 2  # arc length from end 0 to the lowest point
     along = a * (np.arcsinh((arc - lowest) / a) - np.arcsinh(-lowest / a))

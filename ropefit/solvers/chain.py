@@ -14,7 +14,7 @@ class Chain:
 
     weight (K,), weight_q (K-1,); difference (K-1, K): edges = difference @ x; scatter (K, K-1):
     moves of the particles from impulses on the segments, `mean_scatter` the same averaged over the
-    constraints that touch a particle; mean_q (K-1, K-2) pairs for the frames.
+    constraints that touch a particle; first_q, second_q (K-1, K-2) the same for pairs of frames.
     """
 
     weight: Tensor

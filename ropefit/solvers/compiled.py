@@ -1,4 +1,4 @@
-"""Algorithm 1 in compiled code: the numbers of `xpbd.simulate` and its gradients, many times faster.
+"""Algorithm 1 in compiled code: the results and gradients of `xpbd.simulate`, many times faster.
 
 A rope of a batch does not see the others, so each runs through all its iterations alone, in memory
 that fits the first cache; the derivative is the exact adjoint of the iterations, see `kernels.py`.
@@ -37,8 +37,8 @@ def simulate_compiled(
     """Run Algorithm 1 from `start`, see `xpbd.simulate`.
 
     start.x (..., K, 3) [m]; eta.gravity broadcastable to (..., K, 1), the other η to (..., 1, 1).
-    Differentiable, once, in the start and the η. A rope that blows up, or for which the distance system
-    is not positive definite, is NaN in result and gradient; the other ropes do not notice.
+    Differentiable, once, in the start and the η. A rope that blows up, or whose distance system is
+    not positive definite, is NaN in result and gradient; the other ropes do not notice.
     """
     nodes = start.x.shape[-2]
     shape = torch.broadcast_shapes(
@@ -129,7 +129,7 @@ class _Ropes(torch.autograd.Function):
         ctx.constants = rod, options
         state = _pack(x, q)
         _in_threads(
-            lambda *ropes: kernels.run_ropes(*ropes, rod, options),
+            lambda state, gravity, eta: kernels.run_ropes(state, gravity, eta, rod, options),
             state, _array(gravity), _array(eta),
         )  # fmt: skip
         return _unpack(state)

@@ -14,7 +14,7 @@ class Jacobi:
 
     def multipliers(self, chain: Chain, value: Tensor, direction: Tensor, alpha: float) -> Tensor:
         """Change of the multipliers, eq. (3), one constraint at a time. Shapes (..., K-1)."""
-        return -value / (chain.weight_sum + alpha)
+        return -value / (chain.weight_sum + alpha).clamp_min(1e-30)
 
     def displacement(self, chain: Chain, impulse: Tensor) -> Tensor:
         """(..., K, 3) move of the particles: mean over the constraints that touch each."""

@@ -25,13 +25,13 @@ kernel = njit(cache=True, nogil=True, error_model="numpy")
 X, Q, SHEAR, BEND, DISTANCE, STATE_COLUMNS = 0, 3, 7, 10, 13, 14
 # One iteration: changes of the multipliers; |q| before it was made 1 again.
 C_SHEAR, C_BEND, C_DISTANCE, Q_NORM, CHANGE_COLUMNS = 0, 3, 6, 7, 8
-# Scratch: move of x and turn of q in one iteration; length and direction of the segments; factors of
-# Thomas; for the adjoint, that of the state after (PULL) and of direction and change.
+# Scratch: move of x and turn of q in one iteration; length and direction of the segments; factors
+# of Thomas; for the adjoint, that of the state after (PULL) and of direction and change.
 MOVE, TURN, EDGE, DIRECTION, PIVOT, RATIO, WORK_COLUMNS = 0, 3, 7, 8, 11, 12, 24
 PULL_X, PULL_Q, G_DIRECTION, G_CHANGE = 13, 16, 20, 23
 # Constants. SHARE: inverse mass over the number of constraints that touch a particle or frame, but
-# SHARE_D, for the distance, the inverse mass alone with Thomas. INVERSE: 1 / denominators of eq. (3);
-# DIAGONAL: of the distance system. FALL: g dt² / 2 [m], zero for held particles.
+# SHARE_D, for the distance, the inverse mass alone with Thomas. INVERSE: 1 / denominators of
+# eq. (3); DIAGONAL: of the distance system. FALL: g dt² / 2 [m], zero for held particles.
 LENGTH, WEIGHT, SHARE, SHARE_D, WEIGHT_Q, SHARE_Q, DIAGONAL = 0, 1, 2, 3, 4, 5, 6
 INVERSE_SHEAR, INVERSE_BEND, FALL, DARBOUX, ROD_COLUMNS = 7, 8, 9, 12, 16
 
@@ -167,7 +167,7 @@ def darboux_pull(c, r):
 
 
 # --- The three constraints -----------------------------------------------------------------------
-# Each project_* sets the change, adds it to the multiplier and adds its weighted move to the scratch.
+# Each project_* sets the change, adds it to the multiplier, and its weighted move to the scratch.
 # Each *_adjoint adds to g, the adjoint of the state before, and returns (move without its weight) ·
 # pull, which is the derivative by the weight; pull is the adjoint of the state after.
 

@@ -61,8 +61,8 @@ class Settings:
     with unit weights for shear and bend, m² for the distance. 0 (the default) is a hard constraint.
     """
 
-    steps: int = 10
-    iterations: int = 30
+    steps: int = 50
+    iterations: int = 20
     dt: float = 0.1
     alpha_shear: float = 0.0
     alpha_bend: float = 0.0

@@ -53,8 +53,8 @@ class IdentifySettings(StageSettings):
     groups: str = "one"
     two_sided: bool = False
     control_at: float | None = None
-    steps: int = Field(default=10, ge=1, le=1000)
-    iterations: int = Field(default=30, ge=1, le=100_000)
+    steps: int = Field(default=50, ge=1, le=1000)
+    iterations: int = Field(default=20, ge=1, le=100_000)
     dt: float = Field(default=0.1, gt=0, le=100)
     evaluations: int = Field(default=60, ge=1)
     levels: int = Field(default=3, ge=2, le=9)
@@ -155,8 +155,9 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         distance_violation=convergence.distance_violation,
         length_error=convergence.length_error,
         drift=convergence.drift,
+        drift_allowed=DRIFT_ALLOWED,
         solver_converged=drift < DRIFT_ALLOWED,
-        trace=np.array(search.trace),
+        trace=torch.stack(search.trace).sum(dim=1).numpy(),
         rms_fit=float(np.sqrt(np.mean(now.rms[train] ** 2))),
         rms_heldout=float(np.sqrt(np.mean(now.rms[out] ** 2))) if out.any() else None,
     )
@@ -191,7 +192,7 @@ def _search(task: Task, settings: IdentifySettings, context: Context) -> Search:
     def report(search: Search) -> None:
         nonlocal saved
         done = search.evaluations if settings.search == "gradient" else int(search.calm[0])
-        context.progress(0.9 * done / goal, f"{settings.loss} {search.trace[-1]:.4g} m")
+        context.progress(0.9 * done / goal, f"{settings.loss} {float(search.loss.min()):.4g} m")
         if time.monotonic() - saved > CHECKPOINT_EVERY:
             _save(path, context.key, search)
             saved = time.monotonic()
@@ -213,7 +214,7 @@ def _save(path: Path, key: str, search: Search) -> None:
             provenance=provenance,
             key=key,
             evaluations=search.evaluations,
-            trace=np.array(search.trace),
+            trace=torch.stack(search.trace).numpy(),
             **arrays,
         ),
     )
@@ -234,7 +235,7 @@ def _restore(path: Path, key: str) -> Search | None:
         for name in ("u", "loss", "gradient", "inverse", "status", "calm")
     ]
     u, loss, gradient, inverse, status, calm = tensors
-    evaluations, trace = saved.evaluations, saved.trace.tolist()
+    evaluations, trace = saved.evaluations, list(torch.tensor(saved.trace))
     return Search(u, loss, gradient, inverse, status, calm, evaluations, trace)
 
 

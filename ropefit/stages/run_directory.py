@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from ropefit.artifacts import Control, Model, Observations
@@ -38,7 +39,7 @@ def existing_run(directory: Path) -> Path:
 
 
 def new_run(directory: Path) -> Path:
-    """A directory to start a run in: new, empty, or already a run."""
+    """A directory to start a run in: new (it is made with its first artifact), empty, or a run."""
     if directory.exists() and not directory.is_dir():
         raise WrongUsage(f"{directory}: is a file, not a directory; give another --run")
     if directory.is_dir() and any(directory.iterdir()) and not is_run(directory):
@@ -50,8 +51,8 @@ def new_run(directory: Path) -> Path:
                 f"{directory}: holds other files ({strangers[0]}, ...) and is not a ropefit run; "
                 "give an empty or new directory as --run"
             )
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StageFailed(f"{directory}: cannot be made ({error.strerror}); give another --run")
+    whole = directory.absolute()
+    above = next(path for path in (whole, *whole.parents) if path.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        raise StageFailed(f"{directory}: cannot be written in {above}; give another --run")
     return directory

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,7 +21,7 @@ from ropefit.errors import BadInput, NotConverged, StageFailed
 from ropefit.inference.rope import Ends, bounds, build_rope, eta_names, initial
 from ropefit.perception.trace import polyline_arc, resample
 from ropefit.recordings.ends import quaternion_along
-from ropefit.recordings.manifest import describe
+from ropefit.recordings.manifest import describe, read_toml
 from ropefit.solvers.xpbd import Settings
 from ropefit.stages.stage import Progress
 
@@ -30,14 +29,14 @@ Point = tuple[float, float, float]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class RopeSpec(_Table):
     """length, diameter [m], mass [kg], particles."""
 
     length: float = Field(gt=0, le=100)
-    diameter: float = Field(default=0.008, gt=0)
+    diameter: float = Field(default=0.008, gt=0, le=1)
     mass: float | None = Field(default=None, gt=0)
     nodes: int = Field(default=20, ge=4, le=400)
 
@@ -69,8 +68,8 @@ class ModelSpec(_Table):
 
     solver: Literal["jacobi", "thomas"] = "thomas"
     eta: dict[str, float] = Field(default_factory=dict)
-    steps: int = Field(default=10, ge=1, le=1000)
-    iterations: int = Field(default=30, ge=1, le=100_000)
+    steps: int = Field(default=50, ge=1, le=1000)
+    iterations: int = Field(default=20, ge=1, le=100_000)
     dt: float = Field(default=0.1, gt=0)
 
     @model_validator(mode="after")
@@ -119,37 +118,33 @@ def simulate_recording(spec: Path, out: Path, progress: Progress, say: Any) -> d
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StageFailed(f"{out}: exists already; give a new directory as --out")
     progress(0.1, "solving")
-    x, ends = _states(parsed)
+    x, ends = _states(parsed, spec)
     progress(0.8, "writing")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    temporary = None
     try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
         _write(parsed, x, ends, temporary)
         os.chmod(temporary, 0o755)
         os.replace(temporary, out)
     except OSError as error:
         raise StageFailed(f"cannot write {out}: {error.strerror}")
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
     say("made by ropefit's own model: good for trying a set-up, not as evidence for it")
     return {"stage": "simulate", "recording": str(out), "frames": len(x), "name": parsed.name}
 
 
 def _read_spec(path: Path) -> SimulationSpec:
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file")
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadInput(f"{path}: not readable as TOML ({error})")
-    try:
-        return SimulationSpec.model_validate(raw)
+        return SimulationSpec.model_validate(read_toml(path))
     except ValidationError as error:
         raise BadInput(f"{path}: {describe(error)}")
 
 
-def _states(spec: SimulationSpec) -> tuple[np.ndarray, Ends]:
-    """(F, K, 3) [m] centrelines and the exact end poses."""
+def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Ends]:
+    """(F, K, 3) [m] centrelines and the exact end poses. `path` is named in failures."""
     frames = spec.motion.frames
     position = np.full((frames, 2, 3), np.nan)
     orientation = np.full((frames, 2, 4), np.nan)
@@ -160,14 +155,14 @@ def _states(spec: SimulationSpec) -> tuple[np.ndarray, Ends]:
         if end.tangents:
             tangents = _along(end.tangents, frames)
             if (np.linalg.norm(tangents, axis=1) < 1e-9).any():
-                raise BadInput(f"motion.end{number}.tangents: a tangent vanishes on the way")
+                raise BadInput(f"{path}: motion.end{number}.tangents: one vanishes on the way")
             orientation[:, number] = [quaternion_along(tangent) for tangent in tangents]
     apart = np.linalg.norm(position[:, 1] - position[:, 0], axis=1)
     if np.nanmax(np.append(apart, 0.0)) > spec.rope.length:
         worst = int(np.nanargmax(apart))
         raise BadInput(
-            f"motion: in frame {worst} the ends are {apart[worst]:.4g} m apart, the rope is "
-            f"{spec.rope.length:.4g} m long"
+            f"{path}: motion: in frame {worst} the ends are {apart[worst]:.4g} m apart, the rope "
+            f"is {spec.rope.length:.4g} m long"
         )
     m = spec.model
     ends = Ends(position, orientation)
@@ -228,9 +223,10 @@ def _write(spec: SimulationSpec, x: np.ndarray, ends: Ends, directory: Path) -> 
 
 
 def _quoted(text: str) -> str:
+    """A TOML string; JSON's escapes are TOML's but for pairs of surrogates and DEL."""
     import json
 
-    return json.dumps(text)
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _viewpoint(spec: SimulationSpec, x: np.ndarray) -> np.ndarray:

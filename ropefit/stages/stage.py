@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict
 
 from ropefit import __version__
 from ropefit.artifacts import Artifact, Provenance, read, write
+from ropefit.artifacts.store import UNREADABLE
 from ropefit.errors import BadInput, StageFailed
 
 S = TypeVar("S", bound="StageSettings")
@@ -109,6 +110,10 @@ def execute(
         seconds=time.monotonic() - started,
     )
     artifact = stage.writes(provenance=provenance, **content)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)  # only now: a stage that fails leaves nothing
+    except OSError as error:
+        raise StageFailed(f"{directory}: cannot be made ({error.strerror}); give another --run")
     write(path, artifact)
     return Outcome(artifact, path, computed=True, why=why)
 
@@ -173,5 +178,5 @@ def stored_hash(path: Path) -> str:
     try:
         with h5py.File(path, "r") as file:
             return str(file.attrs.get("content_sha256", ""))
-    except OSError:
+    except UNREADABLE:
         return ""

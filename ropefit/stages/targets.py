@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ropefit.errors import BadInput
+from ropefit.recordings.sources import check_metres
 from ropefit.recordings.tables import read_table, whole
+
+MAX_CELLS = 1_000_000  # shapes x points of the largest shape
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ def read_targets(path: Path, length: float) -> Targets:
     xyz = np.stack([columns[axis] for axis in "xyz"], axis=1)
     if len(xyz) > 10_000:
         raise BadInput(f"{path}: {len(xyz)} target points; at most 10000")
+    check_metres(path, xyz)
     arc = columns.get("arc_length", np.full(len(xyz), np.nan))
     if np.any((arc < 0) | (arc > length)):
         raise BadInput(f"{path}: arc_length outside the rope (0 to {length:g} m)")
@@ -41,6 +45,8 @@ def read_targets(path: Path, length: float) -> Targets:
     number = whole(path, "target", number)
     labels, index = np.unique(number, return_inverse=True)
     most = int(np.bincount(index).max())
+    if len(labels) * most > MAX_CELLS:
+        raise BadInput(f"{path}: {len(labels)} shapes of up to {most} points; split the file")
     points = np.full((len(labels), most, 3), np.nan)
     places = np.full((len(labels), most), np.nan)
     for case in range(len(labels)):

@@ -152,7 +152,7 @@ def _image_trajectory(run: RunContents, c: Control) -> Figure:
             u, v = places(at[:, 0], 1), places(at[:, 1], 1)
             traces.append(line(u, v, name, colour, line=style, showlegend=new, legendgroup=name))
             ends.append(at)
-    across, down = span(np.concatenate(ends)) if ends else (None, None)
+    across, down = span(np.concatenate([np.empty((0, 2)), *ends]))
     layout = plane(
         axis("u (px)", range=across, constrain="domain"),
         axis("v (px, downwards)", range=down, scaleanchor="x", constrain="domain"),

@@ -19,7 +19,7 @@ from ropefit.reporting.figures import (
     plane,
     thinned,
 )
-from ropefit.reporting.html import facts, heading, pair, paragraph, plot, table
+from ropefit.reporting.html import facts, heading, loose, pair, paragraph, plot, table
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.words import given, metres, millimetres, number, percent, ranges
 
@@ -61,8 +61,10 @@ def _facts(o: Observations) -> dict[str, object]:
 
 
 def _projection(o: Observations) -> str:
-    done = "Projected onto the plane of gravity and the two ends" if o.projected else "Kept in 3D"
-    return f"{done} ({o.projection_reason})."
+    why = o.projection_reason.removesuffix(": projected").replace(": kept in 3D, ", "; ")
+    if o.projected:
+        return f"Projected onto the plane of gravity and the two ends: {why}."
+    return f"Kept in 3D: {why}."
 
 
 def _visibility(o: Observations) -> Figure:
@@ -101,7 +103,7 @@ def _dropped(o: Observations) -> Markup:
         by_reason.setdefault(item.reason, []).append(item.frame)
     if not by_reason:
         return Markup("")
-    rows = [(len(frames), ranges(frames), reason) for reason, frames in by_reason.items()]
+    rows = [(len(frames), ranges(frames), loose(reason)) for reason, frames in by_reason.items()]
     rows.sort(key=lambda row: -row[0])
     body = heading("Frames left out") + table(["count", "frames", "reason"], rows[:MOST_REASONS])
     if len(rows) > MOST_REASONS:

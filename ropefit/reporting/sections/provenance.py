@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from markupsafe import Markup
 
 from ropefit.artifacts import Artifact, content_sha256
@@ -20,11 +22,11 @@ class ProvenanceSection(Section):
 
     def render(self, run: RunContents) -> Markup:
         artifacts = [a for a in (run.observations, run.model, run.control) if a is not None]
-        head = ["stage", "read", "wrote", "settings", "version", "time taken", "created"]
+        head = ["stage", "read", "wrote", "settings", "version", "took", "created"]
         return _flow(artifacts) + table(head, [_row(a) for a in artifacts])
 
 
-def _flow(artifacts: list[Artifact]) -> Markup:
+def _flow(artifacts: Sequence[Artifact]) -> Markup:
     chain: list[tuple[str, str]] = [("file", "recording")]
     for artifact in artifacts:
         chain += [("stage", artifact.provenance.stage), ("file", artifact.file_name)]
@@ -47,13 +49,13 @@ def _row(artifact: Artifact) -> list[object]:
             settings, Markup("<code>{}</code>").format(p.settings_sha256[:SHORT])
         ),
         p.package_version,
-        f"{number(p.seconds, 2)} s",
+        f"{number(p.seconds, 2)}\N{NO-BREAK SPACE}s",
         p.created.replace("T", " ").replace("+00:00", " UTC"),
     ]
 
 
 def _hashed(name: str, digest: str) -> Markup:
-    return Markup("{} <code>{}</code>").format(name, digest[:SHORT])
+    return Markup('{} <code class="stamp">{}</code>').format(name, digest[:SHORT])
 
 
 def _value(value: object) -> str:

@@ -1,0 +1,219 @@
+"""The command line on bad runs and wrong usage: one line, the right exit code, nothing written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import pytest
+
+from tests.factories import edit
+from tests.test_bad_input import (
+    DATA,
+    FAILED,
+    USAGE,
+    Spoil,
+    contents,
+    here,
+    in_a_process,
+    in_process,
+    made,
+    one_line,
+)
+
+__all__ = ["here", "made"]  # fixtures
+
+
+def _truncate(where: Path) -> None:
+    data = (where / "observations.h5").read_bytes()
+    (where / "observations.h5").write_bytes(data[: len(data) // 2])
+
+
+def _other_version(where: Path) -> None:
+    with h5py.File(where / "observations.h5", "r+") as file:
+        file.attrs["schema_version"] = 99
+
+
+def _strangers(where: Path) -> None:
+    for path in where.iterdir():
+        path.unlink()
+    (where / "thesis.txt").write_text("all of it")
+
+
+def _file(where: Path) -> None:
+    for path in where.iterdir():
+        path.unlink()
+    where.rmdir()
+    where.write_text("a file")
+
+
+def _nothing(where: Path) -> None:
+    pass
+
+
+def _without(name: str) -> Spoil:
+    return lambda where: (where / name).unlink()
+
+
+def _stale(where: Path) -> None:
+    """The recording changed and was preprocessed again."""
+    from ropefit.cli import app
+
+    edit(where.parent / "recording" / "markers.csv", "0,0.0,1,", "0,0.0,1,0")
+    with pytest.raises(SystemExit):
+        app(["preprocess", str(where.parent / "recording"), "--run", str(where), "--quiet"])
+
+
+RUNS: dict[str, tuple[Spoil, list[str], int, tuple[str, ...]]] = {
+    "truncated": (_truncate, ["identify"], DATA, ("observations.h5", "make it anew")),
+    "version": (_other_version, ["identify"], DATA, ("version 99", "observations.h5")),
+    "version, report": (_other_version, ["report"], DATA, ("version 99",)),
+    "other files": (_strangers, ["preprocess", "recording"], USAGE, ("thesis.txt",)),
+    "other files, identify": (_strangers, ["identify"], FAILED, ("not a ropefit run",)),
+    "a file": (_file, ["preprocess", "recording"], USAGE, ("is a file",)),
+    "a file, identify": (_file, ["identify"], USAGE, ("is a file",)),
+    "no observations": (
+        _without("observations.h5"),
+        ["identify"],
+        FAILED,
+        ("observations.h5", "ropefit preprocess RECORDING"),
+    ),
+    "no model": (_without("model.h5"), ["control"], FAILED, ("`ropefit identify --run run`",)),
+    "stale": (_stale, ["control"], FAILED, ("stale", "`ropefit identify --run run`")),
+    "stale, report": (_stale, ["report"], FAILED, ("stale", "`ropefit identify --run run`")),
+    "inspect nothing": (_without("model.h5"), ["inspect", "run/model.h5"], DATA, ("no such",)),
+}
+USAGES: dict[str, tuple[list[str], tuple[str, ...]]] = {
+    "unknown parameter": (["identify", "--free", "eta_x"], ("eta_x", "eta_x_G")),
+    "unknown start": (["identify", "--start", "eta=1"], ("eta",)),
+    "start out of bounds": (["identify", "--start", "eta_x_G=1e9"], ("bounds",)),
+    "start no number": (["identify", "--start", "eta_x_G"], ("NAME=VALUE",)),
+    "start nan": (["identify", "--start", "eta_x_G=nan"], ("eta_x_G",)),
+    "groups": (["identify", "--groups", "nonsense"], ("nonsense", "tension")),
+    "groups without frames": (["identify", "--groups", "0-1,70-80"], ("70-80",)),
+    "groups that overlap": (["identify", "--groups", "0-2,1-3"], ("overlaps",)),
+    "two sides": (["identify", "--two-sided"], ("--control-at",)),
+    "steps": (["identify", "--steps", "0"], ("--steps",)),
+    "holdout": (["identify", "--holdout", "1.5"], ("--holdout",)),
+    "dt": (["identify", "--dt", "nan"], ("--dt",)),
+    "nodes": (["preprocess", "recording", "--nodes", "1"], ("--nodes",)),
+    "points": (["preprocess", "recording", "--most-points", "0"], ("--most-points",)),
+    "evaluations": (["control", "--evaluations", "0"], ("--evaluations",)),
+}
+
+
+@pytest.mark.parametrize("as_json", [False, True], ids=["text", "json"])
+@pytest.mark.parametrize("case", RUNS)
+def test_run(here: Path, case: str, as_json: bool, capfd: pytest.CaptureFixture[str]) -> None:
+    spoil, command, code, words = RUNS[case]
+    spoil(here / "run")
+    before = contents(here.parent)
+    where = [] if command[0] == "inspect" else ["--run", "run"]
+    result = in_process(capfd, *command, *where, *(["--json"] if as_json else []))
+    one_line(result, code, *words)
+    assert contents(here.parent) == before
+
+
+@pytest.mark.parametrize("case", USAGES)
+def test_wrong_usage(here: Path, case: str, capfd: pytest.CaptureFixture[str]) -> None:
+    command, words = USAGES[case]
+    before = contents(here.parent)
+    one_line(in_process(capfd, *command), USAGE, *words)
+    assert contents(here.parent) == before
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["identify", "--loss", "OBJ77"],
+        ["identify", "--solver", "none"],
+        ["identify", "--steps", "many"],
+        ["preprocess", "--no-such-option"],
+        ["simulate", "spec.toml"],
+        ["nonsense"],
+    ],
+    ids=" ".join,
+)
+def test_usage_that_the_parser_refuses(
+    here: Path, command: list[str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = contents(here.parent)
+    code, out, error = in_process(capfd, *command)
+    assert (code, out) == (USAGE, "")
+    assert any(word in error for word in (command[-1], command[-2:][0], "--out"))
+    assert "Traceback" not in error
+    assert contents(here.parent) == before
+
+
+TARGETS = {
+    "none": (None, "no such file"),
+    "header": ("a,b\n1,2\n", "header"),
+    "nan": ("x,y,z\n0,nan,0\n", "column y"),
+    "beyond the rope": ("x,y,z,arc_length\n0,0,0,9\n", "arc_length"),
+}
+
+
+@pytest.mark.parametrize("case", TARGETS)
+def test_targets(here: Path, case: str, capfd: pytest.CaptureFixture[str]) -> None:
+    text, word = TARGETS[case]
+    if text is not None:
+        (here / "t.csv").write_text(text)
+    before = contents(here.parent)
+    one_line(in_process(capfd, "control", "--target", "t.csv"), DATA, "t.csv", word)
+    assert contents(here.parent) == before
+
+
+SPEC = 'format = "ropefit-simulation/1"\nname = "s"\n[rope]\nlength = 1\n[motion]\nframes = 2\n'
+SPECS = {
+    "none": (None, DATA, "no such file"),
+    "no motion": (SPEC, DATA, "motion"),
+    "unknown key": (f"{SPEC}speed = 1\nend0 = {{ path = [[0, 0, 0]] }}\n", DATA, "motion.speed"),
+    "nan": (f"{SPEC}end0 = {{ path = [[0, nan, 0]] }}\n", DATA, "motion.end0.path"),
+    "too far": (
+        f"{SPEC}end0 = {{ path = [[0, 0, 0]] }}\nend1 = {{ path = [[2, 0, 0]] }}\n",
+        DATA,
+        "2 m apart",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SPECS)
+def test_simulate(here: Path, case: str, capfd: pytest.CaptureFixture[str]) -> None:
+    text, code, word = SPECS[case]
+    if text is not None:
+        (here / "s.toml").write_text(text)
+    before = contents(here.parent)
+    one_line(in_process(capfd, "simulate", "s.toml", "--out", "out"), code, "s.toml", word)
+    assert contents(here.parent) == before
+
+
+def test_simulate_does_not_write_over_anything(
+    here: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (here / "s.toml").write_text(f"{SPEC}end0 = {{ path = [[0, 0, 0]] }}\n")
+    before = contents(here.parent)
+    for out in ("recording", "s.toml", "s.toml/below"):
+        one_line(in_process(capfd, "simulate", "s.toml", "--out", out), FAILED, out)
+        assert contents(here.parent) == before
+
+
+PROCESSES: dict[str, tuple[Spoil, list[str], int]] = {
+    "no recording": (_nothing, ["preprocess", "none", "--json"], DATA),
+    "no run": (_nothing, ["identify", "--run", "none"], FAILED),
+    "truncated": (_truncate, ["identify", "--json"], DATA),
+    "stale": (_stale, ["control"], FAILED),
+    "groups": (_nothing, ["identify", "--groups", "nonsense", "--json"], USAGE),
+    "nodes": (_nothing, ["preprocess", "recording", "--nodes", "1"], USAGE),
+    "other files": (_strangers, ["run", "recording"], USAGE),
+    "no spec": (_nothing, ["simulate", "none.toml", "--out", "out"], DATA),
+    "inspect": (_nothing, ["inspect", "none", "--json"], DATA),
+}
+
+
+@pytest.mark.parametrize("case", PROCESSES)
+def test_in_a_process_of_its_own(here: Path, case: str) -> None:
+    spoil, command, code = PROCESSES[case]
+    spoil(here / "run")
+    before = contents(here.parent)
+    one_line(in_a_process(*command), code)
+    assert contents(here.parent) == before
