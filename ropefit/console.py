@@ -79,7 +79,7 @@ class Session:
             return
         table = Table(title=title, title_justify="left", show_edge=False)
         for column in columns:
-            table.add_column(column, overflow="fold")
+            table.add_column(column.replace("[", r"\["), overflow="fold")
         for row in rows:
             table.add_row(*(cell.replace("[", r"\[") for cell in row))
         self.out.print(table)

@@ -17,12 +17,14 @@ from tests.factories import (
     edit,
     image_recording,
     marker_recording,
+    rope_points,
     write_ends,
     write_manifest,
 )
 
 FAILED, USAGE, DATA = 1, 2, 3
 Spoil = Callable[[Path], object]
+MARKERS = np.stack([rope_points(frame, 9) for frame in range(3)])
 
 
 def contents(directory: Path) -> dict[str, str]:
@@ -141,7 +143,17 @@ def _millimetres(rope: str, ends: bool) -> Spoil:
     return change
 
 
-def _jump(where: Path) -> None:
+def _mixed(rope: str) -> Spoil:
+    """Points in millimetres, ends in metres."""
+
+    def change(where: Path) -> None:
+        _millimetres(rope, True)(where)
+        write_ends(where)
+
+    return change
+
+
+def _other_suffix(where: Path) -> None:
     shutil.move(where / "clouds/000.ply", where / "clouds/000.txt")
     edit(where / "recording.toml", "{frame:03d}.ply", "{frame:03d}.txt")
 
@@ -189,13 +201,16 @@ RECORDINGS: dict[str, tuple[Make, Spoil, tuple[str, ...]]] = {
     "points in mm": (cloud_recording, _millimetres("", True), ("metres",)),
     "points in mm, no ends": (cloud_recording, _millimetres("", False), ("metres",)),
     "points in mm, length": (cloud_recording, _millimetres("length = 1", True), ("metres",)),
+    "clouds in mm": (cloud_recording, _mixed("length = 1"), ("000.ply", "1 m long", "metres")),
+    "clouds in mm, no length": (cloud_recording, _mixed(""), ("000.ply", "metres")),
+    "markers in mm": (marker_recording, _npz(positions=1e3 * MARKERS), ("m.npz", "in metres")),
     "parent": (cloud_recording, _toml('"ends.csv"', '"../ends.csv"'), ("lies outside",)),
     "absolute": (cloud_recording, _toml('"ends.csv"', '"/etc/passwd"'), ("lies outside",)),
     "parent pattern": (cloud_recording, _toml('"clouds/', '"../r/../clouds/'), ("lies outside",)),
     "link": (cloud_recording, _link("ends.csv"), ("lies outside",)),
     "linked folder": (cloud_recording, _link("clouds"), ("lies outside",)),
     "linked frame": (cloud_recording, _link("clouds/001.ply"), ("lies outside",)),
-    "other kind of cloud": (cloud_recording, _jump, (".ply or .pcd",)),
+    "other kind of cloud": (cloud_recording, _other_suffix, (".ply or .pcd",)),
     "folder as file": (cloud_recording, _toml('"ends.csv"', '"clouds"'), ("not readable",)),
     "folder as frame": (cloud_recording, lambda w: (w / "clouds/003.ply").mkdir(), ("003.ply",)),
     "not a cloud": (
@@ -204,6 +219,7 @@ RECORDINGS: dict[str, tuple[Make, Spoil, tuple[str, ...]]] = {
         ("001.ply",),
     ),
     "damaged image": (image_recording, _damaged_image, ("color/0.png",)),
+    "depth scale": (image_recording, _toml("= 0.001", "= 1000"), ("rgbd.depth_scale", "1000 m")),
     "other size": (image_recording, _toml("width = 24", "width = 25"), ("24x16", "25x16")),
     "both ends free": (
         marker_recording,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import h5py
@@ -184,6 +185,31 @@ def test_simulate(here: Path, case: str, capfd: pytest.CaptureFixture[str]) -> N
         (here / "s.toml").write_text(text)
     before = contents(here.parent)
     one_line(in_process(capfd, "simulate", "s.toml", "--out", "out"), code, "s.toml", word)
+    assert contents(here.parent) == before
+
+
+def test_simulated_recording_can_be_read(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Names that TOML writes otherwise than JSON come back as they were."""
+    from ropefit.recordings import open_recording
+
+    text = SPEC.replace('"s"', '"a\\u007f\U0001f600 \\" \\\\ \\n"')
+    text += "end0 = { path = [[0, 0, 0]] }\n[sensor]\npoints = 30\n[model]\nsteps = 1\n"
+    (here / "s.toml").write_text(text, encoding="utf-8")
+    code, out, _ = in_process(capfd, "simulate", "s.toml", "--out", "new/out", "--json")
+    assert code == 0
+    assert json.loads(out)["frames"] == 2
+    assert open_recording(here / "new/out").name == 'a\x7f\U0001f600 " \\ \n'
+
+
+def test_inspect_says_why_not(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    _truncate(here / "run")
+    before = contents(here.parent)
+    code, out, error = in_process(capfd, "inspect", "run", "--json")
+    assert code in (FAILED, DATA)
+    broken, stale = json.loads(out)["artifacts"]
+    assert (broken["valid"], stale["valid"]) == (False, False)
+    assert "observations.h5" in broken["problem"]
+    assert error == f"ropefit: {broken['problem']}\n"
     assert contents(here.parent) == before
 
 

@@ -105,6 +105,7 @@ class Provenance(Part):
 
     stage: str
     package_version: str
+    code_sha256: str = Field(default="", description="of the package's own source")
     inputs: dict[str, str] = Field(default_factory=dict, description="name of input -> sha256")
     settings: dict[str, Any] = Field(default_factory=dict)
     settings_sha256: str = ""

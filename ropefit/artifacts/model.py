@@ -7,7 +7,9 @@ from pydantic import Field
 
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
 
-Verdict = Literal["fixed", "determined", "trade-off", "flat direction", "dead", "at bound"]
+Verdict = Literal[
+    "fixed", "determined", "trade-off", "flat direction", "dead", "at bound", "not converged"
+]
 
 
 class Parameter(Part):

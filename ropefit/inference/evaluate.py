@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ropefit.losses.objectives import Scene
 from ropefit.losses.primary import Observed, point_to_line
 from ropefit.solvers.xpbd import State
 
-CHUNK = 60  # frames simulated at once: bounds memory on long recordings
+CHUNK = 500  # frames simulated at once: bounds memory on long recordings
 
 
 class Agreement(NamedTuple):
@@ -54,33 +55,38 @@ class Convergence(NamedTuple):
     drift: np.ndarray
 
 
-def settle_frames(rope: Rope, eta: Tensor, samples: int = 24) -> tuple[State, Convergence]:
-    """Simulate all frames (eta (F, n)) and watch the solver."""
-    total = rope.settings.total
-    wanted = np.unique(np.geomspace(1, total, samples).round().astype(int))
-    states, violations, errors, drifts = [], [], [], []
-    for index in torch.split(torch.arange(len(eta)), CHUNK):
-        part, weights = rope.frames(index), eta[index]
-        violation, error = [], []
+def settle_frames(rope: Rope, eta: Tensor) -> State:
+    """Simulate all frames with eta (F, n)."""
+    parts = []
+    with torch.no_grad():
+        for index in torch.split(torch.arange(len(eta)), CHUNK):
+            parts.append(rope.frames(index).settle(eta[index]))
+    return State(torch.cat([s.x for s in parts]), torch.cat([s.q for s in parts]))
 
-        def watch(iteration: int, x: Tensor, q: Tensor, violation=violation, error=error) -> None:
-            if iteration in wanted:
-                length = (x[:, 1:] - x[:, :-1]).norm(dim=-1)
-                violation.append((length - rope.rest.length).abs().amax(-1))
-                error.append(length.sum(-1) / rope.rest.length.sum() - 1)
 
-        with torch.no_grad():
-            state = part.settle(weights, watch=watch)
-            longer = part.settle(weights, longer=2)
-        states.append(state)
-        violations.append(torch.stack(violation, 1))
-        errors.append(torch.stack(error, 1))
-        moved = (longer.x - state.x).norm(dim=-1).amax(-1)
-        drifts.append(moved / rope.rest.length.sum())
-    state = State(torch.cat([s.x for s in states]), torch.cat([s.q for s in states]))
-    return state, Convergence(
-        wanted,
-        torch.cat(violations).numpy(),
-        torch.cat(errors).numpy(),
-        torch.cat(drifts).numpy(),
+def convergence(rope: Rope, eta: Tensor, final: Tensor, samples: int = 12) -> Convergence:
+    """How the constraints stand along the iterations that lead to `final` (F, K, 3).
+
+    The run is stopped within its first step and then after some of the steps, and once carried on
+    with twice as many iterations.
+    """
+    whole = rope.settings
+    inner = np.unique(np.geomspace(1, whole.iterations, 6).round().astype(int))
+    outer = np.unique(np.geomspace(1, whole.steps, samples).round().astype(int))[1:]
+    stops = [replace(whole, steps=1, iterations=int(n)) for n in inner]
+    stops += [replace(whole, steps=int(n)) for n in outer]
+    violation, error = [], []
+    for stop in stops:
+        x = settle_frames(replace(rope, settings=stop), eta).x
+        length = (x[:, 1:] - x[:, :-1]).norm(dim=-1)
+        violation.append((length - rope.rest.length).abs().amax(-1))
+        error.append(length.sum(-1) / rope.rest.length.sum() - 1)
+    twice = replace(whole, iterations=2 * whole.iterations)
+    longer = settle_frames(replace(rope, settings=twice), eta).x
+    drift = (longer - final).norm(dim=-1).amax(-1) / rope.rest.length.sum()
+    return Convergence(
+        np.array([stop.total for stop in stops]),
+        torch.stack(violation, 1).numpy(),
+        torch.stack(error, 1).numpy(),
+        drift.nan_to_num(torch.inf).clamp(max=1e3).numpy(),
     )

@@ -18,7 +18,7 @@ from ropefit.inference.rope import Rope
 from ropefit.inference.uncertainty import Uncertainty, sandwich
 from ropefit.losses.objectives import Objective, Scene
 
-SCREEN = 64
+SCREEN, SCREEN_FRAMES = 128, 6
 STARTS = 3
 RACE = 8  # steps after which only the best start of a group goes on
 CHUNK = 40_000  # particles simulated at once in a grid search; bounds its memory
@@ -92,18 +92,23 @@ def _leaders(search: Search, groups: int) -> Tensor:
 
 
 def _screened_starts(task: Task) -> Tensor:
-    """(groups · STARTS, m) the best of the start and SCREEN points within a factor of 4 of it.
+    """(groups · STARTS, m) the best of the start and SCREEN points around it, judged by a few frames.
 
     Near the solver's limit of stability the loss is rough; a search that sets out there stays there.
     """
     m = len(task.space.free)
+    few = [
+        mine[torch.linspace(0, len(mine) - 1, min(SCREEN_FRAMES, len(mine))).long()]
+        for mine in (torch.nonzero(task.group == g)[:, 0] for g in range(task.groups))
+    ]
     start = task.space.to_search(np.tile(task.space.start, (task.groups, 1)))
+    width = [np.log(50.0) if "_G" in name else np.log(4.0) for name in task.space.free_names]
     points = torch.quasirandom.SobolEngine(m, scramble=False).draw(SCREEN, dtype=torch.float64)
-    u = start[:, None, :] + np.log(4.0) * (2 * points - 1)
+    u = start[:, None, :] + torch.tensor(width, dtype=torch.float64) * (2 * points - 1)
     u = torch.cat([start[:, None, :], u], dim=1)
-    order = _grid_losses(task, u).nan_to_num(torch.inf, torch.inf).argsort(dim=1)
-    best = order[:, :STARTS]
-    return torch.gather(u, 1, best[..., None].expand(-1, -1, m)).reshape(-1, m)
+    losses = _grid_losses(task.frames(torch.cat(few)), u)
+    order = losses.nan_to_num(torch.inf, torch.inf).argsort(dim=1)
+    return torch.gather(u, 1, order[:, :STARTS, None].expand(-1, -1, m)).reshape(-1, m)
 
 
 def grid_search(

@@ -15,16 +15,17 @@ from torch import Tensor
 
 Function = Callable[[Tensor, Tensor], Tensor]  # (u (b, n), rows (b,)) -> losses (b,)
 
-ACTIVE, SMALL_GRADIENT, NO_DECREASE, STALLED, DIVERGED, LIMIT = range(6)
+ACTIVE, SMALL_GRADIENT, NO_DECREASE, NO_DIRECTION, DIVERGED, LIMIT = range(6)
 REASONS = {
     ACTIVE: "still running",
     SMALL_GRADIENT: "gradient is small",
     NO_DECREASE: "loss no longer decreases",
-    STALLED: "no step along the gradient decreases the loss",
+    NO_DIRECTION: "no direction decreases the loss",
     DIVERGED: "the start itself gives no finite loss",
     LIMIT: "evaluation limit reached",
 }
-CONVERGED = (SMALL_GRADIENT, NO_DECREASE)
+CONVERGED = (SMALL_GRADIENT, NO_DECREASE, NO_DIRECTION)
+POLL = 1e-3  # in units of u: how far a stuck row looks around
 
 
 @dataclass
@@ -138,22 +139,44 @@ def step(
     stuck[pending] = True
     s, y = new_u - u, new_gradient - gradient
     search.inverse[rows] = _update(search.inverse[rows], s, y)
-    # A failed step may be the fault of a bad curvature estimate: forget it once before giving up.
-    forget = stuck & (search.calm[rows] == 0)
-    eye = torch.eye(u.shape[1], dtype=u.dtype)
-    search.inverse[rows[forget]] = (0.01 / size[forget])[..., None] * eye
-
     little = (loss - new_loss) <= tolerance * loss.abs()
     calm = torch.where(little, search.calm[rows] + 1, torch.zeros_like(search.calm[rows]))
-    # The slope predicts what a further unit step could gain.
     small = (new_gradient.abs().amax(1) * 1e3) <= tolerance * new_loss.abs()
     status = torch.full_like(calm, ACTIVE)
     status = torch.where(calm >= patience, NO_DECREASE, status)
-    status = torch.where(stuck & ~forget & (calm >= 2), STALLED, status)
     status = torch.where(small, SMALL_GRADIENT, status)
     search.u[rows], search.loss[rows], search.gradient[rows] = new_u, new_loss, new_gradient
     search.status[rows], search.calm[rows] = status, calm
+    if stuck.any():
+        _look_around(function, search, rows[stuck], tolerance)
     search.trace.append(search.loss.clone())
+
+
+def _look_around(function: Function, search: Search, rows: Tensor, tolerance: float) -> None:
+    """For rows on which no step along the gradient helped: try each coordinate, up and down.
+
+    A sum of norms has its minimum at a kink more often than not, where the gradient does not vanish.
+    If no neighbour is better the row has arrived; else it goes on from the best one, curvature
+    forgotten.
+    """
+    n = search.u.shape[1]
+    moves = POLL * torch.cat([torch.eye(n), -torch.eye(n)]).to(search.u)
+    trials = search.u[rows, None, :] + moves
+    with torch.no_grad():
+        losses = [function(trials[:, k], rows).nan_to_num(torch.inf) for k in range(2 * n)]
+    search.evaluations += 2
+    value, best = torch.stack(losses, dim=1).min(dim=1)
+    better = value < search.loss[rows] * (1 - tolerance)
+    search.status[rows[~better]] = NO_DIRECTION
+    if not better.any():
+        return
+    moved = rows[better]
+    u = trials[better, best[better]]
+    search.u[moved] = u
+    search.loss[moved], search.gradient[moved] = _evaluate(function, u, moved)
+    size = search.gradient[moved].norm(dim=1).clamp_min(1e-300)
+    search.inverse[moved] = (10 * POLL / size)[:, None, None] * torch.eye(n, dtype=u.dtype)
+    search.status[moved], search.calm[moved] = ACTIVE, 0
 
 
 def stop_at_limit(search: Search) -> None:

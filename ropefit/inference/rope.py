@@ -16,7 +16,7 @@ from ropefit.rod.start import frames_along, hanging_shape
 from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.chain import Chain
 from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, Watcher, simulate
+from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State
 
 # Order of the six weights of Algorithm 1 in every parameter vector.
 ETA = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")
@@ -92,8 +92,6 @@ class Rope:
         eta: Tensor,
         move: Tensor | None = None,
         frame: Tensor | None = None,
-        longer: int = 1,
-        watch: Watcher | None = None,
     ) -> State:
         """Run Algorithm 1. eta (..., F, n) in the order of `names`, broadcast over frames.
 
@@ -109,13 +107,13 @@ class Rope:
             first[0] = True
             q = torch.where(first, frame[..., None, :], q)
         shape = torch.broadcast_shapes(eta.shape[:-1], x.shape[:-2], q.shape[:-2])
-        x, q = x.expand(*shape, -1, -1), q.expand(*shape, -1, -1)
-        settings = replace(self.settings, iterations=self.settings.iterations * longer)
-        solver = SOLVERS[self.solver]
-        weights = self._eta(eta)
-        problem = (State(x, q), self.rest, self.chain, weights, solver, self.gravity, settings)
-        # Only the reference implementation can be watched on its way.
-        return simulate(*problem, watch) if watch else simulate_compiled(*problem)
+        start, solver = (
+            State(x.expand(*shape, -1, -1), q.expand(*shape, -1, -1)),
+            SOLVERS[self.solver],
+        )
+        return simulate_compiled(
+            start, self.rest, self.chain, self._eta(eta), solver, self.gravity, self.settings
+        )
 
     def _eta(self, eta: Tensor) -> Eta:
         columns = [eta[..., i, None, None] for i in range(eta.shape[-1])]

@@ -11,7 +11,7 @@ from ropefit.recordings.manifest import Manifest
 from ropefit.recordings.patterns import list_frames
 from ropefit.recordings.pcd import read_pcd
 from ropefit.recordings.ply import read_ply
-from ropefit.recordings.sources import Sight, Source, check_metres
+from ropefit.recordings.sources import Sight, Source, check_metres, check_spread
 
 MAX_BYTES = 2 << 30
 
@@ -28,7 +28,9 @@ class Clouds(Source):
         self.frames = list(self.paths)
 
     def sight(self, frame: int) -> Sight:
-        return Sight(points=read_cloud(self.paths[frame]))
+        points = read_cloud(self.paths[frame])
+        check_spread(self.paths[frame], frame, points, self.manifest.rope.length)
+        return Sight(points=points)
 
     def files(self) -> list[Path]:
         return list(self.paths.values())

@@ -22,6 +22,7 @@ from ropefit.errors import BadInput
 
 FORMAT = "ropefit-recording/1"
 MAX_LENGTH = 100.0  # m; longer ropes are almost surely millimetres
+COARSEST_DEPTH = 0.1  # m per unit of a depth image; above it was given the wrong way round
 MAX_DIAMETER = 1.0  # m; so are thicker ones
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -86,6 +87,13 @@ class RgbdTable(_Table):
     depth_scale: Positive = 0.001
     intrinsics: Intrinsics
     camera_pose: list[list[Finite]] = Field(default_factory=lambda: np.eye(4).tolist())
+
+    @field_validator("depth_scale")
+    @classmethod
+    def _fine(cls, value: float) -> float:
+        if value > COARSEST_DEPTH:
+            raise ValueError(f"{value:g} m per unit; it is 0.001 where a unit is a millimetre")
+        return value
 
     @field_validator("camera_pose")
     @classmethod

@@ -10,7 +10,7 @@ import numpy as np
 
 from ropefit.errors import BadInput
 from ropefit.recordings.manifest import Manifest, inside
-from ropefit.recordings.sources import Sight, Source, check_metres
+from ropefit.recordings.sources import Sight, Source, check_metres, check_spread
 from ropefit.recordings.tables import read_table, whole
 
 MAX_BYTES = 2 << 30
@@ -43,6 +43,7 @@ class Markers(Source):
 
     def sight(self, frame: int) -> Sight:
         points = self.positions[self._row[frame]]
+        check_spread(self.path, frame, points, self.manifest.rope.length)
         return Sight(points=points, ordered=True, arc_length=self.arc_length)
 
     def files(self) -> list[Path]:

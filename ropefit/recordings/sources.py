@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from ropefit.errors import BadInput
-from ropefit.recordings.manifest import Manifest
+from ropefit.recordings.manifest import MAX_LENGTH, Manifest
 
 FARTHEST = 1e7  # m; a larger coordinate is no position of a rope
 
@@ -57,3 +57,21 @@ def check_metres(path: Path, points: np.ndarray) -> None:
     largest = float(np.max(np.abs(points), initial=0.0, where=~np.isnan(points)))
     if largest > FARTHEST:
         raise BadInput(f"{path}: a position of {largest:.4g} m; positions are in metres")
+
+
+def check_spread(path: Path, frame: int, points: np.ndarray, length: float | None) -> None:
+    """Refuse a frame whose points (N, 3), NaN where unknown, cannot all lie on a rope: millimetres?
+
+    Half of the points within a box longer than the rope is no matter of outliers. Raises BadInput.
+    """
+    seen = points[np.isfinite(points).all(axis=1)]
+    if len(seen) < 2:
+        return
+    low, high = np.quantile(seen, (0.25, 0.75), axis=0)
+    spread, most = float(np.linalg.norm(high - low)), length or MAX_LENGTH
+    if spread > most:
+        rope = f"the rope is {most:g} m long" if length else f"ropes reach {most:g} m"
+        raise BadInput(
+            f"{path}: frame {frame}: the points spread over {spread:.4g} m but {rope}; "
+            "positions are in metres"
+        )

@@ -25,7 +25,7 @@ from ropefit.artifacts import (
 )
 from ropefit.errors import BadInput, NotConverged, RopefitError, WrongUsage
 from ropefit.inference import minimise
-from ropefit.inference.evaluate import agreement, settle_frames
+from ropefit.inference.evaluate import agreement, convergence, settle_frames
 from ropefit.inference.identify import Task, gradient_search, grid_search, uncertainty
 from ropefit.inference.minimise import Search
 from ropefit.inference.parameters import Space
@@ -111,13 +111,14 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     values = space.to_values(search.u).detach().numpy()
     eta = torch.from_numpy(values)[full.group]
     context.progress(0.95, "simulating all frames")
-    state, convergence = settle_frames(rope, eta)
+    state = settle_frames(rope, eta)
     if not torch.isfinite(state.x).all():
         raise NotConverged(
             f"the {settings.solver} solver diverges in some frames; use more --steps"
         )
     first = torch.from_numpy(np.tile(space.start, (len(group), 1)))
-    before, _ = settle_frames(rope, first)
+    before = settle_frames(rope, first)
+    progress = convergence(rope, eta, state.x)
     now, then = agreement(state.x, scene), agreement(before.x, scene)
 
     groups = {}
@@ -131,7 +132,7 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         )
     if not out.any():
         context.say("too few frames to hold any out: the fit is judged on its own frames")
-    drift = float(np.median(convergence.drift))
+    drift = float(np.median(progress.drift))
     model = FittedModel(
         solver=settings.solver,
         loss=settings.loss,
@@ -151,10 +152,10 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         rms=now.rms,
         rms_initial=then.rms,
         rms_px=now.rms_px,
-        iteration=convergence.iteration,
-        distance_violation=convergence.distance_violation,
-        length_error=convergence.length_error,
-        drift=convergence.drift,
+        iteration=progress.iteration,
+        distance_violation=progress.distance_violation,
+        length_error=progress.length_error,
+        drift=progress.drift,
         drift_allowed=DRIFT_ALLOWED,
         solver_converged=drift < DRIFT_ALLOWED,
         trace=torch.stack(search.trace).sum(dim=1).numpy(),
@@ -258,7 +259,9 @@ def _describe(
     for i, name in enumerate(space.names):
         place = space.free.index(i) if i in space.free else None
         interval, verdict, partners = None, "fixed", []
-        if place is not None:
+        if place is not None and not search.converged[number]:
+            verdict = "not converged"
+        elif place is not None:
             verdict, partners = judged[place]
             width = found.half_width[place]
             if np.isfinite(width) and width < 50:

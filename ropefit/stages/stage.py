@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -103,6 +104,7 @@ def execute(
     provenance = Provenance(
         stage=stage.name,
         package_version=__version__,
+        code_sha256=code_sha256(),
         inputs=hashes,
         settings=settings.model_dump(mode="json"),
         settings_sha256=settings.sha256(),
@@ -134,6 +136,8 @@ def _out_of_date(
         return f"{', '.join(changed)} changed"
     if was.package_version != __version__:
         return f"ropefit was {was.package_version}, is {__version__}"
+    if was.code_sha256 != code_sha256():
+        return "ropefit's code changed"
     if was.settings_sha256 != settings.sha256():
         new = settings.model_dump(mode="json")
         differ = [
@@ -143,6 +147,18 @@ def _out_of_date(
         ]
         return "settings changed: " + ", ".join(differ)
     return None
+
+
+@cache
+def code_sha256() -> str:
+    """Hash of the source that results depend on: the whole package but what only shows them."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        name = path.relative_to(package).as_posix()
+        if not name.startswith(("reporting/", "sample_data/", "cli", "console", "commands")):
+            digest.update(name.encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def load(directory: Path, kind: type[A]) -> tuple[A, str]:
