@@ -223,7 +223,7 @@ def control(
             help="Move the gripper's orientation too (default: in shape control only).",
         ),
     ] = None,
-    evaluations: Annotated[int, typer.Option(help="Most evaluations of the search.")] = 60,
+    evaluations: Annotated[int, typer.Option(help="Most evaluations of the search.")] = 200,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,

@@ -1,4 +1,4 @@
-"""What each command does: call stages, say what came out. Imported inside the commands only."""
+"""What each command does: call stages, say what came out. Stages are imported when they run."""
 
 from __future__ import annotations
 
@@ -9,11 +9,7 @@ import numpy as np
 
 from ropefit.artifacts import Control, Model, Observations
 from ropefit.console import Session
-from ropefit.errors import StageFailed, WrongUsage
-from ropefit.recordings import fingerprint, open_recording, sample_path
-from ropefit.stages import control as control_stage
-from ropefit.stages import identify as identify_stage
-from ropefit.stages import preprocess as preprocess_stage
+from ropefit.errors import BadInput, StageFailed, WrongUsage
 from ropefit.stages.run_directory import existing_run, new_run
 from ropefit.stages.stage import Context, Outcome, Stage, StageSettings, execute, load
 
@@ -42,15 +38,18 @@ def preprocess(
     session: Session, recording: Path | None, run: Path, settings: dict[str, Any], force: bool
 ) -> dict[str, Any]:
     """Recording -> observations.h5."""
+    from ropefit.recordings import fingerprint, open_recording, sample_path
+    from ropefit.stages import preprocess as stage
+
     if recording is None:
         recording = sample_path()
         session.say(f"no RECORDING given: using the packaged sample {recording}")
     opened = open_recording(recording)
-    chosen = preprocess_stage.PreprocessSettings(**settings)
+    chosen = stage.PreprocessSettings(**settings)
     new_run(run)
     outcome = _stage(
         session,
-        preprocess_stage.STAGE,
+        stage.STAGE,
         run,
         chosen,
         force,
@@ -95,8 +94,10 @@ def preprocess(
 
 def identify(session: Session, run: Path, settings: dict[str, Any], force: bool) -> dict[str, Any]:
     """observations.h5 -> model.h5."""
-    chosen = identify_stage.IdentifySettings(**settings)
-    outcome = _stage(session, identify_stage.STAGE, existing_run(run), chosen, force)
+    from ropefit.stages import identify as stage
+
+    chosen = stage.IdentifySettings(**settings)
+    outcome = _stage(session, stage.STAGE, existing_run(run), chosen, force)
     model: Model = outcome.artifact
     m = model.nominal
     rows = []
@@ -157,9 +158,10 @@ def control(
     session: Session, run: Path, settings: dict[str, Any], target: Path | None, force: bool
 ) -> dict[str, Any]:
     """observations.h5, model.h5 -> control.h5."""
+    from ropefit.stages import control as stage
     from ropefit.stages.targets import read_targets
 
-    chosen = control_stage.ControlSettings(**settings)
+    chosen = stage.ControlSettings(**settings)
     existing_run(run)
     objects: dict[str, Any] = {}
     external: dict[str, str] = {}
@@ -167,7 +169,7 @@ def control(
         length = load(run, Observations)[0].length
         objects["targets"] = read_targets(target, length)
         external["target"] = objects["targets"].sha256
-    outcome = _stage(session, control_stage.STAGE, run, chosen, force, objects, external)
+    outcome = _stage(session, stage.STAGE, run, chosen, force, objects, external)
     c: Control = outcome.artifact
     rows = []
     if c.kind == "estimate":
@@ -260,7 +262,8 @@ def inspect(session: Session, path: Path) -> dict[str, Any]:
     if not all(item["valid"] for item in data["artifacts"]):
         session.result(data)
         bad = next(item for item in data["artifacts"] if not item["valid"])
-        raise StageFailed(bad["problem"])
+        damaged = bad["exit_code"] == BadInput.exit_code
+        raise (BadInput if damaged else StageFailed)(bad["problem"])
     return data
 
 

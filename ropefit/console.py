@@ -113,6 +113,9 @@ def _as_failure(error: BaseException) -> RopefitError:
         return RopefitError("out of memory; use fewer frames, points or nodes")
     if isinstance(error, BrokenPipeError):
         return RopefitError("the reader of the output went away")
+    if isinstance(error, OSError):
+        what = error.strerror or type(error).__name__
+        return RopefitError(f"{error.filename or 'file system'}: {what}; give another path")
     return RopefitError(
         f"unexpected {type(error).__name__}: {error}; this is a bug, run again with --debug"
     )

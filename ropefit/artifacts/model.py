@@ -1,9 +1,9 @@
 """model.h5: identified parameters with their uncertainty, and the simulation they give."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
 
@@ -96,6 +96,12 @@ class Model(Artifact):
     length: float = quantity("m", gt=0)
     frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
     models: dict[str, FittedModel]
+
+    @model_validator(mode="after")
+    def _has_nominal(self) -> Self:
+        if "nominal" not in self.models:
+            raise ValueError('models holds no "nominal"')
+        return self
 
     @property
     def nominal(self) -> FittedModel:

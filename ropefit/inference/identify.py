@@ -92,9 +92,9 @@ def _leaders(search: Search, groups: int) -> Tensor:
 
 
 def _screened_starts(task: Task) -> Tensor:
-    """(groups · STARTS, m) the best of the start and SCREEN points around it, judged by a few frames.
+    """(groups · STARTS, m) the best of the start and SCREEN points around it, by a few frames.
 
-    Near the solver's limit of stability the loss is rough; a search that sets out there stays there.
+    Near the solver's limit of stability the loss is rough; a search that starts there stays.
     """
     m = len(task.space.free)
     few = [

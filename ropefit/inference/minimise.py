@@ -155,9 +155,8 @@ def step(
 def _look_around(function: Function, search: Search, rows: Tensor, tolerance: float) -> None:
     """For rows on which no step along the gradient helped: try each coordinate, up and down.
 
-    A sum of norms has its minimum at a kink more often than not, where the gradient does not vanish.
-    If no neighbour is better the row has arrived; else it goes on from the best one, curvature
-    forgotten.
+    A sum of norms has its minimum at a kink more often than not, where no gradient vanishes. If no
+    neighbour is better the row has arrived; else it goes on from the best one, curvature forgotten.
     """
     n = search.u.shape[1]
     moves = POLL * torch.cat([torch.eye(n), -torch.eye(n)]).to(search.u)

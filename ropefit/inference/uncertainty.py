@@ -1,12 +1,12 @@
 """How sure a fit is: sandwich covariance by clusters, Student-t intervals, and a verdict for each
 number.
 
-The losses are sums of norms. With J the derivative of the residual vectors r_i, the curvature of
-the
-loss is A = Σ J_iᵀJ_i / max(|r_i|, floor) (iteratively reweighted least squares) and its score by
-cluster
-(a frame, or a segment) s_c = Σ J_iᵀ r_i/|r_i|. Points of one cluster are not independent, so the
-covariance is A⁻¹ (Σ s_c s_cᵀ) A⁻¹ · C/(C-n) with C clusters (Liang & Zeger 1986; Huber 1967).
+The losses are sums of norms. With J the derivative of the residual vectors r_i, the curvature A of
+the loss is that of the smoothed norm sqrt(r² + floor²): Σ J_iᵀ (1 - r_i r_iᵀ/ρ²) J_i / ρ with
+ρ² = r_i² + floor² (in one dimension this is a kernel estimate of the density at the kink, as in
+median regression). The score by cluster (a frame, a segment) is s_c = Σ J_iᵀ r_i/|r_i|. Points of
+one cluster are not independent, so the covariance is A⁻¹ (Σ s_c s_cᵀ) A⁻¹ · C/(C-n) with C clusters
+(Huber 1967; Liang & Zeger 1986).
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ def sandwich(
     """
     n = jacobian.shape[2]
     norm = np.linalg.norm(residual, axis=1)
-    weight = 1.0 / np.maximum(norm, max(floor, 1e-300))
-    curvature = np.einsum("mdi,mdj,m->ij", jacobian, jacobian, weight)
+    smooth = np.sqrt(norm**2 + max(floor, 1e-150) ** 2)
+    along = np.einsum("mdi,md->mi", jacobian, residual) / smooth[:, None]
+    curvature = np.einsum("mdi,mdj,m->ij", jacobian, jacobian, 1 / smooth)
+    curvature -= np.einsum("mi,mj,m->ij", along, along, 1 / smooth)
     direction = residual * np.where(norm > 0, 1.0 / np.where(norm > 0, norm, 1.0), 0.0)[:, None]
     scores = np.einsum("mdi,md->mi", jacobian, direction)
     labels, index = np.unique(cluster, return_inverse=True)

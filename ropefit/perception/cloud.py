@@ -105,17 +105,43 @@ def _smooth_line(
     means = np.stack([np.bincount(index, column, bins) for column in points.T], axis=1)
     means = means[filled] / count[filled, None]
     centre = np.bincount(index, along, bins)[filled] / count[filled]
-    # Evenly spaced before smoothing, so that gaps do not pull; the ends are padded by reflection.
-    even = np.linspace(centre[0], centre[-1], bins)
-    line = resample(means, centre, even)
-    padded = np.concatenate([2 * line[0] - line[6:0:-1], line, 2 * line[-1] - line[-2:-8:-1]])
-    line = gaussian_filter1d(padded, 1.0, axis=0)[6:-6]
+    # Where an end is not known the rope reaches as far as its points, not the last mean of them.
+    start = centre[0] if known[0] else along.min()
+    stop = centre[-1] if known[1] else along.max()
+    # Evenly spaced before smoothing, so that gaps do not pull.
+    line = _smooth(_extended(means, centre, np.linspace(start, stop, bins)))
     parts = [line]
     if known[0] and np.linalg.norm(line[0] - ends[0]) > 1e-6:
         parts.insert(0, ends[:1])
     if known[1] and np.linalg.norm(line[-1] - ends[1]) > 1e-6:
         parts.append(ends[1:])
     return _without_overshoot(np.concatenate(parts))
+
+
+def _extended(means: np.ndarray, centre: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """(M, 3) the polyline (B, 3) over centre (B,) at places (M,), straight on beyond its ends."""
+    line = resample(means, centre, at)
+    span = min(3, len(means) - 1)  # one step is too short to give a direction
+    if span > 0:
+        for outside, end, inner in ((at < centre[0], 0, span), (at > centre[-1], -1, -1 - span)):
+            slope = (means[end] - means[inner]) / (centre[end] - centre[inner])
+            line[outside] += (at[outside] - centre[end])[:, None] * slope
+    return line
+
+
+def _smooth(line: np.ndarray) -> np.ndarray:
+    """Gaussian over neighbouring vertices (M, 3), applied to what it took away once more.
+
+    A Gaussian alone moves a bend inwards by half its variance times the curvature (3 mm for a
+    radius of 5 cm); the second pass gives that back. The ends are padded by reflection.
+    """
+
+    def once(values: np.ndarray) -> np.ndarray:
+        head, tail = 2 * values[0] - values[6:0:-1], 2 * values[-1] - values[-2:-8:-1]
+        return gaussian_filter1d(np.concatenate([head, values, tail]), 1.0, axis=0)[6:-6]
+
+    first = once(line)
+    return first + once(line - first)
 
 
 def _without_overshoot(line: np.ndarray) -> np.ndarray:

@@ -7,6 +7,8 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.perception.trace import FrameRejected, Trace
 
+MOST_STRETCH = 1.3  # chords longer than this times the rope are no rope
+
 
 def marker_arc(
     positions: np.ndarray, ends: np.ndarray, length: float | None
@@ -58,6 +60,9 @@ def trace_markers(
     if seen.sum() < 2:
         raise FrameRejected(f"{int(seen.sum())} of {len(points)} markers seen")
     knots, values = arc[seen], points[seen]
+    chords = float(np.linalg.norm(np.diff(values, axis=0), axis=1).sum())
+    if chords > MOST_STRETCH * length:
+        raise FrameRejected(f"its markers span {chords:.4g} m of a {length:.4g} m rope: one jumps")
     gap = 1e-3 * length
     if np.isfinite(ends[0]).all() and knots[0] > gap:
         knots, values = np.r_[0.0, knots], np.vstack([ends[0], values])

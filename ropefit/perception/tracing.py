@@ -9,7 +9,7 @@ from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
 from ropefit.perception.trace import FrameRejected, Trace
-from ropefit.recordings import Recording
+from ropefit.recordings import Recording, check_spread
 
 SLACK = 1.02  # ends farther apart than this times the length contradict the recording
 
@@ -82,9 +82,11 @@ class Tracer:
                 f"{self.recording.path}: [rgbd] has no depth and there are no clouds or markers; "
                 "3D data are needed: add `depth`"
             )
-        return trace_rgbd(
+        trace, _ = trace_rgbd(
             sight.color, sight.depth, self.camera, position, self.length, self.radius
-        )[0]
+        )
+        check_spread(self.recording.path, frame, trace.points, self.length)
+        return trace
 
     def view(self, points: np.ndarray) -> Camera:
         """The recording's camera, or a virtual one that sees points (N, 3)."""

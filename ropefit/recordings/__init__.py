@@ -3,7 +3,7 @@
 from ropefit.recordings.manifest import Manifest
 from ropefit.recordings.open import fingerprint, open_recording, sample_path
 from ropefit.recordings.recording import End, Recording
-from ropefit.recordings.sources import Sight, Source
+from ropefit.recordings.sources import Sight, Source, check_spread
 
 __all__ = [
     "End",
@@ -11,6 +11,7 @@ __all__ = [
     "Recording",
     "Sight",
     "Source",
+    "check_spread",
     "fingerprint",
     "open_recording",
     "sample_path",

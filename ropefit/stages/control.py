@@ -31,7 +31,7 @@ class ControlSettings(StageSettings):
     loss: str = "OBJ1"
     key: list[float] = Field(default_factory=list)
     turn: bool | None = None  # None: not in an estimate, yes in shape control
-    evaluations: int = Field(default=60, ge=1)
+    evaluations: int = Field(default=200, ge=1)
     target: bool = False
 
     @field_validator("loss")

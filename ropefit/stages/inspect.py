@@ -45,6 +45,7 @@ def _describe(path: Path, run: Path) -> dict[str, Any]:
             "version": version,
             "valid": False,
             "problem": str(error),
+            "exit_code": error.exit_code,
             "entries": [],
         }
     return {

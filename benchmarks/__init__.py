@@ -1,0 +1,1 @@
+"""Longer proofs, run by name: each prints a table and writes JSON."""

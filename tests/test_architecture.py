@@ -1,0 +1,97 @@
+"""The plan of the house: who may import whom, how long a file may be, nothing left unused."""
+
+import ast
+from pathlib import Path
+
+from tests.conftest import ROOT
+
+PACKAGE = ROOT / "ropefit"
+# A room may import from itself and from rooms further down; see docs/architecture.md.
+FLOORS = [
+    {"__main__"},
+    {"cli"},
+    {"commands"},
+    {"console"},
+    {"system"},
+    {"stages"},
+    {"reporting"},
+    {"inference"},
+    {"losses", "solvers"},
+    {"rod"},
+    {"perception"},
+    {"recordings"},
+    {"artifacts"},
+    {"errors"},
+]
+# The compiled loops and their derivative stay together: the compiler's cache sees one file only.
+LONG = {"ropefit/solvers/kernels.py"}
+HEAVY = {"torch", "open3d", "cv2", "numpy", "scipy", "h5py", "numba", "plotly", "pydantic"}
+
+
+def rooms() -> dict[str, int]:
+    return {room: floor for floor, names in enumerate(FLOORS) for room in names}
+
+
+def room_of(path: Path) -> str:
+    part = path.relative_to(PACKAGE).parts[0]
+    return part.removesuffix(".py")
+
+
+def imports(path: Path) -> list[str]:
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.append(node.module)
+    return found
+
+
+def sources() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def test_imports_run_downward():
+    floor = rooms()
+    wrong = []
+    for path in sources():
+        if path.parent == PACKAGE and path.name == "__init__.py":
+            continue
+        room = room_of(path)
+        for module in imports(path):
+            parts = module.split(".")
+            if parts[0] != "ropefit" or len(parts) == 1 or parts[1] == room:
+                continue
+            if floor[parts[1]] <= floor[room]:
+                wrong.append(f"{path.relative_to(ROOT)} imports {module}")
+    assert not wrong
+
+
+def test_every_module_is_imported_somewhere():
+    used = {module for path in sources() for module in imports(path)}
+    for path in sources():
+        used |= {module.rpartition(".")[0] for module in used} | {
+            f"{m}.{name}"
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ImportFrom) and (m := node.module)
+            for name in [alias.name for alias in node.names]
+        }
+    entry = {"ropefit", "ropefit.__main__", "ropefit.system", "ropefit.artifacts.export"}
+    for path in sources():
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        assert name in used | entry, f"{name} is imported by nobody"
+
+
+def test_files_are_short():
+    for path in sources():
+        name = path.relative_to(ROOT).as_posix()
+        lines = len(path.read_text().splitlines())
+        assert lines <= (500 if name in LONG else 330), f"{name} has {lines} lines"
+
+
+def test_command_line_imports_nothing_heavy():
+    for module in imports(PACKAGE / "cli.py"):
+        assert module.split(".")[0] not in HEAVY
+    for node in ast.parse((PACKAGE / "cli.py").read_text()).body:
+        if isinstance(node, ast.ImportFrom):
+            assert not (node.module or "").startswith("ropefit")
