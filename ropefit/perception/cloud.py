@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import KDTree
 
 from ropefit.perception.graph import bridge, neighbour_graph
 from ropefit.perception.trace import (
@@ -16,18 +17,25 @@ from ropefit.perception.trace import (
 )
 
 LEAST_POINTS = 20
+NEIGHBOURS = 8
+LONELY = 3.5  # times the usual distance to the neighbours
+# A line between the held ends outside these shares of the rope's length took a wrong turn.
+SHORTEST, LONGEST = 0.75, 1.3
 # Mean over a visible half cylinder, seen evenly over its width, of its height over the axis: π/4
 # radii.
 SURFACE_SHARE = np.pi / 4
 
 
 def remove_outliers(points: np.ndarray) -> np.ndarray:
-    """(M, 3) points whose distance to their neighbours is usual (open3d, statistical)."""
-    import open3d as o3d
+    """(M, 3) [m] distinct points with neighbours about as near as usual.
 
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    kept, _ = cloud.remove_statistical_outlier(nb_neighbors=16, std_ratio=2.0)
-    return np.asarray(kept.points)
+    A point at the tip of the rope has its neighbours on one side only, twice as far: it stays.
+    """
+    points = np.unique(points, axis=0)  # copies would be each other's neighbours
+    if len(points) < LEAST_POINTS:
+        return points
+    distance = KDTree(points).query(points, k=NEIGHBOURS + 1)[0].mean(axis=1)
+    return points[distance < LONELY * np.median(distance)]
 
 
 def trace_cloud(
@@ -45,8 +53,7 @@ def trace_cloud(
     end). With `radius` [m] and `viewpoint` (3,) the visible surface is moved back onto the
     centreline. At most `most` points are kept, evenly in order. Raises FrameRejected.
     """
-    if len(points) >= LEAST_POINTS:
-        points = remove_outliers(points)
+    points = remove_outliers(points)
     if len(points) < LEAST_POINTS:
         raise FrameRejected(f"only {len(points)} points after outlier removal")
     known = np.asarray(np.isfinite(ends).all(axis=1))
@@ -58,6 +65,11 @@ def trace_cloud(
     arc = polyline_arc(line)
     if arc[-1] <= 0:
         raise FrameRejected("the points do not extend along a line")
+    if length and known.all() and not SHORTEST < arc[-1] / length < LONGEST:
+        raise FrameRejected(
+            f"the line through the points is {arc[-1]:.4g} m long, the rope {length:.4g} m: does "
+            "it cross itself?"
+        )
     scale = length / arc[-1] if length and known.all() else 1.0
     place, _ = project_to_polyline(points, line)
     point_arc = np.interp(place, np.arange(len(line)), arc) * scale

@@ -10,14 +10,23 @@ from scipy.spatial import KDTree
 from ropefit.perception.trace import FrameRejected
 
 MOST_PIECES = 60
+FARTHEST = 2.0  # times the longest tenth of the links that join the points into one piece
 
 
 def neighbour_graph(nodes: np.ndarray, count: int = 8) -> csr_array:
-    """(N, N) distances [same unit as nodes (N, D)] from each point to its nearest neighbours."""
+    """(N, N) distances [same unit as nodes (N, D)] from each point to its nearest neighbours.
+
+    Neighbours much farther than the points need to hang together are left out: they may lie on
+    another stretch of the rope that passes nearby.
+    """
     distance, neighbour = KDTree(nodes).query(nodes, k=min(count + 1, len(nodes)))
     rows = np.repeat(np.arange(len(nodes)), distance.shape[1] - 1)
+    columns = neighbour[:, 1:].ravel()
     values = np.maximum(distance[:, 1:].ravel(), 1e-9)
-    return coo_array((values, (rows, neighbour[:, 1:].ravel())), shape=(len(nodes),) * 2).tocsr()
+    graph = coo_array((values, (rows, columns)), shape=(len(nodes),) * 2).tocsr()
+    needed = minimum_spanning_tree(graph).data
+    near = values <= FARTHEST * np.percentile(needed, 90)
+    return coo_array((values[near], (rows[near], columns[near])), shape=graph.shape).tocsr()
 
 
 def bridge(graph: csr_array, nodes: np.ndarray) -> csr_array:
