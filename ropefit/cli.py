@@ -169,6 +169,9 @@ def identify(
     steps: Annotated[int, typer.Option(help="Gravity steps of Algorithm 1.")] = 50,
     iterations: Annotated[int, typer.Option(help="Constraint iterations per step.")] = 20,
     dt: Annotated[float, typer.Option(help="Time step of the gravity prediction [s].")] = 0.1,
+    compliance: Annotated[
+        str, typer.Option(help="XPBD compliances: shear, bend, distance; 0 is a hard constraint.")
+    ] = "0,0,0",
     evaluations: Annotated[int, typer.Option(help="Most evaluations of a gradient search.")] = 60,
     levels: Annotated[int, typer.Option(help="Grid search: values per weight.")] = 3,
     rounds: Annotated[int, typer.Option(help="Grid search: refinements.")] = 3,
@@ -181,7 +184,7 @@ def identify(
 ) -> None:
     """Find the parameters that make simulation and recording agree."""
     with _session(json, quiet, debug) as session:
-        from ropefit.commands import identify, parse_start
+        from ropefit.commands import identify, parse_numbers, parse_start
 
         settings = {
             "solver": solver.value,
@@ -195,6 +198,7 @@ def identify(
             "steps": steps,
             "iterations": iterations,
             "dt": dt,
+            "compliance": parse_numbers("--compliance", compliance, 3),
             "evaluations": evaluations,
             "levels": levels,
             "rounds": rounds,

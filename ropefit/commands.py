@@ -277,6 +277,17 @@ def simulate(session: Session, spec: Path, out: Path) -> dict[str, Any]:
     return data
 
 
+def parse_numbers(option: str, text: str, count: int) -> list[float]:
+    """`count` comma-separated numbers."""
+    try:
+        numbers = [float(item) for item in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise WrongUsage(f"{option} {text!r}: expected {count} numbers with commas between")
+    return numbers
+
+
 def parse_start(items: list[str]) -> dict[str, float]:
     """NAME=VALUE options."""
     out = {}

@@ -12,7 +12,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 # Shapes in annotations are checked while tests run, and only then.
-install_import_hook("ropefit.rod", "beartype.beartype")
+install_import_hook(["ropefit.rod", "ropefit.losses"], "beartype.beartype")
 
 import torch  # noqa: E402
 

@@ -81,7 +81,7 @@ def test_simulate_then_run(ropefit, tmp_path):
     (tmp_path / "spec.toml").write_text(
         'format = "ropefit-simulation/1"\nname = "s"\n[rope]\nlength = 0.5\nnodes = 10\n'
         "[motion]\nframes = 3\nend0 = { path = [[0.2, 0, 0], [0.4, 0, 0]] }\n"
-        "end1 = { path = [[0, 0, 0]] }\n[sensor]\npoints = 400\noccluded = [[0.0, 0.04]]\n"
+        "end1 = { path = [[0, 0, 0]] }\n[sensor]\npoints = 400\noccluded = [[0.0, 0.12]]\n"
     )
     made = ropefit.json("simulate", "spec.toml", "--out", "rec")
     assert made["frames"] == 3

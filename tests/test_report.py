@@ -160,6 +160,7 @@ def fitted(heldout=True, converged=True):
         distance_violation=np.full((F, samples), 1e-4),
         length_error=np.full((F, samples), -1e-4),
         drift=np.full(F, 1e-4 if converged else 0.02),
+        drift_allowed=1e-3,
         solver_converged=converged,
         trace=np.array([2.0, 1.0, 0.5]),
         rms_fit=0.0012,

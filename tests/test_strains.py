@@ -1,8 +1,10 @@
 """C^S, C^B, C^D: values on shapes with known strain, gradients, degenerate input."""
 
+import pytest
 import torch
+from jaxtyping import TypeCheckError
 
-from ropefit.rod.quaternion import from_rotation_vector, normalise
+from ropefit.rod.quaternion import director, from_rotation_vector, normalise
 from ropefit.rod.strains import Rest, bend_twist, distance, straight_rest, stretch_shear
 
 F64 = torch.float64
@@ -90,3 +92,13 @@ def test_coincident_particles_have_a_finite_gradient():
     assert torch.allclose(found.value, -rest.length)
     found.value.sum().backward()
     assert torch.isfinite(edges.grad).all()
+
+
+def test_shapes_are_checked_while_tests_run():
+    """The annotations of public functions are live here: a wrong shape is an error."""
+    with pytest.raises(TypeCheckError):
+        director(torch.zeros(5, 3, dtype=F64))
+    with pytest.raises(TypeCheckError):
+        stretch_shear(
+            torch.zeros(4, 3, dtype=F64), torch.zeros(3, 4, dtype=F64), straight_rest(1.0, 5)
+        )

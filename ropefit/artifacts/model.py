@@ -58,6 +58,9 @@ class FittedModel(Part):
     steps: int
     iterations: int
     dt: float = quantity("s")
+    compliance: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="alpha of shear, bend [1] and distance [m^2]"
+    )
     control_node: int
     fixed_nodes: list[int]
     two_sided: bool

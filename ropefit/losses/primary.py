@@ -9,7 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Float, Int
 from torch import Tensor
+
+Ropes = Float[Tensor, "*batch frames nodes dim"]
 
 
 class Observed(NamedTuple):
@@ -56,7 +59,9 @@ def _of_segment(points: Tensor, x: Tensor, index: Tensor) -> Tensor:
     return _to_segment(points, start, end)
 
 
-def nearest_segment(points: Tensor, x: Tensor) -> Tensor:
+def nearest_segment(
+    points: Float[Tensor, "frames points dim"], x: Ropes
+) -> Int[Tensor, "*batch frames points"]:
     """(..., F, N) index of the segment of x (..., F, K, D) nearest to each point (F, N, D)."""
     with torch.no_grad():
         best = torch.full((*x.shape[:-2], points.shape[-2]), torch.inf, dtype=x.dtype)
@@ -70,23 +75,25 @@ def nearest_segment(points: Tensor, x: Tensor) -> Tensor:
     return index
 
 
-def point_to_line(x: Tensor, data: Observed) -> Residual:
+def point_to_line(x: Ropes, data: Observed) -> Residual:
     """L_PL: from each data point to the nearest point of the whole simulated polyline."""
     return Residual(_of_segment(data.points, x, nearest_segment(data.points, x)), data.mask)
 
 
-def segment_to_particle(x: Tensor, data: Observed) -> Residual:
+def segment_to_particle(x: Ropes, data: Observed) -> Residual:
     """L_SP: from the boundaries c_i of the data's segments to the particles x_i."""
     return Residual(data.boundaries - x, data.boundary_mask)
 
 
-def segment_to_line(x: Tensor, data: Observed) -> Residual:
+def segment_to_line(x: Ropes, data: Observed) -> Residual:
     """L_SL: from each data point to the simulated segment that its own segment corresponds to."""
     index = data.segment.expand(*x.shape[:-2], data.segment.shape[-1])
     return Residual(_of_segment(data.points, x, index), data.mask)
 
 
-def lowest_point(x: Tensor, lowest: Tensor, down: Tensor) -> Residual:
+def lowest_point(
+    x: Ropes, lowest: Float[Tensor, "frames 3"], down: Float[Tensor, " 3"]
+) -> Residual:
     """L_LO: from the simulation's lowest point to the data's, lowest (F, 3), along down (3,).
 
     A polyline is lowest at one of its particles.

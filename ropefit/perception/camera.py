@@ -53,7 +53,7 @@ def virtual_camera(points: np.ndarray, gravity: np.ndarray, viewpoint: np.ndarra
     extent = max(float(np.linalg.norm(points - centre, axis=1).max()), 1e-6)
     if viewpoint is None:
         least = np.linalg.svd(spread, full_matrices=False)[2][-1]
-        viewpoint = centre - 610.0 / 320.0 * extent * least
+        viewpoint = centre - 2.0 * extent * least  # half the height of the image is 0.59 of 610 px
     ahead = centre - viewpoint
     distance = np.linalg.norm(ahead)
     ahead = ahead / distance if distance > 1e-9 else np.array([0.0, 1.0, 0.0])

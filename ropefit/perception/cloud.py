@@ -21,6 +21,7 @@ NEIGHBOURS = 8
 LONELY = 3.5  # times the usual distance to the neighbours
 # A line between the held ends outside these shares of the rope's length took a wrong turn.
 SHORTEST, LONGEST = 0.75, 1.3
+BRANCH = 0.1  # share of the points, and of the way from end to end, that may be off that way
 # Mean over a visible half cylinder, seen evenly over its width, of its height over the axis: π/4
 # radii.
 SURFACE_SHARE = np.pi / 4
@@ -67,8 +68,8 @@ def trace_cloud(
         raise FrameRejected("the points do not extend along a line")
     if length and known.all() and not SHORTEST < arc[-1] / length < LONGEST:
         raise FrameRejected(
-            f"the line through the points is {arc[-1]:.4g} m long, the rope {length:.4g} m: does "
-            "it cross itself?"
+            f"the line through the points is {arc[-1]:.4g} m long, the rope {length:.4g} m: it "
+            "crosses itself, too much is hidden, or [rope] length is wrong"
         )
     scale = length / arc[-1] if length and known.all() else 1.0
     place, _ = project_to_polyline(points, line)
@@ -89,19 +90,30 @@ def trace_cloud(
 def _geodesic(points: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
     """(N,) distance along the cloud from end 0, by shortest paths over near neighbours.
 
-    Separate pieces (occlusion) are joined by the shortest links between them.
+    Separate pieces (occlusion) are joined by the shortest links between them. Raises FrameRejected
+    where that makes no line.
     """
     nodes = np.concatenate([points, ends[known]])
     graph = bridge(neighbour_graph(nodes), nodes)
+
+    def reach(start: int) -> np.ndarray:
+        return dijkstra(graph, directed=False, indices=start)
+
     first = len(points) if known[0] else None
     last = len(nodes) - 1 if known[1] else None
-    if first is not None:
-        return dijkstra(graph, directed=False, indices=first)[: len(points)]
-    if last is not None:
-        reach = dijkstra(graph, directed=False, indices=last)[: len(points)]
-        return reach.max() - reach
-    far = int(np.argmax(dijkstra(graph, directed=False, indices=0)))
-    return dijkstra(graph, directed=False, indices=far)[: len(points)]
+    if first is None:
+        first = int(np.argmax(reach(0 if last is None else last)))
+    along = reach(first)
+    if last is None:
+        last = int(np.argmax(along))
+    # Points on the way from end to end are no detour; those of a loop or of a branch are.
+    detour = along + reach(last) - along[last]
+    if np.mean(detour > BRANCH * along[last]) > BRANCH:
+        raise FrameRejected(
+            "the points do not form one line from end to end: the rope crosses or touches itself, "
+            "or something else is in the cloud"
+        )
+    return along[: len(points)]
 
 
 def _smooth_line(

@@ -19,7 +19,8 @@ def neighbour_graph(nodes: np.ndarray, count: int = 8) -> csr_array:
     Neighbours much farther than the points need to hang together are left out: they may lie on
     another stretch of the rope that passes nearby.
     """
-    distance, neighbour = KDTree(nodes).query(nodes, k=min(count + 1, len(nodes)))
+    found = KDTree(nodes).query(nodes, k=min(count + 1, len(nodes)))
+    distance, neighbour = np.asarray(found[0]), np.asarray(found[1])
     rows = np.repeat(np.arange(len(nodes)), distance.shape[1] - 1)
     columns = neighbour[:, 1:].ravel()
     values = np.maximum(distance[:, 1:].ravel(), 1e-9)
@@ -45,7 +46,8 @@ def bridge(graph: csr_array, nodes: np.ndarray) -> csr_array:
     trees = [KDTree(nodes[m]) for m in members]
     for a in range(count):
         for b in range(a + 1, count):
-            distance, index = trees[a].query(nodes[members[b]])
+            found = trees[a].query(nodes[members[b]])
+            distance, index = np.asarray(found[0]), np.asarray(found[1])
             nearest = int(np.argmin(distance))
             gap[a, b] = max(distance[nearest], 1e-9)
             pair[a, b] = members[a][index[nearest]], members[b][nearest]

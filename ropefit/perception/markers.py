@@ -17,8 +17,8 @@ def marker_arc(
 
     positions (F, M, 3), ends (F, 2, 3), NaN where unknown. Chords between neighbours, median over
     the frames, from end 0 if it is known; scaled to `length` if the whole rope is spanned.
+    Raises FrameRejected where the markers do not make a line.
     """
-    count = positions.shape[1]
     both = np.concatenate([ends[:, :1], positions, ends[:, 1:]], axis=1)
     chords = np.linalg.norm(np.diff(both, axis=1), axis=2)
     with np.errstate(all="ignore"):
@@ -26,9 +26,11 @@ def marker_arc(
             [np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in chords.T]
         )
     inner = chord[1:-1]
-    if np.isnan(inner).any():
-        # A pair never seen together: share the distance between the nearest seen ones.
+    if np.isnan(inner).any() and np.isfinite(inner).any():
+        # A pair never seen together: as far apart as neighbours usually are.
         inner = np.where(np.isnan(inner), np.nanmedian(inner), inner)
+    if not (inner > 0).all():
+        raise FrameRejected("neighbouring markers coincide or no two were seen together")
     lead, tail = np.nan_to_num(chord[0]), np.nan_to_num(chord[-1])
     arc = lead + np.concatenate([[0.0], np.cumsum(inner)])
     total = float(arc[-1] + tail)
@@ -38,8 +40,6 @@ def marker_arc(
             arc, total = arc * length / total, length
         else:
             total = length
-    if count != arc.size or total <= 0:
-        raise FrameRejected("the markers coincide in every frame")
     return arc, total
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from ropefit.perception.skeleton import skeleton_path
+from ropefit.perception.skeleton import centred, skeleton_path
 from ropefit.perception.trace import FrameRejected
 
 COLOURS = 8
@@ -41,7 +41,8 @@ def segment_rope(color: np.ndarray, ends: np.ndarray) -> Segmentation:
     ]
     if not found:
         raise FrameRejected("no long thin region of one colour in the image")
-    return max(found, key=lambda item: item.score)
+    best = max(found, key=lambda item: item.score)
+    return replace(best, path=centred(best.path, best.mask, best.width))
 
 
 def _clusters(lab: np.ndarray) -> list[np.ndarray]:
@@ -56,8 +57,9 @@ def _clusters(lab: np.ndarray) -> list[np.ndarray]:
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.5)
     cv2.setRNGSeed(0)
     _, _, centres = cv2.kmeans(sample, COLOURS, None, criteria, 2, cv2.KMEANS_PP_CENTERS)  # type: ignore[call-overload]
-    distance = np.stack([((lab - c) ** 2).sum(axis=-1) for c in centres])
-    label = distance.argmin(axis=0)
+    # Of |x - c|² the part |x|² is the same for every centre.
+    distance = (centres**2).sum(axis=1) - 2 * flat @ centres.T
+    label = distance.argmin(axis=1).reshape(lab.shape[:2])
     masks = [label == k for k in range(len(centres))]
     # Neighbouring colours may be light and shade of one rope: try pairs too.
     for a in range(len(centres)):
@@ -105,12 +107,8 @@ def _contrast(rope: np.ndarray, lab: np.ndarray, width: float) -> float:
 
     The seam where rope and background mix is as long and thin as the rope, but less distinct.
     """
-    image = rope.astype(np.uint8)
-    near, far = (
-        cv2.dilate(image, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
-        for size in (2 * round(width) + 5, 6 * round(width) + 9)
-    )
-    beside = (far > 0) & (near == 0)
+    away = cv2.distanceTransform((~rope).astype(np.uint8), cv2.DIST_L2, 3)
+    beside = (away > width + 2) & (away < 3 * width + 4)
     if not beside.any():
         return 0.0
     return float(np.linalg.norm(np.median(lab[rope], axis=0) - np.median(lab[beside], axis=0)))

@@ -121,7 +121,10 @@ class Tracer:
                     f"length {self.total:g} m"
                 )
         else:
-            self.arc, self.total = marker_arc(positions, ends, self.length)
+            try:
+                self.arc, self.total = marker_arc(positions, ends, self.length)
+            except FrameRejected as reason:
+                raise BadInput(f"{self.recording.path}: [markers]: {reason}")
         time = np.array([self.recording.source.time[frame] for frame in frames])
         self.noise, self.noise_source = marker_noise(positions, time)
 

@@ -7,7 +7,11 @@ coefficients are constants, so a strain and its exact gradient are one matrix pr
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
+
+Quaternion = Float[Tensor, "*#batch 4"]
+Vector = Float[Tensor, "*#batch 3"]
 
 
 def _director_form() -> Tensor:
@@ -36,40 +40,42 @@ DIRECTOR = _director_form()
 DARBOUX = _darboux_form()
 
 
-def director_gradient(q: Tensor) -> Tensor:
+def director_gradient(q: Quaternion) -> Float[Tensor, "*#batch 3 4"]:
     """(..., 3, 4) derivative of the third director R(q) e3 with respect to q; R(q) e3 = G q / 2."""
     return (q @ DIRECTOR.reshape(12, 4).T.to(q)).reshape(*q.shape[:-1], 3, 4)
 
 
-def director(q: Tensor) -> Tensor:
+def director(q: Quaternion) -> Vector:
     """(..., 3) third director R(q) e3: the tangent that the frame q holds."""
     return 0.5 * (director_gradient(q) @ q[..., None])[..., 0]
 
 
-def conjugate_product(p: Tensor, q: Tensor) -> Tensor:
+def conjugate_product(p: Quaternion, q: Quaternion) -> Quaternion:
     """(..., 4) p* q: the rotation from frame p to frame q, seen from p."""
     return torch.einsum("abc,...b,...c->...a", DARBOUX.to(q), p, q)
 
 
-def normalise(q: Tensor) -> Tensor:
-    """(..., 4) q / |q|; a zero quaternion stays zero."""
+def normalise(q: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
+    """(..., n) q / |q|; a zero quaternion (or vector) stays zero."""
     return q / torch.sqrt((q * q).sum(-1, keepdim=True) + 1e-300)
 
 
-def multiply(p: Tensor, q: Tensor) -> Tensor:
+def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """(..., 4) Hamilton product p q."""
     sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype)
     return conjugate_product(p * sign, q)
 
 
-def from_rotation_vector(v: Tensor) -> Tensor:
+def from_rotation_vector(v: Vector) -> Quaternion:
     """(..., 4) rotation by |v| radians about v (..., 3), smooth at zero."""
     square = (v * v).sum(-1, keepdim=True)
     half = torch.sqrt(square + 1e-32) / 2
     return torch.cat([torch.cos(half), v * torch.sinc(half / torch.pi) / 2], dim=-1)
 
 
-def transport(tangents: Tensor, first: Tensor | None = None) -> Tensor:
+def transport(
+    tangents: Float[Tensor, "*batch n 3"], first: Float[Tensor, "*batch 4"] | None = None
+) -> Float[Tensor, "*batch n 4"]:
     """(..., N, 4) frames along a polyline without twist: R(q_i) e3 = t_i.
 
     tangents: (..., N, 3) unit. first: (..., 4) frame of the first tangent; without one, the
@@ -88,7 +94,7 @@ def transport(tangents: Tensor, first: Tensor | None = None) -> Tensor:
     return torch.stack(frames, dim=-2)
 
 
-def smallest_rotation(a: Tensor, b: Tensor) -> Tensor:
+def smallest_rotation(a: Vector, b: Vector) -> Quaternion:
     """(..., 4) the rotation of least angle with R a = b (unit vectors); a half turn picks one
     axis."""
     real = 1.0 + (a * b).sum(-1, keepdim=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from ropefit.rod.quaternion import DARBOUX, director_gradient
@@ -37,7 +38,9 @@ class StretchShear(NamedTuple):
     grad_q: Tensor
 
 
-def stretch_shear(edges: Tensor, q: Tensor, rest: Rest) -> StretchShear:
+def stretch_shear(
+    edges: Float[Tensor, "*batch segments 3"], q: Float[Tensor, "*batch segments 4"], rest: Rest
+) -> StretchShear:
     """Edge over rest length minus the third director. edges: x[1:] - x[:-1], (..., K-1, 3)."""
     gradient = director_gradient(q)
     director = 0.5 * (gradient @ q[..., None])[..., 0]
@@ -52,7 +55,7 @@ class BendTwist(NamedTuple):
     grad_second: Tensor
 
 
-def bend_twist(q: Tensor, rest: Rest) -> BendTwist:
+def bend_twist(q: Float[Tensor, "*batch segments 4"], rest: Rest) -> BendTwist:
     """Im(q_i* q_{i+1} - s rest), with the sign s that brings the Darboux quaternions closest.
 
     q and -q are the same frame, so the relative rotation is known up to sign only; s = -1 where it
@@ -76,7 +79,7 @@ class Distance(NamedTuple):
     direction: Tensor
 
 
-def distance(edges: Tensor, rest: Rest) -> Distance:
+def distance(edges: Float[Tensor, "*batch segments 3"], rest: Rest) -> Distance:
     """Segment length minus rest length.
 
     The gradient is the unit vector along the edge. (The paper divides by the rest length instead,

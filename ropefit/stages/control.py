@@ -182,7 +182,7 @@ def _rope(o: Observations, model: FittedModel, position: np.ndarray, turns: bool
     return rope_of(
         o,
         solver=model.solver,
-        settings=Settings(model.steps, model.iterations, model.dt),
+        settings=Settings(model.steps, model.iterations, model.dt, *model.compliance),
         control_node=model.control_node,
         two_sided=model.two_sided,
         control_position=position,

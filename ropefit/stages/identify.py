@@ -39,7 +39,7 @@ from ropefit.stages.stage import Context, Stage, StageSettings
 
 CHECKPOINT_EVERY = 15.0  # s
 DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this has not converged
-FLAT = np.log(10.0)  # an interval of more than a decade up and down is no determination
+FLAT = np.log(3.0)  # an interval beyond a factor of three up and down determines nothing
 
 
 class IdentifySettings(StageSettings):
@@ -56,11 +56,19 @@ class IdentifySettings(StageSettings):
     steps: int = Field(default=50, ge=1, le=1000)
     iterations: int = Field(default=20, ge=1, le=100_000)
     dt: float = Field(default=0.1, gt=0, le=100)
+    compliance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     evaluations: int = Field(default=60, ge=1)
     levels: int = Field(default=3, ge=2, le=9)
     rounds: int = Field(default=3, ge=1, le=20)
     holdout: float = Field(default=0.2, ge=0, lt=1)
     most_frames: int = Field(default=60, ge=1)
+
+    @field_validator("compliance")
+    @classmethod
+    def _positive(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not all(0 <= alpha < 1e12 for alpha in value):
+            raise ValueError("expected three numbers >= 0: shear, bend, distance")
+        return value
 
     @field_validator("loss")
     @classmethod
@@ -91,7 +99,7 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     rope = rope_of(
         observations,
         solver=settings.solver,
-        settings=Settings(settings.steps, settings.iterations, settings.dt),
+        settings=Settings(settings.steps, settings.iterations, settings.dt, *settings.compliance),
         control_node=node,
         two_sided=settings.two_sided,
     )
@@ -140,6 +148,7 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         steps=settings.steps,
         iterations=settings.iterations,
         dt=settings.dt,
+        compliance=settings.compliance,
         control_node=node,
         fixed_nodes=list(rope.held_nodes),
         two_sided=settings.two_sided,
