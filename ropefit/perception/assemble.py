@@ -17,6 +17,7 @@ from ropefit.perception.tracing import Tracer
 # is not flattened: there the projection would hide shape, not noise.
 KEEP_3D = 0.003
 KEEP_3D_NOISE = 5.0
+ALL_SEEN = 0.99  # of the length: more is measurement, less is occlusion
 FLOOR = 1e-6  # m: no sensor is better
 
 
@@ -29,10 +30,7 @@ def assemble(
     )
     if tracer.recording.ends is None:
         position = _ends_seen(traces, tracer)
-    length = tracer.length or float(np.median([trace.length for trace in traces]))
-    apart = np.linalg.norm(position[:, 1] - position[:, 0], axis=1)
-    if np.nanmax(np.append(apart, 0.0)) > length and tracer.length is None:
-        length = float(np.nanmax(apart)) * 1.001
+    length, source = _length(tracer, traces, position)
     if not 0 < length < 100:
         raise BadInput(
             f"{tracer.recording.path}: the rope comes out {length:.4g} m long; data are in metres"
@@ -90,6 +88,7 @@ def assemble(
     )
     return {
         "length": length,
+        "length_source": source,
         "end_position": position,
         "end_orientation": orientation,
         "points": np.concatenate(points),
@@ -112,6 +111,21 @@ def assemble(
         "noise": np.maximum(noise, FLOOR),
         "noise_source": tracer.noise_source,
     }
+
+
+def _length(tracer: Tracer, traces: list[Trace], position: np.ndarray) -> tuple[float, str]:
+    """The rope's length [m] and where it is from: the recording, or estimated from what is seen.
+
+    Where the ends are those seen and part of the rope is hidden, the rope between them is shorter
+    than the recording says: what is seen counts.
+    """
+    visible = float(np.median([trace.length for trace in traces]))
+    hidden = tracer.recording.ends is None and visible < ALL_SEEN * (tracer.length or 0.0)
+    if tracer.length and not hidden:
+        return tracer.length, "recording"
+    apart = np.linalg.norm(position[:, 1] - position[:, 0], axis=1)
+    farthest = float(np.max(apart[np.isfinite(apart)], initial=0.0))
+    return max(visible, farthest * 1.001), "estimated"
 
 
 def _ends_seen(traces: list[Trace], tracer: Tracer) -> np.ndarray:

@@ -18,7 +18,7 @@ from ropefit.perception.trace import (
 
 LEAST_POINTS = 20
 NEIGHBOURS = 8
-LONELY = 3.5  # times the usual distance to the neighbours
+LONELY = 1.6  # times the usual distance of the eighth neighbour
 # A line between the held ends outside these shares of the rope's length took a wrong turn.
 SHORTEST, LONGEST = 0.75, 1.3
 BRANCH = 0.1  # share of the points, and of the way from end to end, that may be off that way
@@ -28,15 +28,19 @@ SURFACE_SHARE = np.pi / 4
 
 
 def remove_outliers(points: np.ndarray) -> np.ndarray:
-    """(M, 3) [m] distinct points with neighbours about as near as usual.
+    """(M, 3) [m] distinct points with neighbours about as near as usual (open3d, by radius).
 
-    A point at the tip of the rope has its neighbours on one side only, twice as far: it stays.
+    A point at the tip of the rope has its neighbours on one side only, half as many: it stays.
     """
     points = np.unique(points, axis=0)  # copies would be each other's neighbours
     if len(points) < LEAST_POINTS:
         return points
-    distance = KDTree(points).query(points, k=NEIGHBOURS + 1)[0].mean(axis=1)
-    return points[distance < LONELY * np.median(distance)]
+    import open3d as o3d
+
+    usual = np.median(KDTree(points).query(points, k=[NEIGHBOURS + 1])[0])
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    _, kept = cloud.remove_radius_outlier(nb_points=NEIGHBOURS // 4, radius=LONELY * usual)
+    return points[np.sort(np.asarray(kept, dtype=int))]
 
 
 def trace_cloud(

@@ -12,6 +12,7 @@ from ropefit.perception.trace import FrameRejected
 
 COLOURS = 8
 LEAST_PATH = 30  # px
+ROPE_ASPECT = 40  # a region this many times longer than wide is thin enough to be rope
 
 
 @dataclass(frozen=True)
@@ -97,16 +98,17 @@ def _candidate(mask: np.ndarray, lab: np.ndarray, ends: np.ndarray) -> Segmentat
     for end, tip in zip(ends, path[[0, -1]], strict=True):
         if np.isfinite(end).all():
             near *= np.exp(-np.linalg.norm(end - tip) / (0.15 * np.hypot(*mask.shape)))
-    score = length / max(width, 1.0) * on.mean() ** 2 * evenness * tidy * near
-    score *= _contrast(rope, lab, width)
+    # Thinner than a rope need be is no merit: the seam where rope and background mix, and the
+    # shaded side of the rope, are thinner than the rope. They are less distinct, so that counts
+    # twice.
+    thin = min(1.0, length / (ROPE_ASPECT * max(width, 1.0)))
+    score = length * thin * on.mean() ** 2 * evenness * tidy * near
+    score *= _contrast(rope, lab, width) ** 2
     return Segmentation(rope, path, width, float(score))
 
 
 def _contrast(rope: np.ndarray, lab: np.ndarray, width: float) -> float:
-    """Colour distance between a region and what lies a little beside it.
-
-    The seam where rope and background mix is as long and thin as the rope, but less distinct.
-    """
+    """Colour distance between a region and what lies a little beside it."""
     away = cv2.distanceTransform((~rope).astype(np.uint8), cv2.DIST_L2, 3)
     beside = (away > width + 2) & (away < 3 * width + 4)
     if not beside.any():

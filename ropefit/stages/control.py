@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from ropefit.artifacts import Control, FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
@@ -15,7 +15,7 @@ from ropefit.inference import minimise
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
 from ropefit.inference.minimise import Search
 from ropefit.inference.rope import Rope, eta_names
-from ropefit.losses.objectives import OBJECTIVES, Pinhole
+from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
 from ropefit.solvers.xpbd import Settings
 from ropefit.stages.scene import build_scene, control_positions, pinhole, rope_of
 from ropefit.stages.stage import Context, Stage, StageSettings
@@ -28,18 +28,11 @@ class ControlSettings(StageSettings):
     """loss for an estimate; key: arc lengths [m] of key points to predict; turn: also the
     orientation."""
 
-    loss: str = "OBJ1"
+    loss: LossName = "OBJ1"
     key: list[float] = Field(default_factory=list)
     turn: bool | None = None  # None: not in an estimate, yes in shape control
     evaluations: int = Field(default=200, ge=1)
     target: bool = False
-
-    @field_validator("loss")
-    @classmethod
-    def _known_loss(cls, value: str) -> str:
-        if value not in OBJECTIVES:
-            raise ValueError(f"unknown loss {value}; one of {', '.join(OBJECTIVES)}")
-        return value
 
 
 def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context) -> dict[str, Any]:

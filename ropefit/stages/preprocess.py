@@ -51,6 +51,11 @@ def compute(
         )
     content = assemble(tracer, traces, np.array(frames), settings.nodes, settings.project)
     rope = recording.manifest.rope
+    if rope.length and content["length_source"] == "estimated":
+        context.say(
+            f"the recording says {rope.length:g} m of rope, {content['length']:.4g} m are seen "
+            "between the assumed ends: these count; give [ends] to use the whole rope"
+        )
     return {
         "recording": recording.name,
         "recording_path": str(Path(recording.path).resolve()),
@@ -58,7 +63,6 @@ def compute(
         "gravity": recording.gravity,
         "diameter": rope.diameter,
         "mass": rope.mass,
-        "length_source": "recording" if rope.length else "estimated",
         "frames": np.array(frames),
         "time": np.array([recording.source.time[frame] for frame in frames]),
         "dropped": dropped,
