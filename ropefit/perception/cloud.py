@@ -37,7 +37,7 @@ def remove_outliers(points: np.ndarray) -> np.ndarray:
         return points
     import open3d as o3d
 
-    usual = np.median(KDTree(points).query(points, k=[NEIGHBOURS + 1])[0])
+    usual = np.median(KDTree(points).query(points, k=NEIGHBOURS + 1)[0][:, -1])
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     _, kept = cloud.remove_radius_outlier(nb_points=NEIGHBOURS // 4, radius=LONELY * usual)
     return points[np.sort(np.asarray(kept, dtype=int))]

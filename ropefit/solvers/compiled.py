@@ -7,18 +7,27 @@ that fits the first cache; the derivative is the exact adjoint of the iterations
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
+import numba
 import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.rod.strains import TINY, Rest
-from ropefit.solvers import kernels
 from ropefit.solvers.chain import Chain
 from ropefit.solvers.thomas import RIDGE
 from ropefit.solvers.xpbd import DistanceSolver, Eta, Settings, State
+
+try:
+    from ropefit.solvers import kernels
+except RuntimeError:
+    # numba keeps compiled code beside the source or in the user's cache folder. Where neither can
+    # be written it is compiled anew in every process (about 10 s), or set NUMBA_CACHE_DIR.
+    numba.config.CACHE_DIR = tempfile.mkdtemp(prefix="ropefit-numba-")  # type: ignore[attr-defined]
+    from ropefit.solvers import kernels
 
 # Iterations that the derivative records at once; longer runs are recorded in blocks of √n, which
 # costs one more run. 5000 iterations of 40 particles are 35 MB, per thread.
