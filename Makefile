@@ -39,6 +39,8 @@ schemas: $(STAMP)
 # The tables of docs/results.md.
 results: $(STAMP)
 	$(BIN)/python -m benchmarks.losses --write docs/results.md
+	$(BIN)/python -m benchmarks.recordings --write docs/results.md
+	$(BIN)/python -m benchmarks.speed --write docs/results.md
 
 include pipelines/batch.mk
 

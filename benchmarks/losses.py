@@ -10,17 +10,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.command import ropefit
+from benchmarks.document import write_section
 from ropefit.recordings import sample_path
 
-BEGIN, END = "<!-- begin {} -->", "<!-- end {} -->"
 LOSSES = [f"OBJ{i}" for i in range(1, 10)]
 MEANING = {
     "OBJ1": "3D point to line",
@@ -33,15 +32,6 @@ MEANING = {
     "OBJ8": "2D segment to line",
     "OBJ9": "2D segment to line + lowest",
 }
-
-
-def ropefit(*arguments: str | Path) -> dict[str, Any]:
-    """The JSON object of one command, run in a process of its own."""
-    command = [sys.executable, "-m", "ropefit", *map(str, arguments), "--quiet", "--json"]
-    run = subprocess.run(command, capture_output=True, text=True)
-    if run.returncode != 0:
-        raise SystemExit(run.stderr.strip() or f"{command} failed")
-    return json.loads(run.stdout)
 
 
 def measure(recording: Path) -> dict[str, Any]:
@@ -114,19 +104,6 @@ def tables(data: dict[str, Any]) -> str:
             f"| {row['deviation_mean_m'] * 1e3:.2f} |"
         )
     return "\n".join(lines) + "\n"
-
-
-def write_section(path: Path, name: str, text: str) -> None:
-    """Replace the part of a document between the marks of `name`, or append it."""
-    begin, end = BEGIN.format(name), END.format(name)
-    block = f"{begin}\n{text}{end}\n"
-    old = path.read_text() if path.exists() else "# Results\n\n"
-    if begin in old and end in old:
-        before, rest = old.split(begin, 1)
-        new = before + block + rest.split(end, 1)[1].lstrip("\n")
-    else:
-        new = old.rstrip("\n") + "\n\n" + block
-    path.write_text(new)
 
 
 def main() -> None:
