@@ -90,9 +90,14 @@ def _dots(start: np.ndarray, t: int) -> np.ndarray:
     return start[t] + evenly(count, MOST_DOTS) if count else np.empty(0, dtype=int)
 
 
-def _traces(kind: str, fitted: bool) -> list[dict[str, Any]]:
+def _few(o: Observations) -> bool:
+    return len(o.points) < 60 * len(o.frames)
+
+
+def _traces(kind: str, fitted: bool, few: bool) -> list[dict[str, Any]]:
+    """The lines and dots of one frame; a few markers are drawn larger than a cloud."""
     deep = kind == "scatter3d"
-    dot = {"size": 2.5 if deep else 5, "color": OBSERVED}
+    dot = {"size": (2.5 if deep else 5) * (1.8 if few else 1.0), "color": OBSERVED}
     traces = [{"mode": "markers", "name": "observed", "marker": dot}]
     if fitted:
         thin = {"color": BEFORE, "width": 2 if deep else 1.5}
@@ -120,7 +125,7 @@ def _in_space(run: RunContents, shown: np.ndarray) -> Figure:
     simulated = "" if f is None else " Simulated before and after the fit."
     return Figure(
         "Recording and simulation in space",
-        _traces("scatter3d", f is not None),
+        _traces("scatter3d", f is not None, _few(o)),
         space(low, high, eye, up),
         f"In space, equal scales; observed points {flat}.{simulated}",
         height=460,
@@ -145,7 +150,7 @@ def _in_image(run: RunContents, shown: np.ndarray) -> Figure:
     )
     return Figure(
         "Recording and simulation in the image",
-        _traces("scatter", f is not None),
+        _traces("scatter", f is not None, _few(o)),
         layout,
         f"In the image plane. {image_name(o.view)}",
         height=460,
