@@ -8,8 +8,6 @@ once a loss; and once more with the Jacobi solver for the comparison of rope len
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import ropefit
-from benchmarks.document import write_section
+from benchmarks.document import parser, publish
 from ropefit.recordings import sample_path
 
 LOSSES = [f"OBJ{i}" for i in range(1, 10)]
@@ -108,20 +106,12 @@ def tables(data: dict[str, Any]) -> str:
 
 def main() -> None:
     """Print the tables; write them where asked."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--recording", type=Path, default=None)
-    parser.add_argument(
-        "--write", type=Path, default=None, help="document to write the tables into"
-    )
-    parser.add_argument("--json", type=Path, default=None, help="file for the numbers")
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--recording", type=Path, default=None)
+    options = arguments.parse_args()
     data = measure(options.recording or sample_path("cloud"))
     text = tables(data)
-    print(text)
-    if options.json:
-        options.json.write_text(json.dumps(data, indent=2) + "\n")
-    if options.write:
-        write_section(options.write, "losses", text)
+    publish(options, "losses", text, data)
 
 
 if __name__ == "__main__":

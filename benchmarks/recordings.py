@@ -7,8 +7,6 @@ DIR holds the real recordings (default: ../shared/real); without it the samples 
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import time
 from pathlib import Path
@@ -17,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import ropefit
-from benchmarks.document import write_section
+from benchmarks.document import parser, publish
 from ropefit.recordings import sample_path
 
 SAMPLES = ("cloud", "rgbd", "markers")
@@ -49,12 +47,10 @@ def measure(recording: Path, solver: str) -> dict[str, Any]:
 
 def main() -> None:
     """Print the table; write it where asked."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    arguments = parser(__doc__)
     root = Path(__file__).parents[1]
-    parser.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
-    parser.add_argument("--write", type=Path, default=None)
-    parser.add_argument("--json", type=Path, default=None)
-    options = parser.parse_args()
+    arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
+    options = arguments.parse_args()
     recordings = {f"sample {name}": sample_path(name) for name in SAMPLES}
     if options.real.is_dir():
         recordings |= {name: options.real / name for name in REAL}
@@ -83,10 +79,7 @@ def main() -> None:
             )
             print(lines[-1], flush=True)
     text = "\n".join(lines) + "\n"
-    if options.json:
-        options.json.write_text(json.dumps(data, indent=2) + "\n")
-    if options.write:
-        write_section(options.write, "recordings", text)
+    publish(options, "recordings", text, data)
 
 
 if __name__ == "__main__":

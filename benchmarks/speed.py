@@ -5,16 +5,13 @@ python -m benchmarks.speed [--write docs/results.md] [--json FILE]
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import torch
 
-from benchmarks.document import write_section
+from benchmarks.document import parser, publish
 from ropefit.inference.rope import Ends, build_rope
 from ropefit.solvers.compiled import simulate_compiled
 from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, simulate
@@ -67,10 +64,8 @@ def measure(solver: str, nodes: int, steps: int, iterations: int) -> dict[str, f
 
 def main() -> None:
     """Print the table; write it where asked."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", type=Path, default=None)
-    parser.add_argument("--json", type=Path, default=None)
-    options = parser.parse_args()
+    arguments = parser(__doc__)
+    options = arguments.parse_args()
     torch.set_num_threads(1)
     lines = [
         f"{FRAMES} ropes, float64, one thread, best of three; written by",
@@ -92,11 +87,7 @@ def main() -> None:
                 f"| {m['compiled_gradient']:.3f} | {gain:.0f} x | {m['difference_m']:.0e} |"
             )
     text = "\n".join(lines) + "\n"
-    print(text)
-    if options.json:
-        options.json.write_text(json.dumps(data, indent=2) + "\n")
-    if options.write:
-        write_section(options.write, "speed", text)
+    publish(options, "speed", text, data)
 
 
 if __name__ == "__main__":

@@ -107,19 +107,21 @@ def run(
     with _session(json, quiet, debug) as session:
         from ropefit.commands import run_all
 
-        run_all(
-            session,
-            recording,
-            run,
-            {"nodes": nodes, "project": project.value},
-            {
-                "solver": solver.value,
-                "loss": loss.value,
-                "search": search.value,
-                "control_at": control_at,
-            },
-            {"loss": loss.value},
-            force,
+        session.result(
+            run_all(
+                session,
+                recording,
+                run,
+                {"nodes": nodes, "project": project.value},
+                {
+                    "solver": solver.value,
+                    "loss": loss.value,
+                    "search": search.value,
+                    "control_at": control_at,
+                },
+                {"loss": loss.value},
+                force,
+            )
         )
 
 

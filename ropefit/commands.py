@@ -232,19 +232,18 @@ def run_all(
     session: Session,
     recording: Path | None,
     run: Path,
-    first: dict[str, Any],
-    second: dict[str, Any],
-    third: dict[str, Any],
+    of_preprocess: dict[str, Any],
+    of_identify: dict[str, Any],
+    of_control: dict[str, Any],
     force: bool,
-) -> None:
+) -> dict[str, Any]:
     """preprocess, identify, control, report."""
-    data = {
-        "preprocess": preprocess(session, recording, run, first, force),
-        "identify": identify(session, run, second, force),
-        "control": control(session, run, third, None, force),
+    return {
+        "preprocess": preprocess(session, recording, run, of_preprocess, force),
+        "identify": identify(session, run, of_identify, force),
+        "control": control(session, run, of_control, None, force),
         "report": report(session, run),
     }
-    session.result(data)
 
 
 def inspect(session: Session, path: Path) -> dict[str, Any]:

@@ -198,9 +198,7 @@ def uncertainty(task: Task, values: np.ndarray, floor: float, length: float) -> 
     values (n,); central differences of the residual vectors, in one batch.
     """
     m, frames = len(task.space.free), len(task.group)
-    step = (
-        1e-6  # small: the answer is curved near the limit of stability, and loss terms have kinks
-    )
+    step = 1e-6  # small: near the limit of stability the answer is curved, and losses have kinks
     candidates = np.tile(values, (2 * m + 1, 1))
     for k, index in enumerate(task.space.free):
         candidates[2 * k + 1, index] *= np.exp(step)

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.rod.quaternion import director
 from ropefit.rod.start import frames_along, hanging_shape
 from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.chain import Chain
@@ -96,8 +97,7 @@ class Rope:
         """Run Algorithm 1. eta (..., F, n) in the order of `names`, broadcast over frames.
 
         move (..., F, 3) [m]: of the control point from where the start has it. frame (..., F, 4):
-        held frame of the first segment, instead of the start's. longer: factor on the number of
-        iterations.
+        held frame of the first segment, instead of the start's.
         """
         x, q = self.start
         if move is not None:
@@ -154,7 +154,7 @@ def build_rope(
 
     frames = len(ends.position)
     x = np.empty((frames, nodes, 3))
-    tangents = _tangents(ends.orientation)
+    tangents = director(torch.from_numpy(ends.orientation)).numpy()
     for t in range(frames):
         if inner:
             assert control_position is not None
@@ -180,14 +180,6 @@ def build_rope(
         control_node=control_node,
         held_nodes=held_nodes,
         two_sided=two_sided,
-    )
-
-
-def _tangents(orientation: np.ndarray) -> np.ndarray:
-    """(F, 2, 3) third directors, NaN where not clamped."""
-    w, x, y, z = np.moveaxis(orientation, -1, 0)
-    return np.stack(
-        [2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=-1
     )
 
 

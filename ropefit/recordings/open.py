@@ -23,7 +23,7 @@ def open_recording(directory: Path) -> Recording:
     """The recording in a directory. Raises BadInput in one line when it is not one."""
     manifest = read_manifest(directory)
     sources = [kind(directory, manifest) for kind in SOURCES if getattr(manifest, kind.table)]
-    main, extra = sources[0], sources[1:]
+    main = sources[0]
     markers = main if isinstance(main, Markers) else None
     ends = read_ends(directory, manifest, markers) if manifest.ends else None
     files = [directory / "recording.toml", *(file for source in sources for file in source.files())]
@@ -33,7 +33,6 @@ def open_recording(directory: Path) -> Recording:
         clock = end_times(ends_path)
         main.time = main.time or clock
     main.time = {frame: main.time.get(frame, float(frame)) for frame in main.frames}
-    images = next((source for source in extra if isinstance(source, Rgbd)), None)
     for end, rows in enumerate(ends or ()):
         missing = [frame for frame in main.frames if frame not in rows.position]
         if rows.kind != "free" and len(missing) == len(main.frames):
@@ -41,7 +40,7 @@ def open_recording(directory: Path) -> Recording:
                 f"{directory}: end {end} has no row for any observed frame "
                 f"({main.frames[0]}..{main.frames[-1]}); frame numbers must agree"
             )
-    return Recording(directory, manifest, main, images, ends, tuple(files))
+    return Recording(directory, manifest, main, ends, tuple(files))
 
 
 def fingerprint(recording: Recording) -> str:

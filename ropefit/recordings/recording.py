@@ -39,7 +39,6 @@ class Recording:
     path: Path
     manifest: Manifest
     source: Source  # the richest the recording has: markers, then clouds, then RGB-D
-    images: Source | None  # colour images for the 2D losses, when the main source has none
     ends: tuple[End, End] | None  # None: no [ends] in the recording
     files: tuple[Path, ...]  # all files the recording consists of, for its hash
 

@@ -78,5 +78,4 @@ STAGE = Stage(
     reads=(),
     writes=Observations,
     compute=compute,
-    refresh="ropefit preprocess RECORDING",
 )

@@ -62,11 +62,6 @@ class Stage(Generic[S]):
     reads: tuple[type[Artifact], ...]
     writes: type[Artifact]
     compute: Callable[[dict[str, Any], S, Context], dict[str, Any]]
-    refresh: str = ""  # the command that makes the output anew
-
-    @property
-    def command(self) -> str:
-        return self.refresh or f"ropefit {self.name}"
 
 
 @dataclass(frozen=True)
@@ -93,10 +88,9 @@ def execute(
     for kind in stage.reads:
         inputs[kind.file_name], hashes[kind.file_name] = load(directory, kind)
     path = directory / stage.writes.file_name
-    why = _out_of_date(path, stage, hashes, settings) if not force else "asked to"
-    if why is None:
-        artifact, _ = read(path, stage.writes)
-        return Outcome(artifact, path, computed=False, why="up to date")
+    old, why = (None, "asked to") if force else _up_to_date(path, stage, hashes, settings)
+    if old is not None:
+        return Outcome(old, path, computed=False, why=why)
     context.directory = directory
     context.key = settings.sha256() + "".join(f"{k}{v}" for k, v in sorted(hashes.items()))
     started = time.monotonic()
@@ -120,24 +114,24 @@ def execute(
     return Outcome(artifact, path, computed=True, why=why)
 
 
-def _out_of_date(
+def _up_to_date(
     path: Path, stage: Stage[Any], hashes: Mapping[str, str], settings: StageSettings
-) -> str | None:
-    """Why the output must be computed, or None when it is what would be computed."""
+) -> tuple[Artifact | None, str]:
+    """The output if it is what would be computed; else None and why it must be computed."""
     if not path.exists():
-        return f"{path.name} does not exist yet"
+        return None, f"{path.name} does not exist yet"
     try:
         old, _ = read(path, stage.writes)
     except BadInput as error:
-        return f"{path.name} is unreadable ({error})"
+        return None, f"{path.name} is unreadable ({error})"
     was = old.provenance
     changed = [name for name in hashes if was.inputs.get(name) != hashes[name]]
     if changed:
-        return f"{', '.join(changed)} changed"
+        return None, f"{', '.join(changed)} changed"
     if was.package_version != __version__:
-        return f"ropefit was {was.package_version}, is {__version__}"
+        return None, f"ropefit was {was.package_version}, is {__version__}"
     if was.code_sha256 != code_sha256():
-        return "ropefit's code changed"
+        return None, "ropefit's code changed"
     if was.settings_sha256 != settings.sha256():
         new = settings.model_dump(mode="json")
         differ = [
@@ -145,8 +139,8 @@ def _out_of_date(
             for key, value in new.items()
             if was.settings.get(key) != value
         ]
-        return "settings changed: " + ", ".join(differ)
-    return None
+        return None, "settings changed: " + ", ".join(differ)
+    return old, "up to date"
 
 
 @cache
