@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from ropefit.rod.quaternion import from_rotation_vector, multiply
-from ropefit.rod.start import frames_along, hanging_shape
 from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.chain import Chain
+from ropefit.solvers.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd import Eta, State
 
 GRAVITY = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)

@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 
 from ropefit.rod.quaternion import director
-from ropefit.rod.start import frames_along, hanging_shape
 from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.chain import Chain
 from ropefit.solvers.compiled import simulate_compiled
+from ropefit.solvers.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State
 
 # Order of the six weights of Algorithm 1 in every parameter vector.

@@ -1,4 +1,4 @@
-"""The mechanics of the rod: state, frames, strains, rest shape, start. No solver here."""
+"""The mechanics of the rod: state, frames, strains, rest shape. No solver here."""
 
 from ropefit.rod.strains import Rest, bend_twist, distance, straight_rest, stretch_shear
 
