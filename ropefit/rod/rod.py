@@ -79,10 +79,10 @@ def uniform(
     ]
     curvature = _tensor(curvature)
     shape = torch.broadcast_shapes(*(v.shape for v in values), curvature.shape[:-1])
-    columns = [v.expand(shape)[..., None].expand(*shape, segments) for v in values]
-    return Properties(
-        *columns, curvature.expand(*shape, 3)[..., None, :].expand(*shape, segments, 3)
-    )
+    spread = [v.expand(shape)[..., None].expand(*shape, segments) for v in values]
+    length_, axial_, shear_, bend_, twist_, density_ = spread
+    rest = curvature.expand(*shape, 3)[..., None, :].expand(*shape, segments, 3)
+    return Properties(length_, axial_, shear_, bend_, twist_, density_, rest)
 
 
 def build(

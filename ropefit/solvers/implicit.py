@@ -1,0 +1,174 @@
+"""Derivatives of equilibria by the implicit function theorem: one more linear solve, no iteration.
+
+`settle` makes the states a differentiable function in torch (adjoint); `tangent` gives forward
+derivatives in chosen directions, for least squares.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from ropefit.rod.rod import Rod
+from ropefit.solvers import newton_kernels as kernels
+from ropefit.solvers.conditions import Conditions, Problem, as_numpy, cut, in_threads, problem_of
+from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.xpbd import State
+
+
+def settle(
+    rod: Rod,
+    conditions: Conditions,
+    start: Solution | None = None,
+    member: np.ndarray | None = None,
+    solution: Solution | None = None,
+) -> tuple[State, Solution]:
+    """`solve`, as a differentiable function: x (F, N+1, 3) [m] and q (F, N, 4), and how it went.
+
+    Gradients reach every tensor of the rod and of the conditions, at the price of one more linear
+    solve. Frames that did not converge are NaN. `solution`: of these very arguments, if known.
+    """
+    if solution is None:
+        solution = solve(rod, conditions, start, member)
+    problem = problem_of(rod, conditions, member)
+    c = conditions
+    inputs = [*rod, c.ends, c.clamp, c.direction, c.offset, c.compliance]
+    far = 3 if c.far_held else 0
+    x, q = _Settle.apply(problem, solution, far, *inputs)  # type: ignore[misc]
+    if not solution.converged.all():
+        bad = torch.from_numpy(~solution.converged)[:, None, None]
+        x, q = torch.where(bad, torch.nan, x), torch.where(bad, torch.nan, q)
+    return State(x, q), solution
+
+
+class _Settle(torch.autograd.Function):
+    """(rod, conditions) -> x, q of a solution already found; backward is one adjoint solve."""
+
+    @staticmethod
+    def forward(ctx, problem, solution, far, *inputs):
+        ctx.problem, ctx.solution, ctx.far = problem, solution, far
+        ctx.shapes = [None if t is None else t.shape for t in inputs]
+        return torch.from_numpy(solution.x.copy()), torch.from_numpy(solution.q.copy())
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, *grads):
+        problem, far = ctx.problem, ctx.far
+        g = _adjoint(problem, ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
+        rods = problem.rods
+        by_rod = [g.length, g.supple, g.stiff, g.rest, g.load, g.moment]
+        summed = [np.zeros((len(rods.length), *item.shape[1:])) for item in by_rod]
+        for total, item in zip(summed, by_rod, strict=True):
+            np.add.at(total, rods.of, item)
+        ends = np.zeros((len(g.anchor), 2, 3))
+        ends[:, 0] = g.anchor
+        if far:
+            ends[:, 1] = g.offset[:, :3]
+        # A turn δ about the clamp's own axes is 2 Im(q* dq).
+        w, v = problem.frames.clamp[..., :1], problem.frames.clamp[..., 1:]
+        clamp = 2 * np.concatenate(
+            [-(v * g.clamp).sum(-1, keepdims=True), w * g.clamp + np.cross(v, g.clamp)], axis=-1
+        )
+        rest = [ends, clamp, g.direction[:, far:], g.offset[:, far:], g.compliance[:, far:]]
+        out = [
+            None if shape is None else torch.from_numpy(item.copy()).reshape(shape)
+            for shape, item in zip(ctx.shapes, [*summed, *rest], strict=True)
+        ]
+        return None, None, None, *out
+
+
+def _adjoint(problem: Problem, s: Solution, gx: np.ndarray, gq: np.ndarray) -> kernels.Pull:
+    frames, segments = s.q.shape[:2]
+    count = problem.frames.node.size
+    pulls = kernels.Pull(
+        *(
+            np.zeros((frames, *shape))
+            for shape in [
+                (segments,), (segments, 3), (segments + 1, 3), (segments + 1, 3),
+                (segments + 1, 3), (2, 3), (2, 3), (3,), (count,), (count, 3), (count,),
+            ]
+        )
+    )  # fmt: skip
+
+    def work(index: slice) -> None:
+        kernels.adjoint_ropes(
+            *cut(problem, index), s.q[index], s.reaction[index], s.base[index], gx[index],
+            gq[index], kernels.Pull(*(item[index] for item in pulls)),
+        )  # fmt: skip
+
+    in_threads(work, frames)
+    return pulls
+
+
+class Directions(NamedTuple):
+    """P directions of change for `tangent`; what is None does not change.
+
+    Of R ropes: length (R, P, N), supple (R, P, N, 3), stiff, rest and load (R, P, N+1, 3), moment
+    (R, P, 2, 3). Of F frames: ends (F, P, 2, 3) [m], clamp (F, P, 2, 3) as a turn [rad] about the
+    clamp's own axes, offset (F, P, S) of the supports given with the conditions.
+    """
+
+    length: np.ndarray | None = None
+    supple: np.ndarray | None = None
+    stiff: np.ndarray | None = None
+    rest: np.ndarray | None = None
+    load: np.ndarray | None = None
+    moment: np.ndarray | None = None
+    ends: np.ndarray | None = None
+    clamp: np.ndarray | None = None
+    offset: np.ndarray | None = None
+
+
+def tangent(
+    rod: Rod,
+    conditions: Conditions,
+    solution: Solution,
+    directions: Directions,
+    member: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the states: dx (F, P, N+1, 3) [m] and turns of the frames (F, P, N, 3) [rad],
+    about their own directors, for a unit step in each of P directions."""
+    problem = problem_of(rod, conditions, member)
+    frames, segments = solution.q.shape[:2]
+    count, ropes = problem.frames.node.size, len(problem.rods.length)
+    many = next(item.shape[1] for item in directions if item is not None)
+    shapes = [
+        (segments,), (segments, 3), (segments + 1, 3), (segments + 1, 3), (segments + 1, 3), (2, 3)
+    ]  # fmt: skip
+    change = kernels.Change(
+        *(
+            np.ascontiguousarray(
+                np.broadcast_to(0.0 if given is None else given, (ropes, many, *shape)), np.float64
+            )
+            for given, shape in zip(directions[:6], shapes, strict=True)
+        )
+    )
+    ends = _or_zero(directions.ends, (frames, many, 2, 3))
+    clamp = _or_zero(directions.clamp, (frames, many, 2, 3))
+    offset = np.zeros((frames, many, count))
+    far = 3 if conditions.far_held else 0
+    if far:
+        offset[:, :, :3] = ends[:, :, 1]
+    if directions.offset is not None:
+        offset[:, :, far:] = directions.offset
+    anchor = np.ascontiguousarray(ends[:, :, 0])
+    dx = np.zeros((frames, many, segments + 1, 3))
+    turn = np.zeros((frames, many, segments, 3))
+
+    def work(index: slice) -> None:
+        s = solution
+        kernels.tangent_ropes(
+            *cut(problem, index), s.q[index], s.reaction[index], s.base[index], change,
+            clamp[index], anchor[index], offset[index], dx[index], turn[index],
+        )  # fmt: skip
+
+    in_threads(work, frames)
+    return dx, turn
+
+
+def _or_zero(given: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    if given is None:
+        return np.zeros(shape)
+    return np.ascontiguousarray(np.broadcast_to(given, shape), dtype=np.float64)
