@@ -20,10 +20,11 @@ app = typer.Typer(
 
 
 class Solver(StrEnum):
-    """How the distance constraint is solved."""
+    """The paper's solvers, or the rod in equilibrium."""
 
     jacobi = "jacobi"
     thomas = "thomas"
+    equilibrium = "equilibrium"
 
 
 class Search(StrEnum):
@@ -31,6 +32,7 @@ class Search(StrEnum):
 
     gradient = "gradient"
     grid = "grid"
+    least_squares = "least-squares"
 
 
 class ProjectChoice(StrEnum):
@@ -56,9 +58,14 @@ Nodes = Annotated[int, typer.Option(help="K: particles of the rope.")]
 Project = Annotated[
     ProjectChoice, typer.Option(help="Project points onto the plane of gravity and the two ends.")
 ]
-SolverOption = Annotated[Solver, typer.Option(help="Solver of the distance constraint.")]
+SolverOption = Annotated[
+    Solver, typer.Option(help="The paper's solvers, or the rod in equilibrium.")
+]
 LossOption = Annotated[Loss, typer.Option(help="Loss to fit.")]  # type: ignore[valid-type]
-SearchOption = Annotated[Search, typer.Option(help="How to search.")]
+SearchOption = Annotated[
+    Optional[Search],  # noqa: UP045
+    typer.Option(help="How to search; least-squares for equilibrium, else gradient, if not given."),
+]
 ControlAt = Annotated[
     Optional[float],  # noqa: UP045
     typer.Option(help="Arc length of the control point [m]; end 0 if not given."),
@@ -94,9 +101,9 @@ def run(
     run: Run = Path("run"),
     nodes: Nodes = 20,
     project: Project = ProjectChoice.auto,
-    solver: SolverOption = Solver.thomas,
+    solver: SolverOption = Solver.equilibrium,
     loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
-    search: SearchOption = Search.gradient,
+    search: SearchOption = None,
     control_at: ControlAt = None,
     force: Force = False,
     json: Json = False,
@@ -116,7 +123,7 @@ def run(
                 {
                     "solver": solver.value,
                     "loss": loss.value,
-                    "search": search.value,
+                    "search": search.value if search else None,
                     "control_at": control_at,
                 },
                 {"loss": loss.value},
@@ -148,18 +155,20 @@ def preprocess(
 @app.command()
 def identify(
     run: Run = Path("run"),
-    solver: SolverOption = Solver.thomas,
+    solver: SolverOption = Solver.equilibrium,
     loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
-    search: SearchOption = Search.gradient,
+    search: SearchOption = None,
     free: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
-            help="Comma-separated weights to fit, e.g. eta_x_G,eta_q_B; all if not given."
+            help="Comma-separated parameters to fit: EI,GJ,EA,length, or weights of the paper."
         ),
     ] = None,
     start: Annotated[
         Optional[list[str]],  # noqa: UP045
-        typer.Option(help="NAME=VALUE: where a weight starts (or stays, if not free); repeatable."),
+        typer.Option(
+            help="NAME=VALUE: where a parameter starts (stays, if not free); repeatable."
+        ),
     ] = None,
     groups: Annotated[
         str, typer.Option(help="Parameter sets: one, tension, or frame ranges like 0-17,18-35.")
@@ -191,7 +200,7 @@ def identify(
         settings = {
             "solver": solver.value,
             "loss": loss.value,
-            "search": search.value,
+            "search": search.value if search else None,
             "free": free.split(",") if free else None,
             "start": parse_start(start or []),
             "groups": groups,

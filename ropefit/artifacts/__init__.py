@@ -3,7 +3,7 @@
 from ropefit.artifacts.base import Artifact, Part, Provenance
 from ropefit.artifacts.checkpoint import Checkpoint
 from ropefit.artifacts.control import Control
-from ropefit.artifacts.model import FittedModel, Model, Parameter, ParameterGroup
+from ropefit.artifacts.model import FittedModel, Iterated, Model, Parameter, ParameterGroup
 from ropefit.artifacts.observations import DroppedFrame, Observations, View
 from ropefit.artifacts.store import content_sha256, identity, read, write
 
@@ -16,6 +16,7 @@ __all__ = [
     "Control",
     "DroppedFrame",
     "FittedModel",
+    "Iterated",
     "Model",
     "Observations",
     "Parameter",

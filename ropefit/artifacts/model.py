@@ -26,6 +26,9 @@ class Parameter(Part):
     ci95: tuple[float, float] | None = Field(
         default=None, description="Student-t interval; null when fixed or infinite"
     )
+    below: float | None = Field(
+        default=None, description="95 % upper limit of what is too small to be seen"
+    )
     trades_with: list[str] = Field(default_factory=list)
 
 
@@ -42,11 +45,53 @@ class ParameterGroup(Part):
         default=None,
         description="condition number of the scaled sensitivity matrix; null when singular",
     )
-    loss_before: float = quantity("m")
-    loss_after: float = quantity("m")
+    loss_before: float
+    loss_after: float
+    loss_unit: Literal["m", "chi-square"] = "m"
     evaluations: int
     converged: bool
     stop_reason: str
+
+
+class Iterated(Part):
+    """How far a solver of the paper got: sampled along its iterations."""
+
+    steps: int
+    iterations: int
+    dt: float = quantity("s")
+    compliance: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="alpha of shear, bend [1] and distance [m^2]"
+    )
+    iteration: Annotated[np.ndarray, ArraySpec(("sample",), dtype="int64")]
+    distance_violation: Annotated[np.ndarray, ArraySpec(("frame", "sample"), "m")]
+    length_error: Annotated[np.ndarray, ArraySpec(("frame", "sample"))]  # relative
+    drift: Annotated[np.ndarray, ArraySpec(("frame",))]  # of length, if iterated twice as long
+    drift_allowed: float = quantity("1", "median drift up to which the solver counts as converged")
+
+
+class Calibration(Part):
+    """An error of the set-up, fitted along with the rope under its prior."""
+
+    unit: str
+    prior: float = Field(description="one sigma that was assumed")
+    value: float
+    sd: float
+
+
+class Balance(Part):
+    """How the equilibria were found, and whether they are stable."""
+
+    segments: int = Field(description="of the rod that was solved; nodes are some of its nodes")
+    newton: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]  # iterations
+    residual: Annotated[np.ndarray, ArraySpec(("frame",))]  # of moments and length, relative
+    converged: Annotated[np.ndarray, ArraySpec(("frame",), dtype="bool")]
+    stability: Annotated[np.ndarray, ArraySpec(("frame",), "N", nan=True)]  # smallest eigenvalue
+    other: Annotated[np.ndarray, ArraySpec(("frame",), "m", nan=True)]  # distance of another state
+    mass_known: bool = Field(description="false: rigidities are those of 1 kg/m, ratios only")
+    bending_length: float = quantity("m", "(EI / weight per length)^(1/3)")
+    calibration: dict[str, Calibration] = Field(default_factory=dict)
+    correlated_noise: float = quantity("m", "sd of the part correlated along the rope", default=0.0)
+    correlation_length: float = quantity("m", default=0.0)
 
 
 class FittedModel(Part):
@@ -55,12 +100,6 @@ class FittedModel(Part):
     solver: str
     loss: str
     search: str
-    steps: int
-    iterations: int
-    dt: float = quantity("s")
-    compliance: tuple[float, float, float] = Field(
-        default=(0.0, 0.0, 0.0), description="alpha of shear, bend [1] and distance [m^2]"
-    )
     control_node: int
     fixed_nodes: list[int]
     two_sided: bool
@@ -75,14 +114,10 @@ class FittedModel(Part):
     rms_initial: Annotated[np.ndarray, ArraySpec(("frame",), "m")]
     rms_px: Annotated[np.ndarray, ArraySpec(("frame",), "px")]
 
-    # How far the solver got: sampled along its iterations.
-    iteration: Annotated[np.ndarray, ArraySpec(("sample",), dtype="int64")]
-    distance_violation: Annotated[np.ndarray, ArraySpec(("frame", "sample"), "m")]
-    length_error: Annotated[np.ndarray, ArraySpec(("frame", "sample"))]  # relative
-    drift: Annotated[np.ndarray, ArraySpec(("frame",))]  # of length, if iterated twice as long
-    drift_allowed: float = quantity("1", "median drift up to which the solver counts as converged")
     solver_converged: bool
-    trace: Annotated[np.ndarray, ArraySpec(("step",), "m")]  # loss after every step of the search
+    iterated: Iterated | None = Field(default=None, description="solvers of the paper")
+    balance: Balance | None = Field(default=None, description="the equilibrium solver")
+    trace: Annotated[np.ndarray, ArraySpec(("step",))]  # loss [m] or chi-square along the search
 
     rms_fit: float = quantity("m")
     rms_heldout: float | None = quantity("m", default=None)

@@ -23,6 +23,21 @@ class View(Part):
     virtual: bool = Field(description="true when the recording has no camera and one was assumed")
 
 
+class SetupPriors(Part):
+    """One-sigma uncertainty of the set-up as the recording gives it; null: the default."""
+
+    camera_rotation: float | None = quantity("deg", default=None)
+    camera_translation: float | None = quantity("m", default=None)
+    scale: float | None = None
+    depth_gain: float | None = None
+    gravity: float | None = quantity("deg", default=None)
+    end_position: float | None = quantity("m", default=None)
+    end_orientation: float | None = quantity("deg", default=None)
+    time_lag: float | None = quantity("s", default=None)
+    length: float | None = quantity("m", default=None)
+    mass: float | None = quantity("kg", default=None)
+
+
 class DroppedFrame(Part):
     """A frame of the recording that is not used, and why."""
 
@@ -45,6 +60,7 @@ class Observations(Artifact):
     length_source: Literal["recording", "estimated"]
     diameter: float | None = quantity("m", default=None)
     mass: float | None = quantity("kg", "whole rope", default=None)
+    priors: SetupPriors = Field(default_factory=SetupPriors)
 
     frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
     time: Annotated[np.ndarray, ArraySpec(("frame",), "s")]
@@ -53,6 +69,9 @@ class Observations(Artifact):
     end_kind: tuple[EndKind, EndKind]
     ends_assumed: bool = Field(
         description="no [ends] in the recording: ends seen were taken as pinned"
+    )
+    end_twist_known: bool = Field(
+        default=True, description="false: clamps come from two markers, which show no twist"
     )
     end_position: Annotated[np.ndarray, ArraySpec(("frame", "end", "xyz"), "m", nan=True)]
     end_orientation: Annotated[np.ndarray, ArraySpec(("frame", "end", "wxyz"), nan=True)]

@@ -26,10 +26,20 @@ class Space:
     upper: np.ndarray
 
     @staticmethod
-    def of(names: tuple[str, ...], free: list[str], start: dict[str, float]) -> Space:
-        """The space of named weights; `start` overrides the paper's initial values."""
-        low, high = np.array([bounds(name) for name in names]).T
-        values = np.array([start.get(name, initial(name)) for name in names])
+    def of(
+        names: tuple[str, ...],
+        free: list[str],
+        start: dict[str, float],
+        ranges: dict[str, tuple[float, float, float]] | None = None,
+    ) -> Space:
+        """The space of named parameters; `start` overrides the initial values.
+
+        ranges: (initial, lower, upper) by name; the paper's weights have their own.
+        """
+        if ranges is None:
+            ranges = {name: (initial(name), *bounds(name)) for name in names}
+        values, low, high = np.array([ranges[name] for name in names]).T
+        values = np.array([start.get(n, v) for n, v in zip(names, values, strict=True)])
         indices = tuple(i for i, name in enumerate(names) if name in free)
         return Space(names, indices, values, low, high)
 

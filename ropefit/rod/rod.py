@@ -90,12 +90,14 @@ def build(
     gravity: Float[Tensor, " 3"],
     clamped: tuple[bool, bool],
     give: Float[Tensor, "*batch 2 2"] | None = None,
+    kinks: Float[Tensor, "*batch nodes 3"] | None = None,
 ) -> Rod:
     """The discrete rod of a rope under gravity (3,) [m/s²].
 
     A clamp holds a frame at the very end of the rope: half a segment lies between it and the first
     frame. give (..., 2, 2) [rad/(N m)]: how far the clamps themselves yield to bending and to
-    twist, 0 if not given; infinity lets go. Each segment's flexibility l/EI is shared by the two
+    twist, 0 if not given; infinity lets go. kinks (..., N+1, 3) [rad]: turns of the rest shape at
+    the nodes, besides its curvature. Each segment's flexibility l/EI is shared by the two
     nodes beside it, so properties may jump.
     """
     half_bend, half_twist = 0.5 * p.length / p.bend, 0.5 * p.length / p.twist
@@ -105,6 +107,8 @@ def build(
     ends = torch.ones(soft.shape[-2], 1, dtype=soft.dtype, device=soft.device)
     ends[0], ends[-1] = float(clamped[0]), float(clamped[1])
     turn = _at_nodes(0.5 * p.length[..., None] * p.curvature, -2)
+    if kinks is not None:
+        turn = turn + kinks
     mass = _at_nodes(0.5 * p.density * p.length)
     load = mass[..., None] * gravity
     return Rod(

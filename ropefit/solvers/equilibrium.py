@@ -76,7 +76,8 @@ def solve(
     if start is None:
         start = _start(problem, conditions, turns)
     q, lam, base = start.q.copy(), np.zeros((frames, count)), start.base.copy()
-    lam[:, : start.reaction.shape[1]] = start.reaction[:, :count]
+    known = min(count, start.reaction.shape[1])
+    lam[:, :known] = start.reaction[:, :known]
     if not conditions.free:
         base = as_numpy(conditions.ends[:, 0])
     status, iterations = np.zeros(frames, dtype=np.int64), np.zeros(frames, dtype=np.int64)

@@ -9,12 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from ropefit import __version__
 from ropefit.artifacts import (
     Checkpoint,
     FittedModel,
+    Iterated,
     Model,
     Observations,
     Parameter,
@@ -33,6 +34,7 @@ from ropefit.inference.rope import MEANING, bounds, eta_names
 from ropefit.inference.uncertainty import verdicts
 from ropefit.losses.objectives import OBJECTIVES, LossName
 from ropefit.solvers.xpbd import Settings
+from ropefit.stages import identify_equilibrium
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
 from ropefit.stages.scene import build_scene, control_positions, node_at, rope_of
 from ropefit.stages.stage import Context, Stage, StageSettings
@@ -45,9 +47,9 @@ FLAT = np.log(3.0)  # an interval beyond a factor of three up and down determine
 class IdentifySettings(StageSettings):
     """What is fitted, how, to which frames. Distances in m, dt in s."""
 
-    solver: Literal["jacobi", "thomas"] = "thomas"
+    solver: Literal["jacobi", "thomas", "equilibrium"] = "equilibrium"
     loss: LossName = "OBJ1"
-    search: Literal["gradient", "grid"] = "gradient"
+    search: Literal["gradient", "grid", "least-squares"] | None = None
     free: list[str] | None = None
     start: dict[str, float] = Field(default_factory=dict)
     groups: str = "one"
@@ -63,6 +65,17 @@ class IdentifySettings(StageSettings):
     holdout: float = Field(default=0.2, ge=0, lt=1)
     most_frames: int = Field(default=60, ge=1)
 
+    @model_validator(mode="after")
+    def _search_fits(self) -> IdentifySettings:
+        if self.search == "least-squares" and self.solver != "equilibrium":
+            raise WrongUsage("--search least-squares needs --solver equilibrium")
+        return self
+
+    @property
+    def how(self) -> str:
+        """The search, chosen by the solver if not given."""
+        return self.search or ("least-squares" if self.solver == "equilibrium" else "gradient")
+
     @field_validator("compliance")
     @classmethod
     def _positive(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -74,6 +87,8 @@ class IdentifySettings(StageSettings):
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
+    if settings.how == "least-squares":
+        return identify_equilibrium.compute(observations, settings, context)
     names = eta_names(settings.two_sided)
     _check_names(settings, names)
     space = Space.of(names, settings.free or list(names), settings.start)
@@ -137,11 +152,7 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     model = FittedModel(
         solver=settings.solver,
         loss=settings.loss,
-        search=settings.search,
-        steps=settings.steps,
-        iterations=settings.iterations,
-        dt=settings.dt,
-        compliance=settings.compliance,
+        search=settings.how,
         control_node=node,
         fixed_nodes=list(rope.held_nodes),
         two_sided=settings.two_sided,
@@ -154,12 +165,18 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         rms=now.rms,
         rms_initial=then.rms,
         rms_px=now.rms_px,
-        iteration=progress.iteration,
-        distance_violation=progress.distance_violation,
-        length_error=progress.length_error,
-        drift=progress.drift,
-        drift_allowed=DRIFT_ALLOWED,
         solver_converged=drift < DRIFT_ALLOWED,
+        iterated=Iterated(
+            steps=settings.steps,
+            iterations=settings.iterations,
+            dt=settings.dt,
+            compliance=settings.compliance,
+            iteration=progress.iteration,
+            distance_violation=progress.distance_violation,
+            length_error=progress.length_error,
+            drift=progress.drift,
+            drift_allowed=DRIFT_ALLOWED,
+        ),
         trace=torch.stack(search.trace).sum(dim=1).numpy(),
         rms_fit=float(np.sqrt(np.mean(now.rms[train] ** 2))),
         rms_heldout=float(np.sqrt(np.mean(now.rms[out] ** 2))) if out.any() else None,
@@ -189,18 +206,18 @@ def _search(task: Task, settings: IdentifySettings, context: Context) -> Search:
     resume = _restore(path, context.key)
     if resume:
         context.say(f"resumed after {resume.evaluations} evaluations")
-    goal = settings.evaluations if settings.search == "gradient" else settings.rounds
+    goal = settings.evaluations if settings.how == "gradient" else settings.rounds
     saved = time.monotonic()
 
     def report(search: Search) -> None:
         nonlocal saved
-        done = search.evaluations if settings.search == "gradient" else int(search.calm[0])
+        done = search.evaluations if settings.how == "gradient" else int(search.calm[0])
         context.progress(0.9 * done / goal, f"{settings.loss} {float(search.loss.min()):.4g} m")
         if time.monotonic() - saved > CHECKPOINT_EVERY:
             _save(path, context.key, search)
             saved = time.monotonic()
 
-    if settings.search == "gradient":
+    if settings.how == "gradient":
         return gradient_search(task, settings.evaluations, resume, report)
     return grid_search(task, settings.levels, settings.rounds, resume, report)
 

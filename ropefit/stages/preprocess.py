@@ -63,11 +63,13 @@ def compute(
         "gravity": recording.gravity,
         "diameter": rope.diameter,
         "mass": rope.mass,
+        "priors": recording.manifest.priors.model_dump(),
         "frames": np.array(frames),
         "time": np.array([recording.source.time[frame] for frame in frames]),
         "dropped": dropped,
         "end_kind": tracer.end_kind,
         "ends_assumed": recording.ends is None,
+        "end_twist_known": not (recording.manifest.ends and recording.manifest.ends.markers),
         "view": View(**vars(content.pop("camera"))),
         **content,
     }

@@ -1,0 +1,268 @@
+"""What a recording says about the rope's place, station by station along it.
+
+A cloud's points have no counterpart on the rope: only their offset across the curve counts. The
+offsets of the points that fall to the same short stretch are averaged, robustly, into one station,
+with the white noise that its points show; nothing is lost, since no shape changes within a stretch.
+Markers are stations as they are, in three dimensions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+WINDOW = 0.08  # of the length: how far a point may lie from where preprocess put it
+FINE = 4  # points of the curve for every segment
+HUBER = 2.0  # sd beyond which a point counts less
+FEWEST = 3  # points of a station that say anything
+
+
+@dataclass(frozen=True)
+class Data:
+    """Points (F, P, 3) [m], their share of the rope's length (F, P) and mask (F, P).
+
+    material: the shares are known (markers), so that all three components count. eye (3,) [m]:
+    where the sensor is.
+    """
+
+    points: np.ndarray
+    share: np.ndarray
+    mask: np.ndarray
+    material: bool
+    eye: np.ndarray
+
+    def frames(self, index: np.ndarray) -> Data:
+        return Data(
+            self.points[index], self.share[index], self.mask[index], self.material, self.eye
+        )
+
+
+@dataclass(frozen=True)
+class Stations:
+    """M stations against a model's curve; D = 2 components across it, or 3 for markers.
+
+    frame, bin (M,); share (M,) of the length; count (M,) points; residual (M, D) [m] data minus
+    model; basis (M, D, 3); segment (M,), weight (M, 4): the station's place is
+    Σ_k weight_k x[segment - 1 + k]; scatter (M, D) [m²] white variance of a point, pooled.
+    """
+
+    frame: np.ndarray
+    bin: np.ndarray
+    share: np.ndarray
+    count: np.ndarray
+    residual: np.ndarray
+    basis: np.ndarray
+    segment: np.ndarray
+    weight: np.ndarray
+    scatter: np.ndarray
+
+    def project(self, dx: np.ndarray) -> np.ndarray:
+        """(M, D, P) what changes dx (P, F, K, 3) of the nodes change at the stations."""
+        last = dx.shape[2] - 1
+        place = np.zeros((dx.shape[0], len(self.frame), 3))
+        for k in range(4):
+            node = np.clip(self.segment - 1 + k, 0, last)
+            place += self.weight[:, k, None] * dx[:, self.frame, node]
+        return np.einsum("mda,pma->mdp", self.basis, place)
+
+
+def match(data: Data, x: np.ndarray, bins: int) -> Stations:
+    """Stations of data against the curve through nodes x (F, K, 3), `bins` a frame."""
+    if data.material:
+        return _markers(data, x)
+    frames = len(x)
+    fine = _refine(x)
+    share, offset, good = _feet(data.points, data.share, data.mask, fine, WINDOW)
+    slot = np.clip((data.share * bins).astype(np.int64), 0, bins - 1)
+    key = (np.arange(frames)[:, None] * bins + slot)[good]
+    offset, share = offset[good], share[good]
+    total = frames * bins
+    count = np.bincount(key, minlength=total)
+    used = np.flatnonzero(count >= FEWEST)
+    mean_share = np.bincount(key, share, total)[used] / count[used]
+    frame, bin_ = np.divmod(used, bins)
+    segment, weight, tangent, place = _on_curve(x, frame, mean_share)
+    ray = place - data.eye
+    basis = _across(tangent, ray)
+    of = np.full(total, -1)
+    of[used] = np.arange(len(used))
+    kept = of[key] >= 0
+    station = of[key[kept]]
+    values = np.einsum("nda,na->nd", basis[station], offset[kept])
+    residual, effective, scatter = _robust_means(values, station, len(used))
+    return Stations(
+        frame, bin_, mean_share, effective, residual, basis, segment, weight,
+        np.broadcast_to(scatter, residual.shape).copy(),
+    )  # fmt: skip
+
+
+def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(F, P, 3) [m] from the curve through nodes x (F, K, 3) to the points, and which count."""
+    if data.material:
+        frame, slot = np.nonzero(data.mask)
+        place = _on_curve(x, frame, data.share[frame, slot])[3]
+        out = np.zeros_like(data.points)
+        out[frame, slot] = data.points[frame, slot] - place
+        return out, data.mask
+    _, offset, good = _feet(data.points, data.share, data.mask, _refine(x), WINDOW)
+    return offset, good
+
+
+def _markers(data: Data, x: np.ndarray) -> Stations:
+    frame, slot = np.nonzero(data.mask)
+    share = data.share[frame, slot]
+    segment, weight, _, place = _on_curve(x, frame, share)
+    residual = data.points[frame, slot] - place
+    basis = np.broadcast_to(np.eye(3), (len(frame), 3, 3)).copy()
+    one = np.ones(len(frame))
+    return Stations(
+        frame, slot, share, one, residual, basis, segment, weight, np.zeros_like(residual)
+    )
+
+
+def _weights(t: np.ndarray) -> np.ndarray:
+    """(M, 4) of the Catmull-Rom cubic at t in 0..1 between its second and third node."""
+    return 0.5 * np.stack(
+        [-t + 2 * t**2 - t**3, 2 - 5 * t**2 + 3 * t**3, t + 4 * t**2 - 3 * t**3, t**3 - t**2],
+        axis=-1,
+    )
+
+
+def _slopes(t: np.ndarray) -> np.ndarray:
+    return 0.5 * np.stack(
+        [-1 + 4 * t - 3 * t**2, -10 * t + 9 * t**2, 1 + 8 * t - 9 * t**2, 3 * t**2 - 2 * t], axis=-1
+    )
+
+
+def _padded(x: np.ndarray) -> np.ndarray:
+    """Nodes with one more at either end, so that the cubic is a parabola there."""
+    first = 3 * x[:, :1] - 3 * x[:, 1:2] + x[:, 2:3]
+    last = 3 * x[:, -1:] - 3 * x[:, -2:-1] + x[:, -3:-2]
+    return np.concatenate([first, x, last], axis=1)
+
+
+def _refine(x: np.ndarray) -> np.ndarray:
+    """(F, FINE (K-1) + 1, 3) points of the cubic through the nodes."""
+    wide, n = _padded(x), x.shape[1] - 1
+    t = np.arange(FINE) / FINE
+    quads = np.stack([wide[:, k : k + n] for k in range(4)], axis=2)  # (F, n, 4, 3)
+    fine = np.einsum("tk,fnka->fnta", _weights(t), quads).reshape(len(x), -1, 3)
+    return np.concatenate([fine, x[:, -1:]], axis=1)
+
+
+def _on_curve(x, frame, share):
+    """Segment (M,), weights (M, 4), unit tangents and places (M, 3) at shares of the length."""
+    n = x.shape[1] - 1
+    at = np.clip(share, 0, 1) * n
+    segment = np.minimum(at.astype(np.int64), n - 1)
+    t = at - segment
+    weight, slope = _weights(t), _slopes(t)
+    # Beyond the ends: the parabola's node in terms of the three next.
+    for row in (weight, slope):
+        first, last = segment == 0, segment == n - 1
+        row[first] += row[first, :1] * np.array([0.0, 3.0, -3.0, 1.0])
+        row[first, 0] = 0.0
+        row[last] += row[last, 3:] * np.array([1.0, -3.0, 3.0, 0.0])
+        row[last, 3] = 0.0
+    place, tangent = np.zeros((len(frame), 3)), np.zeros((len(frame), 3))
+    for k in range(4):
+        node = np.clip(segment - 1 + k, 0, n)
+        place += weight[:, k, None] * x[frame, node]
+        tangent += slope[:, k, None] * x[frame, node]
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    return segment, weight, tangent, place
+
+
+def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """(M, 2, 3): across the rope sideways to the ray, and across it along the ray."""
+    side = np.cross(tangent, ray)
+    size = np.linalg.norm(side, axis=1, keepdims=True)
+    axis = np.eye(3)[np.abs(tangent).argmin(axis=1)]
+    side = np.where(
+        size > 1e-6 * np.linalg.norm(ray, axis=1, keepdims=True), side, np.cross(tangent, axis)
+    )
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    return np.stack([side, np.cross(side, tangent)], axis=1)
+
+
+def _robust_means(
+    values: np.ndarray, station: np.ndarray, stations: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Huber means (M, D) of values (N, D), effective counts (M,), pooled variance (D,)."""
+    dims = values.shape[1]
+    starts = np.searchsorted(np.sort(station), np.arange(stations))
+    count = np.bincount(station, minlength=stations)
+    mean = np.empty((stations, dims))
+    for d in range(dims):
+        ordered = values[np.lexsort((values[:, d], station)), d]
+        mean[:, d] = 0.5 * (ordered[starts + (count - 1) // 2] + ordered[starts + count // 2])
+    inner = count[station] >= 5
+    if inner.sum() < 10:
+        inner = np.ones(len(station), bool)
+    weight = np.ones(len(values))
+    for _ in range(6):
+        off = values - mean[station]
+        # A mean of n points takes one n-th of the variance with it.
+        spare = np.sqrt(1 - 1 / np.maximum(count[station], 2))
+        sd = np.maximum(np.median(np.abs(off[inner] / spare[inner, None]), axis=0) / 0.6745, 1e-9)
+        size = np.sqrt(((off / sd) ** 2).sum(axis=1) / dims)
+        weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
+        total = np.bincount(station, weight, stations)
+        mean = np.stack(
+            [np.bincount(station, weight * values[:, d], stations) / total for d in range(dims)],
+            axis=1,
+        )
+    off = values - mean[station]
+    spare = 1 - 1 / np.maximum(count[station], 2)
+    pooled = (weight[:, None] ** 2 * off**2)[inner].sum(0) / (weight**2 * spare)[inner].sum()
+    return mean, total, pooled
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _feet(points, guess, mask, curve, window):
+    """Nearest points of curves (F, M, 3) to points (F, P, 3) within `window` of their guess.
+
+    Returns the foot's share of the curve (F, P), the offset (F, P, 3), and whether the foot is an
+    inner point of the window, so that the offset lies across the curve.
+    """
+    frames, count = guess.shape
+    last = curve.shape[1] - 1
+    share = np.zeros((frames, count))
+    offset = np.zeros((frames, count, 3))
+    good = np.zeros((frames, count), dtype=np.bool_)
+    for f in range(frames):
+        for p in range(count):
+            if not mask[f, p]:
+                continue
+            low = max(0, math.floor((guess[f, p] - window) * last))
+            high = min(last, math.ceil((guess[f, p] + window) * last))
+            best = np.inf
+            for k in range(low, high):
+                e0 = curve[f, k + 1, 0] - curve[f, k, 0]
+                e1 = curve[f, k + 1, 1] - curve[f, k, 1]
+                e2 = curve[f, k + 1, 2] - curve[f, k, 2]
+                d0 = points[f, p, 0] - curve[f, k, 0]
+                d1 = points[f, p, 1] - curve[f, k, 1]
+                d2 = points[f, p, 2] - curve[f, k, 2]
+                t = (d0 * e0 + d1 * e1 + d2 * e2) / (e0 * e0 + e1 * e1 + e2 * e2)
+                inside = 0.0 <= t <= 1.0
+                # The end of the rope is a foot too if the point lies hardly beyond it.
+                if t < 0.0:
+                    inside = k > low or (k == 0 and t > -0.5)
+                    t = 0.0
+                elif t > 1.0:
+                    inside = k < high - 1 or (k == last - 1 and t < 1.5)
+                    t = 1.0
+                d0 -= t * e0
+                d1 -= t * e1
+                d2 -= t * e2
+                square = d0 * d0 + d1 * d1 + d2 * d2
+                if square < best:
+                    best = square
+                    share[f, p] = (k + t) / last
+                    offset[f, p, 0], offset[f, p, 1], offset[f, p, 2] = d0, d1, d2
+                    good[f, p] = inside
+    return share, offset, good

@@ -1,0 +1,185 @@
+"""The terms of the nominal model: rope parameters, and calibration errors with their priors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.inference.forward import Apply, Term
+from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.rod.setup import Setup
+
+DEGREE = math.pi / 180
+
+
+@dataclass(frozen=True)
+class Priors:
+    """One-sigma uncertainty of the set-up: degrees, metres, seconds, kilograms; scales are ratios.
+
+    length and mass are None where the recording's are taken as exact.
+    """
+
+    camera_rotation: float = 0.2
+    camera_translation: float = 0.002
+    scale: float = 0.003
+    depth_gain: float = 0.005
+    gravity: float = 0.2
+    end_position: float = 0.0015
+    end_orientation: float = 1.0
+    time_lag: float = 0.003
+    length: float | None = None
+    mass: float | None = None
+
+
+def rope_term(name: str, unit: str, start: float, low: float, high: float, apply: Apply) -> Term:
+    """A positive rope parameter, searched on a log scale."""
+    return Term(
+        name, (name,), (unit,), apply, np.array([start]), np.ones(1), np.array([low]),
+        np.array([high]), np.full(1, np.inf), log=True,
+    )  # fmt: skip
+
+
+def set_bend(setup: Setup, v: Tensor) -> Setup:
+    """EI [N m²], the same everywhere; the twist rigidity follows at its ratio."""
+    p = setup.properties
+    ratio = v[0] / p.bend
+    return setup._replace(properties=p._replace(bend=p.bend * ratio, twist=p.twist * ratio))
+
+
+def set_twist(setup: Setup, v: Tensor) -> Setup:
+    """GJ [N m²], the same everywhere."""
+    p = setup.properties
+    return setup._replace(properties=p._replace(twist=v[0].expand(p.twist.shape)))
+
+
+def set_axial(setup: Setup, v: Tensor) -> Setup:
+    """EA [N], the same everywhere."""
+    p = setup.properties
+    return setup._replace(properties=p._replace(axial=v[0].expand(p.axial.shape)))
+
+
+def set_length(setup: Setup, v: Tensor) -> Setup:
+    """Rest length [m] of the whole rope."""
+    p = setup.properties
+    return setup._replace(properties=p._replace(length=p.length * (v[0] / p.length.sum())))
+
+
+ROPE = {"EI": set_bend, "GJ": set_twist, "EA": set_axial, "length": set_length}
+
+
+def nuisance(name: str, names: list[str], units: list[str], apply: Apply, sd: list[float]) -> Term:
+    """A calibration error: zero, give or take its prior."""
+    prior = np.array(sd)
+    return Term(
+        name, tuple(names), tuple(units), apply, np.zeros(len(sd)), prior, -30 * prior, 30 * prior,
+        prior, nuisance=True,
+    )  # fmt: skip
+
+
+def turn_camera(setup: Setup, v: Tensor) -> Setup:
+    return setup._replace(seen=setup.seen._replace(rotation=setup.seen.rotation + v))
+
+
+def shift_camera(setup: Setup, v: Tensor) -> Setup:
+    return setup._replace(seen=setup.seen._replace(shift=setup.seen.shift + v))
+
+
+def gain_camera(setup: Setup, v: Tensor) -> Setup:
+    return setup._replace(seen=setup.seen._replace(gain=setup.seen.gain + v[0]))
+
+
+def scale_all(setup: Setup, v: Tensor) -> Setup:
+    """Coordinates, those of the ends too, are 1 + v times the true ones."""
+    seen = setup.seen
+    gain = seen.gain + v[0]
+    # About the origin, not about the sensor.
+    shift = seen.shift + v[0] * seen.place
+    return setup._replace(ends=setup.ends / (1 + v[0]), seen=seen._replace(gain=gain, shift=shift))
+
+
+def tilt_gravity(setup: Setup, v: Tensor) -> Setup:
+    """v (2,) [rad]: turn about the two horizontal axes."""
+    first, second = horizontal(setup.gravity)
+    turn = v[0] * first + v[1] * second
+    g = setup.gravity
+    turned = g + torch.linalg.cross(turn, g) - 0.5 * (turn * turn).sum() * g
+    return setup._replace(gravity=turned)
+
+
+def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
+    """Two unit vectors across gravity (3,), as fixed as they can be."""
+    g = gravity.detach()
+    size = g.norm()
+    down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
+    axis = torch.zeros(3, dtype=g.dtype)
+    axis[int(down.abs().argmin())] = 1.0
+    first = torch.linalg.cross(down, axis)
+    first = first / first.norm()
+    return first, torch.linalg.cross(down, first)
+
+
+def move_end(end: int) -> Apply:
+    """The end is v (3,) [m] beside where the recording has it, in every frame alike."""
+
+    def apply(setup: Setup, v: Tensor) -> Setup:
+        place = torch.zeros(2, 1, dtype=v.dtype)
+        place[end] = 1.0
+        return setup._replace(ends=setup.ends + place * v)
+
+    return apply
+
+
+def turn_clamp(end: int) -> Apply:
+    """The clamp is turned by v (3,) [rad] about its own axes, in every frame alike."""
+
+    def apply(setup: Setup, v: Tensor) -> Setup:
+        place = torch.zeros(2, 1, dtype=v.dtype)
+        place[end] = 1.0
+        turned = multiply(setup.clamp, from_rotation_vector(v).expand_as(setup.clamp))
+        return setup._replace(clamp=torch.where(place > 0, turned, setup.clamp))
+
+    return apply
+
+
+def calibration(setup: Setup, priors: Priors, shared: bool) -> list[Term]:
+    """All calibration errors as nuisances.
+
+    shared: data and ends come from the same sensor, whose errors then turn and shift both alike
+    (the rest of it is the error of gravity).
+    """
+    d, m = DEGREE, "m"
+    terms = []
+    if not shared:
+        rotation = priors.camera_rotation * d
+        terms += [
+            nuisance("camera_rotation", ["x", "y", "z"], ["rad"] * 3, turn_camera, [rotation] * 3),
+            nuisance(
+                "camera_translation", ["x", "y", "z"], [m] * 3, shift_camera,
+                [priors.camera_translation] * 3,
+            ),
+            nuisance("depth_gain", ["gain"], ["1"], gain_camera, [priors.depth_gain]),
+        ]  # fmt: skip
+    terms += [
+        nuisance("scale", ["scale"], ["1"], scale_all, [priors.scale]),
+        nuisance("gravity", ["x", "y"], ["rad"] * 2, tilt_gravity, [priors.gravity * d] * 2),
+    ]
+    for end in range(2):
+        if not bool(torch.isnan(setup.ends[:, end]).any()):
+            terms.append(
+                nuisance(
+                    f"end_{end}", ["x", "y", "z"], [m] * 3, move_end(end),
+                    [priors.end_position] * 3,
+                )
+            )  # fmt: skip
+        if setup.clamped[end]:
+            terms.append(
+                nuisance(
+                    f"clamp_{end}", ["x", "y", "z"], ["rad"] * 3, turn_clamp(end),
+                    [priors.end_orientation * d] * 3,
+                )
+            )  # fmt: skip
+    return terms

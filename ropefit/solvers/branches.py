@@ -1,0 +1,67 @@
+"""Other equilibria under the same conditions, and states that follow from frame to frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ropefit.rod.quaternion import conjugate_product, multiply
+from ropefit.rod.rod import Rod
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import Solution, solve
+
+DIFFERENT = 1e-3  # of the length: states that lie nearer are the same
+
+
+def other_states(
+    rod: Rod, conditions: Conditions, solution: Solution
+) -> tuple[Solution, np.ndarray]:
+    """A second stable equilibrium of each frame, and how far it is (F,) [m], NaN where none was
+    found.
+
+    Looked for from the catenary and from the state turned half way about the clamp's tangent (a
+    cantilever that may fall to either side).
+    """
+    best, far = solution.copy(), np.full(len(solution.x), np.nan)
+    starts: list[Solution | None] = [None]
+    for end in range(2):
+        if not bool(torch.isnan(conditions.clamp[:, end]).any()):
+            starts.append(_turned(conditions, solution, end))
+    least = DIFFERENT * float(rod.length.reshape(-1, rod.length.shape[-1])[0].sum())
+    for start in starts:
+        found = solve(rod, conditions, start)
+        apart = np.abs(found.x - solution.x).max(axis=(1, 2))
+        new = found.converged & (apart > least) & ~(apart <= np.nan_to_num(far, nan=0.0))
+        for name in Solution.__dataclass_fields__:
+            getattr(best, name)[new] = getattr(found, name)[new]
+        far[new] = apart[new]
+    return best, far
+
+
+def _turned(conditions: Conditions, solution: Solution, end: int) -> Solution:
+    """The states turned by half a turn about the tangent of a clamp, its frame left as it is."""
+    clamp = conditions.clamp[:, end : end + 1]
+    spin = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
+    inside = conjugate_product(clamp, torch.from_numpy(solution.q))
+    turned = multiply(multiply(spin, inside), spin * torch.tensor([1.0, -1.0, -1.0, -1.0]))
+    start = solution.copy()
+    start.q[:] = multiply(clamp, turned).numpy()
+    start.reaction[:] = 0.0
+    return start
+
+
+def follow(rod: Rod, conditions: Conditions) -> Solution:
+    """Equilibria of F frames in which each state follows from the one before.
+
+    Where following fails the state is found anew from the catenary.
+    """
+    fresh = solve(rod, conditions)
+    out = fresh.copy()
+    for t in range(1, len(out.x)):
+        one = np.array([t])
+        before = out.frames(np.array([t - 1]))
+        found = solve(rod, conditions.frames(one), before)
+        if found.converged[0]:
+            for name in Solution.__dataclass_fields__:
+                getattr(out, name)[t] = getattr(found, name)[0]
+    return out

@@ -1,0 +1,139 @@
+"""Equilibria under energies of single nodes (contact, tethers): Newton around Newton.
+
+At the present nodes every potential is replaced by its quadratic approximation, whose stiffness
+enters the rod's own Newton as elastic supports; repeated until the nodes stay where they are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+import torch.autograd.forward_ad as forward_ad
+from torch import Tensor
+
+from ropefit.rod.rod import Rod
+from ropefit.rod.setup import Potential
+from ropefit.solvers import newton_kernels as kernels
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import Solution, solve
+
+ROUNDS = 60
+STILL = 1e-9  # of the length: nodes that move less have arrived
+
+
+def force_and_stiffness(potentials: tuple[Potential, ...], x: Tensor) -> tuple[Tensor, Tensor]:
+    """-dV/dx (F, K, 3) [N] and d²V/dx² (F, K, 3, 3) [N/m] at nodes x (F, K, 3)."""
+    x = x.detach().requires_grad_()
+    total = torch.zeros((), dtype=x.dtype)
+    for p in potentials:
+        total = total + (p.share.detach() * p.energy(x)).sum()
+    (slope,) = torch.autograd.grad(total, x, create_graph=True)
+    rows = []
+    for a in range(3):
+        if slope.requires_grad:
+            (row,) = torch.autograd.grad(
+                slope[..., a].sum(), x, retain_graph=True, allow_unused=True
+            )
+        else:
+            row = None
+        rows.append(torch.zeros_like(x) if row is None else row)
+    return -slope.detach(), torch.stack(rows, dim=-2).detach()
+
+
+def springs(potentials: tuple[Potential, ...], x: Tensor) -> np.ndarray | None:
+    """(F, K, 3) [N] tangent of the potentials' force at fixed nodes, None if nothing changes.
+
+    Called where the potentials' own parameters are dual numbers.
+    """
+    if not potentials:
+        return None
+    with torch.enable_grad():
+        x = x.detach().requires_grad_()
+        total = torch.zeros((), dtype=x.dtype)
+        for p in potentials:
+            total = total + (p.share * p.energy(x)).sum()
+        (slope,) = torch.autograd.grad(total, x, create_graph=True)
+    tangent = forward_ad.unpack_dual(slope).tangent
+    return None if tangent is None else -tangent.detach().numpy()
+
+
+def solve_with_potentials(
+    rod: Rod,
+    conditions: Conditions,
+    potentials: tuple[Potential, ...],
+    start: Solution | None = None,
+) -> tuple[Solution, Conditions, Rod]:
+    """Equilibria of F frames of one rope with energies of its nodes.
+
+    Returns the states, and the conditions and rods with the supports and loads that stand for the
+    potentials there (derivatives of the states need them). Frames that do not settle are marked.
+    """
+    length = float(rod.length.sum())
+    if start is None or not start.converged.all():
+        start = solve(rod, conditions)
+    current, moved = start, np.full(len(start.x), np.inf)
+    held, rods = conditions, rod
+    before = current.x
+    for round_ in range(ROUNDS):
+        # Contact that opens and closes in turn: go half the way.
+        before = current.x if round_ < ROUNDS // 3 else 0.5 * (current.x + before)
+        x = torch.from_numpy(before)
+        force, stiffness = force_and_stiffness(potentials, x)
+        held, load, reaction = _supports(conditions, x, force, stiffness)
+        far = 3 if conditions.far_held else 0
+        guess = Solution(
+            current.q, current.x, current.force,
+            np.concatenate([current.reaction[:, :far], reaction], axis=1),
+            current.base, current.status, current.iterations, current.residual,
+        )  # fmt: skip
+        rods = rod
+        if load is not None:
+            frames = len(x)
+            rods = type(rod)(*(t.expand(frames, *t.shape) for t in rod))
+            rods = rods._replace(load=rods.load + load)
+        current = solve(rods, held, guess)
+        moved = np.abs(current.x - before).max(axis=(1, 2))
+        if not np.isfinite(moved).all() or moved.max() < STILL * length:
+            break
+    late = current.converged & ~(moved < 1e3 * STILL * length)
+    current.status[late] = kernels.LIMIT
+    return current, held, rods
+
+
+def _supports(
+    conditions: Conditions, x: Tensor, force: Tensor, stiffness: Tensor
+) -> tuple[Conditions, Tensor | None, np.ndarray]:
+    """Elastic supports with the potentials' stiffness and force at x, and what force is left.
+
+    A support along an eigenvector d of the stiffness κ pushes with κ (offset - d · x).
+    """
+    touched = torch.nonzero((stiffness != 0).any(-1).any(-1).any(0))[:, 0]
+    frames = len(x)
+    if len(touched) == 0:
+        left = force if bool((force != 0).any()) else None
+        return conditions, left, np.zeros((frames, 0))
+    values, vectors = torch.linalg.eigh(stiffness[:, touched])  # (F, T, 3), (F, T, 3, 3)
+    order = values.abs().argsort(-1, descending=True)
+    values = torch.gather(values, -1, order)
+    vectors = torch.gather(vectors, -1, order[..., None, :].expand_as(vectors))
+    strong = values.abs() > 1e-9 * values.abs().max()
+    rank = int(strong.any(0).any(0).sum())
+    values, vectors, strong = values[..., :rank], vectors[..., :rank], strong[..., :rank]
+    direction = vectors.transpose(-1, -2)  # (F, T, rank, 3)
+    along = (direction * force[:, touched, None]).sum(-1) * strong
+    safe = torch.where(strong, values, 1.0)
+    offset = (direction * x[:, touched, None]).sum(-1) + along / safe
+    rest = force.clone()
+    rest[:, touched] -= (along[..., None] * direction).sum(-2)
+    left = rest if float(rest.abs().max()) > 1e-12 * float(force.abs().max()) else None
+    flat = lambda t: t.reshape(frames, -1, *t.shape[3:])  # noqa: E731
+    held = Conditions(
+        conditions.ends,
+        conditions.clamp,
+        np.repeat(touched.numpy(), rank),
+        flat(direction).contiguous(),
+        flat(offset),
+        flat(1 / safe),
+        flat(strong).numpy(),
+    )
+    return held, left, flat(along).numpy()

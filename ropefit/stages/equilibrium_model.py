@@ -1,0 +1,199 @@
+"""A least-squares fit of the equilibrium model as an artifact."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ropefit.artifacts import FittedModel, Observations, Parameter, ParameterGroup
+from ropefit.artifacts.model import Balance, Calibration
+from ropefit.errors import NotConverged
+from ropefit.inference.equilibrium_rope import MEANING, NAMES, ranges
+from ropefit.inference.evaluate import agreement
+from ropefit.inference.forward import Forward, Point
+from ropefit.inference.least_squares import Fit, Noise
+from ropefit.inference.limits import Limits
+from ropefit.inference.stations import Data, match, offsets
+from ropefit.rod.setup import Setup
+from ropefit.solvers.branches import other_states
+from ropefit.solvers.equilibrium import stability
+from ropefit.stages.rope_setup import frames_of
+from ropefit.stages.scene import build_scene
+
+Part = tuple[Fit, Noise, Point, dict[str, Limits]]
+
+
+def describe_group(
+    part: Part,
+    frames: np.ndarray,
+    free: list[str],
+    scale: dict[str, tuple[float, str]],
+    o: Observations,
+) -> ParameterGroup:
+    """Values, intervals and verdicts of one fit, in the units that are told."""
+    found, _, point, told = part
+    parameters = {}
+    settled = ranges(point.setup)
+    begun = ranges(found.forward.base)
+    for name in NAMES:
+        factor, unit = scale[name]
+        value, low, high = settled[name]
+        initial = begun[name][0]
+        if not np.isfinite(value):
+            continue  # a rope that does not stretch has no EA to tell
+        verdict, interval, below, partners = "fixed", None, None, ()
+        if name in told:
+            t = told[name]
+            verdict, partners = t.verdict if found.converged else "not converged", t.partners
+            interval = None if t.interval is None else tuple(factor * v for v in t.interval)
+            below = None if t.below is None else factor * t.below
+        parameters[name] = Parameter(
+            meaning=MEANING[name]
+            + ("" if o.mass or name == "length" else " over the weight per length"),
+            unit=unit,
+            initial=factor * initial if np.isfinite(initial) else factor * value,
+            value=factor * value,
+            lower=factor * low,
+            upper=factor * high,
+            free=name in free,
+            verdict=verdict,
+            ci95=interval,  # type: ignore[arg-type]
+            below=below,
+            trades_with=list(partners),
+        )
+    count = len(free)
+    names = [t.name for t in found.forward.terms if not t.nuisance]
+    covariance = found.covariance[:count, :count]
+    root = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    size = np.maximum(np.linalg.norm(found.jacobian, axis=0), 1e-300)
+    singular = np.linalg.svd(found.jacobian / size, compute_uv=False)
+    condition = float(singular[0] / singular[-1]) if singular.size and singular[-1] > 0 else None
+    return ParameterGroup(
+        frames=frames,
+        parameters=parameters,
+        free_names=names,
+        correlation=covariance / np.outer(root, root),
+        condition=condition,
+        loss_before=found.trace[0],
+        loss_after=found.cost,
+        loss_unit="chi-square",
+        evaluations=found.evaluations,
+        converged=found.converged,
+        stop_reason="residual no longer decreases" if found.converged else "evaluation limit",
+    )
+
+
+def fitted_model(
+    o: Observations,
+    loss: str,
+    setup: Setup,
+    started: Setup,
+    data: Data,
+    parts: list[tuple[np.ndarray, Part]],
+    groups: dict[str, ParameterGroup],
+    out: np.ndarray,
+    train: np.ndarray,
+    every: int,
+) -> FittedModel:
+    """A model artifact: states of all frames as the sensor reports them, and how they were found.
+
+    parts: (frames' indices, fit) of each group; out (F,) held out; every: nodes of the rod between
+    two of the observations. Raises NotConverged.
+    """
+    frames, nodes = len(o.frames), len(o.node_arc)
+    bins = nodes - 1
+    x, q = np.zeros((frames, nodes, 3)), np.zeros((frames, nodes - 1, 4))
+    first, residual = x.copy(), np.full((frames, nodes), np.nan)
+    rms, rms_initial = np.zeros(frames), np.zeros(frames)
+    newton, worst = np.zeros(frames, dtype=np.int64), np.zeros(frames)
+    ok = np.zeros(frames, dtype=bool)
+    stable, other = np.full(frames, np.nan), np.full(frames, np.nan)
+    for mine, (_, _, point, _) in parts:
+        solution = point.solution
+        ok[mine], newton[mine] = solution.converged, solution.iterations
+        worst[mine] = solution.residual
+        if not solution.converged.any():
+            raise NotConverged("no frame reaches an equilibrium at the fitted parameters")
+        bare = Forward(frames_of(started, mine), [])
+        before = bare.at(np.empty(0))
+        seen = np.where(solution.converged[:, None, None], point.seen, before.seen)
+        seen = np.where(np.isfinite(seen), seen, np.nan_to_num(solution.x))
+        x[mine], q[mine] = seen[:, ::every], solution.q[:, every // 2 :: every]
+        first[mine] = np.nan_to_num(before.solution.x)[:, ::every]
+        mine_data = data.frames(mine)
+        rms[mine] = _rms(mine_data, seen)
+        rms_initial[mine] = _rms(mine_data, np.nan_to_num(before.solution.x))
+        stable[mine] = stability(point.rod, point.conditions, solution)
+        other[mine] = other_states(point.rod, point.conditions, solution)[1]
+        residual[mine] = _at_nodes(mine_data, seen, bins)
+    stable[~ok] = np.nan
+    found, noise, point, _ = parts[0][1]
+    p = point.setup.properties
+    weight = float(p.density.mean() * point.setup.gravity.norm())
+    calibration_ = {}
+    place, sd = 0, found.sd()
+    for term in found.forward.terms:
+        if term.nuisance:
+            for k, axis in enumerate(term.names):
+                name = term.name if len(term.names) == 1 else f"{term.name}_{axis}"
+                u = found.point.u[place + k]
+                calibration_[name] = Calibration(
+                    unit=term.units[k], prior=float(term.prior[k]),
+                    value=float(u * term.scale[k]), sd=float(sd[place + k] * term.scale[k]),
+                )  # fmt: skip
+        place += term.size
+    pixels = agreement(torch.from_numpy(x), build_scene(o)).rms_px
+    return FittedModel(
+        solver="equilibrium",
+        loss=loss,
+        search="least-squares",
+        control_node=0,
+        fixed_nodes=[
+            n for n, kind in zip((0, nodes - 1), o.end_kind, strict=True) if kind != "free"
+        ],
+        two_sided=False,
+        groups=groups,
+        heldout=out,
+        x=x,
+        q=q,
+        x_initial=first,
+        residual=residual,
+        rms=rms,
+        rms_initial=rms_initial,
+        rms_px=pixels,
+        solver_converged=bool(ok.all()),
+        balance=Balance(
+            segments=setup.segments,
+            newton=newton,
+            residual=np.nan_to_num(worst, posinf=1e300),
+            converged=ok,
+            stability=stable,
+            other=other,
+            mass_known=bool(o.mass),
+            bending_length=float((p.bend.mean() / weight) ** (1 / 3)),
+            calibration=calibration_,
+            correlated_noise=noise.correlated,
+            correlation_length=noise.length * o.length,
+        ),
+        trace=np.array(found.trace),
+        rms_fit=float(np.sqrt(np.mean(rms[train] ** 2))),
+        rms_heldout=float(np.sqrt(np.mean(rms[out] ** 2))) if out.any() else None,
+    )
+
+
+def _rms(data: Data, x: np.ndarray) -> np.ndarray:
+    """(F,) [m] distance of the data from the curve."""
+    gap, mask = offsets(data, x)
+    square = np.where(mask, (gap**2).sum(-1), 0.0).sum(1)
+    return np.sqrt(square / np.maximum(mask.sum(1), 1))
+
+
+def _at_nodes(data: Data, x: np.ndarray, bins: int) -> np.ndarray:
+    """(F, bins + 1) [m] size of the mean offset near each node, NaN where nothing was seen."""
+    s = match(data, x, bins)
+    size = np.linalg.norm(s.residual, axis=1)
+    node = np.rint(s.share * bins).astype(int)
+    total, count = np.zeros((len(x), bins + 1)), np.zeros((len(x), bins + 1))
+    np.add.at(total, (s.frame, node), size)
+    np.add.at(count, (s.frame, node), 1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,0 +1,196 @@
+"""identify by least squares: rope parameters of the equilibrium model, with calibration errors."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+
+from ropefit.artifacts import Observations
+from ropefit.errors import NotConverged, WrongUsage
+from ropefit.inference.equilibrium_rope import NAMES, ranges
+from ropefit.inference.forward import Forward, Term
+from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.limits import limits
+from ropefit.inference.noise import estimate
+from ropefit.inference.stations import Data, match
+from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
+from ropefit.rod.setup import Setup
+from ropefit.solvers.branches import follow, other_states
+from ropefit.solvers.equilibrium import Solution
+from ropefit.stages.equilibrium_model import Part, describe_group, fitted_model
+from ropefit.stages.frames import group_frames, held_out, spread_evenly
+from ropefit.stages.rope_setup import base_setup, data_in_space, frames_of, refinement
+from ropefit.stages.stage import Context
+
+SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
+
+
+class Settings(Protocol):
+    """What this stage uses of the settings of identify."""
+
+    loss: str
+    groups: str
+    free: list[str] | None
+    start: dict[str, float]
+    holdout: float
+    most_frames: int
+    evaluations: int
+
+
+def compute(o: Observations, settings: Settings, context: Context) -> dict[str, Any]:
+    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    every = refinement(len(o.node_arc))
+    setup = base_setup(o, every * (len(o.node_arc) - 1))
+    data, scale = data_in_space(o), unit_scale(o)
+    group = group_frames(o, settings.groups)
+    out = held_out(len(group), settings.holdout)
+    train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
+    free = free_names(settings.free, o)
+    started = started_setup(setup, settings.start, scale)
+    parts, groups = [], {}
+    for number in range(int(group.max()) + 1):
+        mine = np.flatnonzero(group == number)
+        inside = np.isin(mine, train)
+        context.progress(0.1 + 0.7 * number / (group.max() + 1), "least squares")
+        part = _fit_group(frames_of(started, mine), data.frames(mine), inside, free, o, settings)
+        groups[f"group_{number}"] = describe_group(part, o.frames[mine], free, scale, o)
+        parts.append((mine, part))
+    context.progress(0.9, "stability")
+    model = fitted_model(o, settings.loss, setup, started, data, parts, groups, out, train, every)
+    if not out.any():
+        context.say("too few frames to hold any out: the fit is judged on its own frames")
+    return {
+        "recording": o.recording,
+        "length": o.length,
+        "frames": o.frames,
+        "models": {"nominal": model},
+    }
+
+
+def free_names(free: list[str] | None, o: Observations) -> list[str]:
+    """The parameters that are fitted. Raises WrongUsage."""
+    if free is None:
+        return ["EI"] + (["length"] if o.length_source == "estimated" else [])
+    for name in free:
+        if name not in NAMES:
+            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
+    return free
+
+
+def unit_scale(o: Observations) -> dict[str, tuple[float, str]]:
+    """Factor and unit in which each parameter is told: ratios to the weight if no mass is known."""
+    weight = 1.0 if o.mass else 1.0 / float(np.linalg.norm(o.gravity))
+    rigid = "N m^2" if o.mass else "m^3"
+    return {
+        "EI": (weight, rigid),
+        "GJ": (weight, rigid),
+        "EA": (weight, "N" if o.mass else "m"),
+        "length": (1.0, "m"),
+    }
+
+
+def started_setup(
+    setup: Setup, start: dict[str, float], scale: dict[str, tuple[float, str]]
+) -> Setup:
+    """The setup with some parameters set. Raises WrongUsage for values out of reach."""
+    for name in sorted(start):  # EI before GJ, which otherwise follows it
+        if name not in NAMES:
+            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
+        value = start[name] / scale[name][0]
+        _, low, high = ranges(setup)[name]
+        if not low <= value <= high:
+            f = scale[name][0]
+            raise WrongUsage(
+                f"start {name} = {start[name]:g} is outside its bounds {low * f:g}..{high * f:g}"
+            )
+        setup = ROPE[name](setup, torch.tensor([value], dtype=torch.float64))
+    return setup
+
+
+def rope_terms(setup: Setup, free: list[str]) -> list[Term]:
+    """One term for each free parameter, starting where the setup has it."""
+    known = ranges(setup)
+    terms = []
+    for name in sorted(free):
+        start, low, high = known[name]
+        start = 1e3 * low if not np.isfinite(start) else start
+        terms.append(rope_term(name, "", start, low, high, ROPE[name]))
+    return terms
+
+
+def noise_of(o: Observations, data: Data) -> Noise:
+    """White noise only: that of markers is measured by preprocess, that of points by stations."""
+    return Noise(marker=float(np.median(o.noise)) if data.material else 0.0)
+
+
+def priors_of(o: Observations) -> Priors:
+    """The recording's own priors over the defaults."""
+    return Priors(**{k: v for k, v in o.priors.model_dump().items() if v is not None})
+
+
+def nominal_fit(
+    setup: Setup, data: Data, free: list[str], o: Observations, evaluations: int
+) -> tuple[Fit, Noise]:
+    """Fit the free parameters and the calibration errors, noise estimated on the way.
+
+    Raises NotConverged when no start settles.
+    """
+    bins, noise = len(o.node_arc) - 1, noise_of(o, data)
+    best: Fit | None = None
+    terms = rope_terms(setup, free)
+    screened = SCREEN if "EI" in free else (0.0,)
+    for shift in screened:
+        forward = Forward(setup, terms)
+        place = next((k for k, t in enumerate(terms) if t.name == "EI"), 0)
+        start = forward.start()
+        if start.size:
+            start[place] = shift
+        forward.last = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
+        try:
+            found = fit(forward, data, noise, bins, start, 12 if start.size else 1)
+        except ArithmeticError:
+            continue
+        if best is None or found.cost < best.cost:
+            best = found
+    if best is None:
+        raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
+    last = _nearer_branch(best, data, bins)
+    full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
+    start = full.start()
+    start[: best.point.u.size] = best.point.u
+    first = fit(full, data, noise, bins, start, evaluations)
+    noise = estimate(first.stations, noise.marker)
+    return fit(full, data, noise, bins, first.point.u, evaluations), noise
+
+
+def _nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
+    """Of two stable states of a frame, the one that the data show."""
+    point = result.point
+    found, apart = other_states(point.rod, point.conditions, point.solution)
+    last = point.solution.copy()
+    for t in np.flatnonzero(np.isfinite(apart)):
+        one = np.array([t])
+        gaps = [
+            np.median(np.abs(match(data.frames(one), s.x[one], bins).residual))
+            for s in (last, found)
+        ]
+        if gaps[1] < gaps[0]:
+            for name in Solution.__dataclass_fields__:
+                getattr(last, name)[t] = getattr(found, name)[t]
+    return last
+
+
+def _fit_group(
+    setup: Setup, data: Data, inside: np.ndarray, free: list[str], o: Observations, settings
+) -> Part:
+    """Fit on the training frames (mask `inside`), then settle all of the group's frames."""
+    few, seen = frames_of(setup, np.flatnonzero(inside)), data.frames(inside)
+    found, noise = nominal_fit(few, seen, free, o, settings.evaluations)
+    told = limits(found, seen, noise, len(o.node_arc) - 1)
+    whole = Forward(setup, found.forward.terms)
+    start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u))
+    for name in Solution.__dataclass_fields__:
+        getattr(start, name)[inside] = getattr(found.point.solution, name)
+    return found, noise, whole.at(found.point.u, start), told

@@ -1,0 +1,64 @@
+"""From observations to what the equilibrium model works on: the setup, and the data in space."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ropefit.artifacts import Observations
+from ropefit.errors import BadInput
+from ropefit.inference.stations import Data
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import Setup, bare
+
+FINEST = 80  # segments, about: their error is below what averaged points show
+LIKELY_STIFFNESS = 3e-4  # EI over weight per length and length cubed: where a fit starts
+
+
+def refinement(nodes: int, finest: int = FINEST) -> int:
+    """Segments of the rod for each segment of the observations."""
+    return max(1, round(finest / (nodes - 1)))
+
+
+def base_setup(o: Observations, segments: int) -> Setup:
+    """The nominal rope in every frame: the weight known or one kilogram a metre, never stretching.
+
+    Raises BadInput where no end is held or there is no gravity.
+    """
+    size = float(np.linalg.norm(o.gravity))
+    if size == 0:
+        raise BadInput("the equilibrium model needs gravity: without it shapes fix no stiffness")
+    if all(kind == "free" for kind in o.end_kind):
+        raise BadInput("neither end is held: nothing says where the rope hangs")
+    density = o.mass / o.length if o.mass else 1.0
+    bend = LIKELY_STIFFNESS * density * size * o.length**3
+    setup = bare(
+        uniform(length=o.length, segments=segments, bend=bend, density=density),
+        torch.tensor(o.gravity),
+        torch.tensor(o.end_position),
+        torch.tensor(o.end_orientation),
+        torch.tensor(o.view.pose[:3, 3].copy()),
+    )
+    if not o.end_twist_known:  # the clamps bend the rope but let it spin
+        give = torch.zeros(2, 2, dtype=torch.float64)
+        give[:, 1] = torch.inf
+        setup = setup._replace(give=give)
+    return setup
+
+
+def frames_of(setup: Setup, index: np.ndarray) -> Setup:
+    """The setup of some frames."""
+    return setup._replace(ends=setup.ends[index], clamp=setup.clamp[index])
+
+
+def data_in_space(o: Observations) -> Data:
+    """The observed points, with what a projection took from them put back."""
+    counts = np.diff(o.point_start)
+    frames, most = len(counts), int(counts.max())
+    mask = np.arange(most) < counts[:, None]
+    points, share = np.zeros((frames, most, 3)), np.zeros((frames, most))
+    normal = np.repeat(o.plane_normal, counts, axis=0)
+    back = o.point_offset[:, None] * normal if o.projected else 0.0
+    points[mask] = o.points + back
+    share[mask] = o.point_arc / o.length
+    return Data(points, share, mask, o.source == "markers", o.view.pose[:3, 3].copy())
