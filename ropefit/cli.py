@@ -166,9 +166,7 @@ def identify(
     ] = None,
     start: Annotated[
         Optional[list[str]],  # noqa: UP045
-        typer.Option(
-            help="NAME=VALUE: where a parameter starts (stays, if not free); repeatable."
-        ),
+        typer.Option(help="NAME=VALUE: where a parameter starts (stays, if not free); repeatable."),
     ] = None,
     groups: Annotated[
         str, typer.Option(help="Parameter sets: one, tension, or frame ranges like 0-17,18-35.")

@@ -1,1 +1,55 @@
-"""The catalogue of what a model may have left out; one file an effect."""
+"""The catalogue of what a model may have left out; one file an effect.
+
+A new effect is one file and its line here, see docs/adding-an-effect.md.
+"""
+
+from ropefit.effects.axial_extensibility import AxialExtensibility
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.clamped_end import ClampedEnd, TiltedClamp
+from ropefit.effects.depth_bias import DepthBias, DepthGain
+from ropefit.effects.distributed_load import DistributedLoad
+from ropefit.effects.end_offset import EndOffset
+from ropefit.effects.end_twist import EndTwist
+from ropefit.effects.gravity_misalignment import GravityMisalignment
+from ropefit.effects.intrinsic_curvature import FreeCurvature, IntrinsicCurvature
+from ropefit.effects.kink import FreeKink, Kink
+from ropefit.effects.lost_out_of_plane import LostOutOfPlane
+from ropefit.effects.mass_section import MassSection
+from ropefit.effects.obstacle import Obstacle
+from ropefit.effects.point_mass import PointMass
+from ropefit.effects.scale_error import ScaleError
+from ropefit.effects.soft_section import SoftSection
+from ropefit.effects.stiff_section import StiffSection
+from ropefit.effects.support_plane import SupportPlane
+from ropefit.effects.tether import Tether
+from ropefit.effects.too_coarse import TooCoarse
+from ropefit.effects.under_converged import UnderConverged
+
+CATALOGUE: tuple[type[Effect], ...] = (
+    PointMass,
+    MassSection,
+    IntrinsicCurvature,
+    FreeCurvature,
+    Kink,
+    FreeKink,
+    StiffSection,
+    SoftSection,
+    AxialExtensibility,
+    DistributedLoad,
+    ClampedEnd,
+    TiltedClamp,
+    EndTwist,
+    Tether,
+    SupportPlane,
+    Obstacle,
+    ScaleError,
+    EndOffset,
+    GravityMisalignment,
+    DepthBias,
+    DepthGain,
+    LostOutOfPlane,
+    TooCoarse,
+    UnderConverged,
+)
+
+__all__ = ["CATALOGUE", "Effect", "Quantity", *(effect.__name__ for effect in CATALOGUE)]

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+import torch
 from torch import Tensor
 
 from ropefit.rod.setup import Setup
@@ -19,31 +20,50 @@ Locus = Literal["point", "interval", "end", "whole"]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of an effect: unit, bounds, and the size at which one starts to look for it."""
+    """A number of an effect: unit, bounds, and a usual size, at which one starts to look for it.
+
+    The size may depend on the rope: `scale` is then a multiple of its weight [N] per power of its
+    weight and length: size = scale * weight**by_weight * length**by_length.
+    """
 
     name: str
     unit: str
-    lower: float
-    upper: float
     scale: float
+    lower: float = -float("inf")
+    upper: float = float("inf")
+    by_weight: float = 0.0
+    by_length: float = 0.0
+
+    def size(self, setup: Setup) -> float:
+        """The usual size for this rope, in SI."""
+        p = setup.properties
+        length = float(p.length.sum())
+        weight = float((p.density * p.length).sum() * setup.gravity.norm())
+        return self.scale * weight**self.by_weight * length**self.by_length
 
 
 class Effect(ABC):
-    """One file an effect. Values are given in SI, in the order of `quantities` and then the place.
+    """One file an effect. Values are given in SI: the `quantities`, then the place.
 
     The place is nothing for locus "whole" and "end" (there `end` is 0 or 1), the arc length [m] for
-    "point", centre and width [m] for "interval".
+    "point", centre and width [m] for "interval". At zero quantities an effect does nothing.
     """
 
     name: ClassVar[str]
     kind: ClassVar[Kind] = "physics"
     locus: ClassVar[Locus] = "whole"
     quantities: ClassVar[tuple[Quantity, ...]]
-    # Whether shapes change in proportion at small sizes; others are looked for at a finite size.
+    # Shapes change in proportion at small sizes; others are looked for by their whole response.
     linear: ClassVar[bool] = True
+    # Quantities that are components of one vector are told as its size, under this name and unit.
+    vector: ClassVar[tuple[str, str] | None] = None
 
     def __init__(self, end: int = 0) -> None:
         self.end = end
+
+    def applies(self, setup: Setup) -> bool:
+        """Whether the effect can occur in this setup at all."""
+        return True
 
     @abstractmethod
     def apply(self, setup: Setup, values: Tensor) -> Setup:
@@ -61,3 +81,14 @@ class Effect(ABC):
     def names(self) -> tuple[str, ...]:
         """Of all values, in order."""
         return (*(q.name for q in self.quantities), *self.place_names)
+
+
+def one_end(end: int, value: Tensor) -> Tensor:
+    """(2, ...) with value (...) at one end and zero at the other."""
+    zero = torch.zeros_like(value)
+    return torch.stack([value, zero] if end == 0 else [zero, value])
+
+
+def where(end: int) -> str:
+    """An end in words."""
+    return "the gripper's end (end 0)" if end == 0 else "the other end (end 1)"

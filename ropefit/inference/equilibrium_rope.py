@@ -49,8 +49,7 @@ class EquilibriumRope:
 
     def frames(self, index: Tensor) -> EquilibriumRope:
         """The same rope in some of its frames."""
-        setup = self.setup._replace(ends=self.setup.ends[index], clamp=self.setup.clamp[index])
-        return replace(self, setup=setup)
+        return replace(self, setup=self.setup.frames(index))
 
     def settle(
         self, values: Tensor, move: Tensor | None = None, frame: Tensor | None = None

@@ -24,6 +24,7 @@ from ropefit.solvers.implicit import Directions, tangent
 from ropefit.solvers.potentials import solve_with_potentials, springs
 
 Apply = Callable[[Setup, Tensor], Setup]
+Change = Callable[[], Setup]  # a setup some of whose tensors are dual numbers
 
 
 @dataclass(frozen=True)
@@ -146,54 +147,68 @@ class Forward:
 
     def jacobian(self, point: Point) -> np.ndarray:
         """(P, F, K, 3) derivative of `seen` in the search variables."""
-        u = point.u
-        primal = [
-            torch.from_numpy(t.value(part))
-            for t, part in zip(self.terms, self.split(u), strict=True)
-        ]
-        x = torch.from_numpy(point.solution.x)
-        rod, ends, clamp, direct, force = [], [], [], [], []
-        for number, term in enumerate(self.terms):
-            slope = term.slope(self.split(u)[number])
-            for k in range(term.size):
-                direction = torch.zeros(term.size, dtype=torch.float64)
-                direction[k] = slope[k]
-                with forward_ad.dual_level():
-                    values = list(primal)
-                    values[number] = forward_ad.make_dual(primal[number], direction)
-                    setup = self.setup(values)
-                    rod.append([_tangent(t) for t in setup.rod()])
-                    ends.append(_tangent(setup.ends))
-                    clamp.append(_turn(setup.clamp))
-                    direct.append(_tangent(setup.seen(x)))
-                    force.append(springs(setup.potentials, x))
-        n = len(rod)
-        if n == 0:
-            return np.zeros((0, *point.seen.shape))
-        fields = [np.stack([row[i] for row in rod]) for i in range(6)]
-        rods, frames = point.rod, len(x)
-        if any(f is not None for f in force):  # a potential's forces differ from frame to frame
-            load = np.stack([0.0 * x.numpy() if f is None else f for f in force], axis=1)
-            if rods.length.ndim == 1:
-                rods = Rod(*(t.expand(frames, *t.shape) for t in rods))
-            fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
-            fields[4] = fields[4] + load
-        elif rods.length.ndim == 1:
-            fields = [f[None] for f in fields]
-        else:
-            fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
-        dx, _ = tangent(
-            rods,
-            point.conditions,
-            point.solution,
-            Directions(
-                *fields,
-                ends=np.nan_to_num(np.stack(ends, axis=1)),
-                clamp=np.nan_to_num(np.stack(clamp, axis=1)),
-            ),
-        )
-        # The sensor's small errors move a change of the rope by a change of second order only.
-        return np.moveaxis(dx, 1, 0) + np.stack(direct)
+        parts = self.split(point.u)
+        primal = [torch.from_numpy(t.value(u)) for t, u in zip(self.terms, parts, strict=True)]
+        changes = []
+        for number, (term, u) in enumerate(zip(self.terms, parts, strict=True)):
+            for direction in np.diag(term.slope(u)):
+                changes.append(self._change(primal, number, torch.from_numpy(direction)))
+        return respond(point, changes)
+
+    def _change(self, primal: list[Tensor], number: int, direction: Tensor) -> Change:
+        def changed() -> Setup:
+            values = list(primal)
+            values[number] = forward_ad.make_dual(primal[number], direction)
+            return self.setup(values)
+
+        return changed
+
+
+def change_by(setup: Setup, term: Term, k: int) -> Change:
+    """A further term's k-th value on top of a setup, from the term's start."""
+    value = torch.from_numpy(term.start)
+    direction = torch.from_numpy(np.eye(term.size)[k] * term.slope(np.zeros(term.size))[k])
+
+    def changed() -> Setup:
+        return term.apply(setup, forward_ad.make_dual(value, direction))
+
+    return changed
+
+
+def respond(point: Point, changes: list[Change]) -> np.ndarray:
+    """(P, F, K, 3) first-order changes of the nodes as seen at a point, for P changed setups."""
+    if not changes:
+        return np.zeros((0, *point.seen.shape))
+    x = torch.from_numpy(point.solution.x)
+    rod, ends, clamp, direct, force = [], [], [], [], []
+    for changed in changes:
+        with forward_ad.dual_level():
+            setup = changed()
+            rod.append([_tangent(t) for t in setup.rod()])
+            ends.append(_tangent(setup.ends))
+            clamp.append(_turn(setup.clamp))
+            direct.append(_tangent(setup.seen(x)))
+            force.append(springs(setup.potentials, x))
+    fields = [np.stack([row[i] for row in rod]) for i in range(6)]
+    rods, frames = point.rod, len(x)
+    if any(f is not None for f in force):  # a potential's forces differ from frame to frame
+        load = np.stack([0.0 * x.numpy() if f is None else f for f in force], axis=1)
+        if rods.length.ndim == 1:
+            rods = Rod(*(t.expand(frames, *t.shape) for t in rods))
+        fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
+        fields[4] = fields[4] + load
+    elif rods.length.ndim == 1:
+        fields = [f[None] for f in fields]
+    else:
+        fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
+    directions = Directions(
+        *fields,
+        ends=np.nan_to_num(np.stack(ends, axis=1)),
+        clamp=np.nan_to_num(np.stack(clamp, axis=1)),
+    )
+    dx, _ = tangent(rods, point.conditions, point.solution, directions)
+    # The sensor's small errors move a change of the rope by a change of second order only.
+    return np.moveaxis(dx, 1, 0) + np.stack(direct)
 
 
 def _tangent(t: Tensor) -> np.ndarray:

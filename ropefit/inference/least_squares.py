@@ -60,6 +60,13 @@ class Whitener:
             out[rows] = inverse @ flat[rows]
         return out[:, 0] if values.ndim == 2 else out
 
+    def undo(self, z: np.ndarray) -> np.ndarray:
+        """(M D,) in metres from whitened values (M D,)."""
+        out = np.empty_like(z)
+        for rows, inverse in zip(self.rows, self.inverses, strict=True):
+            out[rows] = np.linalg.solve(inverse, z[rows])
+        return out
+
 
 @dataclass
 class Fit:

@@ -15,22 +15,39 @@ from ropefit.rod.rod import Properties, Rod, build
 
 
 class Seen(NamedTuple):
-    """Small errors of the sensor: rotation (3,) [rad] and gain about its place (3,), shift (3,)
-    [m], depth [m] along its rays. A point p is reported at
-    p + rotation x (p - place) + gain (p - place) + shift + depth (p - place)/|p - place|."""
+    """How the sensor reports points: small errors of its own, and what a projection took away.
+
+    rotation (3,) [rad] and gain about its place (3,), shift (3,) [m], depth [m] along its rays: a
+    point p is reported at p + rotation x (p - place) + gain (p - place) + shift + depth ray.
+    flat: share of the offset from a plane, through origin (F, 1, 3) across normal (F, 1, 3), that
+    is lost. drift (F, N+1, 3) [m] is added (errors of a solver).
+    """
 
     place: Tensor
     rotation: Tensor
     gain: Tensor
     shift: Tensor
     depth: Tensor
+    flat: Tensor
+    origin: Tensor
+    normal: Tensor
+    drift: Tensor
 
     def __call__(self, x: Tensor) -> Tensor:
-        """(..., 3) where points x (..., 3) [m] are reported."""
+        """(F, N+1, 3) where nodes x (F, N+1, 3) [m] are reported."""
+        x = x + self.drift
         arm = x - self.place
         ray = arm / torch.linalg.norm(arm, dim=-1, keepdim=True)
         turned = torch.linalg.cross(self.rotation.expand_as(arm), arm)
-        return x + turned + self.gain * arm + self.shift + self.depth * ray
+        seen = x + turned + self.gain * arm + self.shift + self.depth * ray
+        off = ((seen - self.origin) * self.normal).sum(-1, keepdim=True)
+        return seen - self.flat * off * self.normal
+
+    def frames(self, index: Tensor) -> Seen:
+        """The same for some of the frames."""
+        few = {name: getattr(self, name)[index] for name in ("origin", "normal")}
+        drift = self.drift if self.drift.ndim == 1 else self.drift[index]
+        return self._replace(**few, drift=drift)
 
 
 class Potential(NamedTuple):
@@ -47,7 +64,8 @@ class Setup(NamedTuple):
     """F frames of one rope of N segments.
 
     properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) [N]; moment (2, 3) [N m];
-    give (2, 2) [rad/(N m)] of the clamps; kinks (N+1, 3) [rad]; ends (F, 2, 3) [m], clamp
+    give (2, 2) [rad/(N m)] of the clamps; kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial
+    compliance besides 1/EA; ends (F, 2, 3) [m], clamp
     (F, 2, 4), NaN where not held; clamped: whether each end is; seen; potentials.
     """
 
@@ -57,6 +75,7 @@ class Setup(NamedTuple):
     moment: Tensor
     give: Tensor
     kinks: Tensor
+    stretch: Tensor
     ends: Tensor
     clamp: Tensor
     clamped: tuple[bool, bool]
@@ -72,10 +91,21 @@ class Setup(NamedTuple):
         """(N+1,) [m] rest arc length of the nodes."""
         return torch.nn.functional.pad(self.properties.length.cumsum(-1), (1, 0))
 
+    def frames(self, index: Tensor) -> Setup:
+        """The same rope in some of its frames."""
+        return self._replace(
+            ends=self.ends[index], clamp=self.clamp[index], seen=self.seen.frames(index)
+        )
+
     def rod(self) -> Rod:
         """The discrete rod with all its loads."""
         rod = build(self.properties, self.gravity, self.clamped, self.give, self.kinks)
-        return rod._replace(load=rod.load + self.load, moment=rod.moment + self.moment)
+        axial = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+        return rod._replace(
+            load=rod.load + self.load,
+            moment=rod.moment + self.moment,
+            supple=rod.supple + self.stretch[:, None] * axial,
+        )
 
 
 def bare(
@@ -96,8 +126,19 @@ def bare(
         moment=torch.zeros(2, 3, dtype=torch.float64),
         give=torch.zeros(2, 2, dtype=torch.float64),
         kinks=torch.zeros(segments + 1, 3, dtype=torch.float64),
+        stretch=torch.zeros(segments, dtype=torch.float64),
         ends=ends,
         clamp=clamp,
         clamped=(bool(held[0]), bool(held[1])),
-        seen=Seen(viewpoint, zero, zero[0], zero, zero[0]),
+        seen=Seen(
+            viewpoint,
+            zero,
+            zero[0],
+            zero,
+            zero[0],
+            zero[0],
+            torch.zeros(len(ends), 1, 3, dtype=torch.float64),
+            torch.zeros(len(ends), 1, 3, dtype=torch.float64),
+            zero,
+        ),
     )

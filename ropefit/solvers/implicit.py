@@ -139,7 +139,8 @@ def tangent(
     ]  # fmt: skip
     change = kernels.Change(
         *(
-            np.ascontiguousarray(
+            # A copy: compiled code tells writable arrays from others.
+            np.array(
                 np.broadcast_to(0.0 if given is None else given, (ropes, many, *shape)), np.float64
             )
             for given, shape in zip(directions[:6], shapes, strict=True)
@@ -171,4 +172,4 @@ def tangent(
 def _or_zero(given: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     if given is None:
         return np.zeros(shape)
-    return np.ascontiguousarray(np.broadcast_to(given, shape), dtype=np.float64)
+    return np.array(np.broadcast_to(given, shape), dtype=np.float64)

@@ -17,7 +17,9 @@ from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 
-ROUNDS = 60
+ROUNDS = 40
+LIMIT = 60  # Newton steps of one round
+SOFTER = (0.003, 0.03, 0.3, 1.0)  # of the hardness, one after the other
 STILL = 1e-9  # of the length: nodes that move less have arrived
 
 
@@ -67,20 +69,39 @@ def solve_with_potentials(
 
     Returns the states, and the conditions and rods with the supports and loads that stand for the
     potentials there (derivatives of the states need them). Frames that do not settle are marked.
+    A start deep inside an obstacle is brought out in steps, while the obstacle hardens.
     """
-    length = float(rod.length.sum())
     if start is None or not start.converged.all():
         start = solve(rod, conditions)
-    current, moved = start, np.full(len(start.x), np.inf)
-    held, rods = conditions, rod
-    before = current.x
+    length, weight = float(rod.length.sum()), float(rod.load.norm(dim=-1).sum())
+    x = torch.from_numpy(start.x)
+    force, _ = force_and_stiffness(potentials, x)
+    deep = float(force.norm(dim=-1).max()) > weight
+    current, held, rods = start, conditions, rod
+    for share in SOFTER if deep else (1.0,):
+        scaled = tuple(p._replace(share=share * p.share) for p in potentials)
+        still = STILL if share == 1.0 else 1e4 * STILL
+        current, held, rods = _settle(rod, conditions, scaled, current, still * length)
+    return current, held, rods
+
+
+def _settle(
+    rod: Rod,
+    conditions: Conditions,
+    potentials: tuple[Potential, ...],
+    current: Solution,
+    still: float,
+) -> tuple[Solution, Conditions, Rod]:
+    """Replace the potentials by supports until no node moves by more than `still` [m]."""
+    held, rods, before = conditions, rod, current.x
+    moved = np.full(len(current.x), np.inf)
+    far = 3 if conditions.far_held else 0
     for round_ in range(ROUNDS):
         # Contact that opens and closes in turn: go half the way.
         before = current.x if round_ < ROUNDS // 3 else 0.5 * (current.x + before)
         x = torch.from_numpy(before)
         force, stiffness = force_and_stiffness(potentials, x)
         held, load, reaction = _supports(conditions, x, force, stiffness)
-        far = 3 if conditions.far_held else 0
         guess = Solution(
             current.q, current.x, current.force,
             np.concatenate([current.reaction[:, :far], reaction], axis=1),
@@ -88,14 +109,13 @@ def solve_with_potentials(
         )  # fmt: skip
         rods = rod
         if load is not None:
-            frames = len(x)
-            rods = type(rod)(*(t.expand(frames, *t.shape) for t in rod))
+            rods = Rod(*(t.expand(len(x), *t.shape) for t in rod))
             rods = rods._replace(load=rods.load + load)
-        current = solve(rods, held, guess)
+        current = solve(rods, held, guess, limit=LIMIT)
         moved = np.abs(current.x - before).max(axis=(1, 2))
-        if not np.isfinite(moved).all() or moved.max() < STILL * length:
+        if not np.isfinite(moved).all() or moved.max() < still:
             break
-    late = current.converged & ~(moved < 1e3 * STILL * length)
+    late = current.converged & ~(moved < 1e3 * still)
     current.status[late] = kernels.LIMIT
     return current, held, rods
 

@@ -17,7 +17,6 @@ from ropefit.inference.stations import Data, match, offsets
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states
 from ropefit.solvers.equilibrium import stability
-from ropefit.stages.rope_setup import frames_of
 from ropefit.stages.scene import build_scene
 
 Part = tuple[Fit, Noise, Point, dict[str, Limits]]
@@ -114,7 +113,7 @@ def fitted_model(
         worst[mine] = solution.residual
         if not solution.converged.any():
             raise NotConverged("no frame reaches an equilibrium at the fitted parameters")
-        bare = Forward(frames_of(started, mine), [])
+        bare = Forward(started.frames(torch.from_numpy(mine)), [])
         before = bare.at(np.empty(0))
         seen = np.where(solution.converged[:, None, None], point.seen, before.seen)
         seen = np.where(np.isfinite(seen), seen, np.nan_to_num(solution.x))

@@ -21,7 +21,7 @@ from ropefit.solvers.branches import follow, other_states
 from ropefit.solvers.equilibrium import Solution
 from ropefit.stages.equilibrium_model import Part, describe_group, fitted_model
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
-from ropefit.stages.rope_setup import base_setup, data_in_space, frames_of, refinement
+from ropefit.stages.rope_setup import base_setup, data_in_space, refinement
 from ropefit.stages.stage import Context
 
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
@@ -54,7 +54,9 @@ def compute(o: Observations, settings: Settings, context: Context) -> dict[str, 
         mine = np.flatnonzero(group == number)
         inside = np.isin(mine, train)
         context.progress(0.1 + 0.7 * number / (group.max() + 1), "least squares")
-        part = _fit_group(frames_of(started, mine), data.frames(mine), inside, free, o, settings)
+        part = _fit_group(
+            started.frames(torch.from_numpy(mine)), data.frames(mine), inside, free, o, settings
+        )
         groups[f"group_{number}"] = describe_group(part, o.frames[mine], free, scale, o)
         parts.append((mine, part))
     context.progress(0.9, "stability")
@@ -186,7 +188,7 @@ def _fit_group(
     setup: Setup, data: Data, inside: np.ndarray, free: list[str], o: Observations, settings
 ) -> Part:
     """Fit on the training frames (mask `inside`), then settle all of the group's frames."""
-    few, seen = frames_of(setup, np.flatnonzero(inside)), data.frames(inside)
+    few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)
     found, noise = nominal_fit(few, seen, free, o, settings.evaluations)
     told = limits(found, seen, noise, len(o.node_arc) - 1)
     whole = Forward(setup, found.forward.terms)

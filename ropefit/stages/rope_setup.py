@@ -39,16 +39,15 @@ def base_setup(o: Observations, segments: int) -> Setup:
         torch.tensor(o.end_orientation),
         torch.tensor(o.view.pose[:3, 3].copy()),
     )
+    seen = setup.seen._replace(
+        origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
+    )
+    setup = setup._replace(seen=seen)
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
         give = torch.zeros(2, 2, dtype=torch.float64)
         give[:, 1] = torch.inf
         setup = setup._replace(give=give)
     return setup
-
-
-def frames_of(setup: Setup, index: np.ndarray) -> Setup:
-    """The setup of some frames."""
-    return setup._replace(ends=setup.ends[index], clamp=setup.clamp[index])
 
 
 def data_in_space(o: Observations) -> Data:

@@ -1,0 +1,98 @@
+"""diagnosis.h5: what the nominal model left out, how sure that is, and what else it could be."""
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
+
+
+class Size(Part):
+    """A number of an effect, with its 95 % interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+
+class Cause(Part):
+    """An effect that was accepted."""
+
+    name: str
+    kind: Literal["physics", "measurement", "solver"]
+    variant: str = Field(description="class of the effect in the catalogue")
+    end: int | None = None
+    arc_length: tuple[float, float] | None = quantity("m", "where it acts", default=None)
+    frames: Annotated[np.ndarray, ArraySpec(("member",), dtype="int64")]
+    parameters: dict[str, Size]
+    values: Annotated[np.ndarray, ArraySpec(("value",))]  # as the effect takes them, SI
+    value_names: list[str]
+    equivalent_to: list[str]
+    log_evidence: float = Field(description="nats over the model without it")
+    p_value: float
+    heldout_gain: Annotated[np.ndarray, ArraySpec(("block",))]  # nats
+    sentence: str
+
+
+class Candidate(Part):
+    """An effect in the score scan of the nominal model, before any was fitted."""
+
+    name: str
+    variant: str
+    log_factor: float = Field(description="nats; log Bayes factor, averaged over places")
+    score: float = Field(description="signal to noise after nominal and calibration")
+    place: Annotated[np.ndarray, ArraySpec(("tried", "where"), "m")]
+    by_place: Annotated[np.ndarray, ArraySpec(("tried",))]  # nats
+
+
+class Region(Part):
+    """A stretch of rope and frames in which data and nominal model differ beyond noise."""
+
+    arc_length: tuple[float, float] = quantity("m")
+    frames: tuple[int, int]
+    rms: float = quantity("m")
+    direction: tuple[float, float, float]
+
+
+class Detectable(Part):
+    """The smallest size that would have been found."""
+
+    value: float
+    unit: str
+
+
+class Diagnosis(Artifact):
+    """Verdict, causes and evidence."""
+
+    schema_name: ClassVar[str] = "ropefit-diagnosis"
+    schema_version: ClassVar[int] = 1
+    file_name: ClassVar[str] = "diagnosis.h5"
+
+    recording: str
+    verdict: Literal["none", "found", "unknown"]
+    causes: dict[str, Cause]
+    scan: dict[str, Candidate]
+    mismatch: list[Region]
+    refused: list[str] = Field(description="what was fitted well but not believed, and why")
+    threshold: float = Field(description="nats an effect needs, from this recording's own noise")
+    noise_white: float = quantity("m", "of one point, over all components that count")
+    noise_correlated: float = quantity("m")
+    correlation_length: float = quantity("m")
+    rms_before: float = quantity("m", "held-out blocks of frames, nominal model")
+    rms_after: float = quantity("m", "held-out blocks of frames, with the causes")
+    detectable: dict[str, Detectable]
+    motion: str = Field(description="what motion would tell the leading causes apart")
+    separates: list[str]
+    frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
+    node_arc: Annotated[np.ndarray, ArraySpec(("node",), "m")]
+    x_before: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m")]
+    x_after: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m")]
+    station_arc: Annotated[np.ndarray, ArraySpec(("station",), "m")]
+    misfit_before: Annotated[np.ndarray, ArraySpec(("frame", "station"), "m", nan=True)]
+    misfit_after: Annotated[np.ndarray, ArraySpec(("frame", "station"), "m", nan=True)]
+    force_arc: Annotated[np.ndarray, ArraySpec(("knot",), "m")]
+    force: Annotated[np.ndarray, ArraySpec(("frame", "knot", "xyz"), "N/m")]
+    force_sd: Annotated[np.ndarray, ArraySpec(("frame", "knot", "xyz"), "N/m")]
+    force_evidence: float
+    force_threshold: float

@@ -1,0 +1,21 @@
+"""A rope that stretches under its own tension."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.setup import Setup
+
+
+class AxialExtensibility(Effect):
+    """`compliance` 1/EA [1/N]: relative stretch per newton of tension."""
+
+    name = "axial_extensibility"
+    quantities = (Quantity("compliance", "1/N", 0.01, lower=0.0, by_weight=-1.0),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        return setup._replace(stretch=setup.stretch + values[0])
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return f"the rope stretches by {100 * values['compliance']:.3g} % per newton of tension"

@@ -1,0 +1,76 @@
+"""An end that holds the rope's direction although it was taken as pinned."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity, one_end, where
+from ropefit.rod.quaternion import from_rotation_vector, multiply, smallest_rotation
+from ropefit.rod.setup import Setup
+
+
+class ClampedEnd(Effect):
+    """A pinned end with an elastic clamp: `stiffness` [N m/rad], to a direction fixed in space.
+
+    The three values are that direction (from end 0 towards end 1) times the stiffness, so that an
+    end without a clamp is zero; a rigid clamp is a large stiffness.
+    """
+
+    name = "clamped_end"
+    locus = "end"
+    vector = ("stiffness", "N m/rad")
+    quantities = tuple(
+        Quantity(f"stiffness_{axis}", "N m/rad", 0.003, by_weight=1.0, by_length=1.0)
+        for axis in "xyz"
+    )
+
+    def applies(self, setup: Setup) -> bool:
+        free = bool(torch.isnan(setup.ends[:, self.end]).any())
+        return not setup.clamped[self.end] and not free
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        size = torch.sqrt((values * values).sum() + 1e-30)
+        up = torch.tensor([0.0, 0.0, 1.0], dtype=values.dtype)
+        frame = smallest_rotation(up, values / size)
+        wide = torch.zeros(2, 1, dtype=torch.bool)
+        wide[self.end] = True
+        clamp = torch.where(wide, frame, setup.clamp)
+        # The spring bends only: pinned ends let the rope spin.
+        bend = one_end(self.end, 1 / size)
+        loose = one_end(self.end, torch.full_like(size, torch.inf))
+        clamped = tuple(True if e == self.end else c for e, c in enumerate(setup.clamped))
+        return setup._replace(
+            clamp=clamp,
+            give=setup.give + torch.stack([bend, loose], dim=-1),
+            clamped=clamped,  # type: ignore[arg-type]
+        )
+
+    def sentence(self, values: dict[str, float]) -> str:
+        size = sum(values[f"stiffness_{axis}"] ** 2 for axis in "xyz") ** 0.5
+        return f"{where(self.end)} holds the rope's direction, with {size:.3g} N·m per radian"
+
+
+class TiltedClamp(Effect):
+    """A clamp that points elsewhere than recorded: a turn [rad] about two axes across it."""
+
+    name = "clamped_end"
+    locus = "end"
+    vector = ("tilt", "rad")
+    quantities = (Quantity("tilt_1", "rad", 0.05), Quantity("tilt_2", "rad", 0.05))
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.clamped[self.end]
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        wide = torch.zeros(2, 1, dtype=torch.bool)
+        wide[self.end] = True
+        turn = torch.cat([values, torch.zeros_like(values[:1])])
+        turned = multiply(setup.clamp, from_rotation_vector(turn).expand_as(setup.clamp))
+        return setup._replace(clamp=torch.where(wide, turned, setup.clamp))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        size = (values["tilt_1"] ** 2 + values["tilt_2"] ** 2) ** 0.5
+        return (
+            f"the clamp at {where(self.end)} points {size * 57.2958:.3g}° beside what was recorded"
+        )

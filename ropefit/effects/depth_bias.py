@@ -1,0 +1,38 @@
+"""A depth sensor that reports points too far or too near."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.setup import Setup
+
+
+class DepthBias(Effect):
+    """Points are reported `offset` [m] too far along their ray."""
+
+    name = "depth_bias"
+    kind = "measurement"
+    quantities = (Quantity("offset", "m", 0.005, -0.2, 0.2),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        seen = setup.seen
+        return setup._replace(seen=seen._replace(depth=seen.depth + values[0]))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return f"the sensor reports the rope {values['offset'] * 1e3:+.2g} mm off along its rays"
+
+
+class DepthGain(Effect):
+    """Distances from the sensor are reported 1 + `gain` times too large."""
+
+    name = "depth_bias"
+    kind = "measurement"
+    quantities = (Quantity("gain", "1", 0.01, -0.3, 0.3),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        seen = setup.seen
+        return setup._replace(seen=seen._replace(gain=seen.gain + values[0]))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return f"the sensor's depths are {100 * values['gain']:+.2g} % off"

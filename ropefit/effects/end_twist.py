@@ -1,0 +1,33 @@
+"""A clamp that is turned about the rope's own axis, or a rope twisted between its clamps."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.rod.setup import Setup
+
+
+class EndTwist(Effect):
+    """`angle` [rad]: twist between the two clamps besides the recorded one."""
+
+    name = "end_twist"
+    locus = "end"
+    quantities = (Quantity("angle", "rad", 0.5),)
+
+    def applies(self, setup: Setup) -> bool:
+        held = bool(torch.isfinite(setup.give[:, 1]).all())
+        return self.end == 1 and all(setup.clamped) and held
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        wide = torch.zeros(2, 1, dtype=torch.bool)
+        wide[self.end] = True
+        zero = torch.zeros_like(values[:1])
+        turn = from_rotation_vector(torch.cat([zero, zero, values]))
+        turned = multiply(setup.clamp, turn.expand_as(setup.clamp))
+        return setup._replace(clamp=torch.where(wide, turned, setup.clamp))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return f"the rope is twisted by {values['angle'] * 57.2958:.3g}° more than recorded"

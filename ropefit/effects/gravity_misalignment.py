@@ -1,0 +1,29 @@
+"""Gravity does not point where the recording says."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.support_plane import horizontal
+from ropefit.rod.setup import Setup
+
+
+class GravityMisalignment(Effect):
+    """Gravity is turned by two angles [rad] about the horizontal axes."""
+
+    name = "gravity_misalignment"
+    kind = "measurement"
+    vector = ("angle", "rad")
+    quantities = (Quantity("angle_1", "rad", 0.02, -1, 1), Quantity("angle_2", "rad", 0.02, -1, 1))
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        first, second = horizontal(setup.gravity)
+        turn, g = values[0] * first + values[1] * second, setup.gravity
+        turned = g + torch.linalg.cross(turn, g) - 0.5 * (turn * turn).sum() * g
+        return setup._replace(gravity=turned)
+
+    def sentence(self, values: dict[str, float]) -> str:
+        size = (values["angle_1"] ** 2 + values["angle_2"] ** 2) ** 0.5
+        return f"gravity points {size * 57.2958:.2g}° beside where the recording says"

@@ -1,0 +1,67 @@
+"""A rope that is not straight when nothing acts on it: coiled storage, a set."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.place import over_interval
+from ropefit.rod.setup import Setup
+
+
+class IntrinsicCurvature(Effect):
+    """Rest curvature [1/m] over an interval, about the rope's own two directions across it.
+
+    Where no end holds the rope against spinning, it turns until the curvature lies as it costs
+    least: then only its size acts, see `FreeCurvature`.
+    """
+
+    name = "intrinsic_curvature"
+    locus = "interval"
+    vector = ("curvature", "1/m")
+    quantities = (
+        Quantity("curvature_1", "1/m", 0.3, by_length=-1.0),
+        Quantity("curvature_2", "1/m", 0.3, by_length=-1.0),
+    )
+
+    def applies(self, setup: Setup) -> bool:
+        return twist_held(setup)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        p = setup.properties
+        inside = over_interval(setup.arc, values[2], values[3])
+        turn = torch.stack([values[0], values[1], torch.zeros_like(values[0])])
+        return setup._replace(properties=p._replace(curvature=p.curvature + inside[:, None] * turn))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        size = (values.get("curvature_1", 0) ** 2 + values.get("curvature_2", 0) ** 2) ** 0.5
+        return (
+            f"the unloaded rope is curved with radius {1 / max(size, 1e-9):.2g} m over "
+            f"{values['width']:.2f} m about {values['centre']:.3f} m"
+        )
+
+
+class FreeCurvature(IntrinsicCurvature):
+    """The same for a rope that is free to spin: only the size of the curvature acts."""
+
+    vector = None
+    quantities = (Quantity("curvature", "1/m", 0.3, lower=0.0, by_length=-1.0),)
+    linear = False
+
+    def applies(self, setup: Setup) -> bool:
+        return not twist_held(setup)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        zero = torch.zeros_like(values[:1])
+        return super().apply(setup, torch.cat([values[:1], zero, values[1:]]))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return super().sentence({"curvature_1": values["curvature"], **values})
+
+
+def twist_held(setup: Setup) -> bool:
+    """Whether some end keeps the rope from spinning about its tangent."""
+    return any(
+        held and bool(torch.isfinite(setup.give[end, 1])) for end, held in enumerate(setup.clamped)
+    )

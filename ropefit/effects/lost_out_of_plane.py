@@ -1,0 +1,26 @@
+"""A recording whose sideways shape was lost by projecting it onto a plane."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.setup import Setup
+
+
+class LostOutOfPlane(Effect):
+    """`share` of the rope's offset from the plane of gravity and its ends that is missing."""
+
+    name = "lost_out_of_plane"
+    kind = "measurement"
+    quantities = (Quantity("share", "1", 0.5, 0.0, 1.2),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        seen = setup.seen
+        return setup._replace(seen=seen._replace(flat=seen.flat + values[0]))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"{100 * values['share']:.0f} % of the rope's sideways shape is missing: the data were "
+            "projected onto a plane"
+        )

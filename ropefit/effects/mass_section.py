@@ -1,0 +1,30 @@
+"""A stretch of rope that is heavier or lighter than the rest."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.place import over_interval
+from ropefit.rod.setup import Setup
+
+
+class MassSection(Effect):
+    """`mass` [kg] more (or less), spread evenly over an interval."""
+
+    name = "mass_section"
+    locus = "interval"
+    quantities = (Quantity("mass", "kg", 0.01, by_weight=1.0),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        p = setup.properties
+        inside = over_interval(setup.arc, values[1], values[2])
+        extra = values[0] * inside / (inside * p.length.detach()).sum()
+        return setup._replace(properties=p._replace(density=p.density + extra))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        more = "heavier" if values["mass"] > 0 else "lighter"
+        return (
+            f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are "
+            f"{abs(values['mass']) * 1e3:.3g} g {more} than the rest"
+        )

@@ -1,0 +1,25 @@
+"""All coordinates, those of the ends too, are too large or too small: units, a ruler."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.setup import Setup
+
+
+class ScaleError(Effect):
+    """Recorded coordinates are 1 + `scale` times the true ones."""
+
+    name = "scale_error"
+    kind = "measurement"
+    quantities = (Quantity("scale", "1", 0.01, -0.3, 0.3),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        seen, v = setup.seen, values[0]
+        # About the origin of the coordinates, not about the sensor.
+        seen = seen._replace(gain=seen.gain + v, shift=seen.shift + v * seen.place)
+        return setup._replace(ends=setup.ends / (1 + v), seen=seen)
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return f"the recorded coordinates are {100 * values['scale']:+.2g} % off in scale"

@@ -1,0 +1,28 @@
+"""A stretch of rope that is softer than the rest: wear, broken strands."""
+
+from __future__ import annotations
+
+import math
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.stiff_section import change_stiffness
+from ropefit.rod.setup import Setup
+
+
+class SoftSection(Effect):
+    """`log_factor`: logarithm of the rigidity outside an interval over that inside."""
+
+    name = "soft_section"
+    locus = "interval"
+    quantities = (Quantity("log_factor", "1", 0.5, lower=0.0, upper=7.0),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        return change_stiffness(setup, -values[0], values[1], values[2])
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"{values['width']:.2f} m of rope about {values['centre']:.3f} m have "
+            f"{math.exp(-values['log_factor']):.3g} of the others' stiffness"
+        )

@@ -1,0 +1,36 @@
+"""A stretch of rope that is stiffer than the rest: tape, a splice, a sleeve."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.place import over_interval
+from ropefit.rod.setup import Setup
+
+
+def change_stiffness(setup: Setup, log_factor: Tensor, centre: Tensor, width: Tensor) -> Setup:
+    """EI and GJ times exp(log_factor) over an interval; a segment partly inside is partly so."""
+    p = setup.properties
+    inside = over_interval(setup.arc, centre, width)
+    softer = 1 + inside * (torch.exp(-log_factor) - 1)
+    return setup._replace(properties=p._replace(bend=p.bend / softer, twist=p.twist / softer))
+
+
+class StiffSection(Effect):
+    """`log_factor`: logarithm of the rigidity inside an interval over that outside."""
+
+    name = "stiff_section"
+    locus = "interval"
+    quantities = (Quantity("log_factor", "1", 0.5, lower=0.0, upper=7.0),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        return change_stiffness(setup, values[0], values[1], values[2])
+
+    def sentence(self, values: dict[str, float]) -> str:
+        factor = float(torch.exp(torch.tensor(values["log_factor"])))
+        return (
+            f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are {factor:.3g} "
+            "times as stiff as the rest"
+        )

@@ -1,0 +1,64 @@
+"""A table or floor that the rope comes to lie on, without friction."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.tether import middle_of
+from ropefit.rod.setup import Potential, Setup
+
+HARDNESS = 200.0  # weights of the rope per metre of indentation: a hundredth of its weight: 50 µm
+
+
+class SupportPlane(Effect):
+    """A frictionless half space: `height` [m] against the middle of the ends, against gravity, and
+    its slope [1] along the two horizontal axes."""
+
+    name = "support_plane"
+    quantities = (
+        Quantity("height", "m", 0.1, by_length=1.0),
+        Quantity("slope_1", "1", 0.02, -0.5, 0.5),
+        Quantity("slope_2", "1", 0.02, -0.5, 0.5),
+    )
+    linear = False
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        first, second = horizontal(setup.gravity)
+        up = -setup.gravity.detach() / setup.gravity.detach().norm()
+        normal = up - values[1] * first - values[2] * second
+        normal = normal / normal.norm()
+        origin = middle_of(setup) + values[0] * up
+        hardness = HARDNESS * weight_of(setup)
+
+        def energy(x: Tensor) -> Tensor:
+            gap = ((x - origin) * normal).sum(-1)
+            return 0.5 * hardness * torch.clamp(-gap, min=0.0) ** 2
+
+        share = torch.ones(setup.segments + 1, dtype=values.dtype)
+        return setup._replace(potentials=(*setup.potentials, Potential(energy, share)))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"in some frames the rope lies on a plane {abs(values['height']):.3f} m "
+            f"{'below' if values['height'] < 0 else 'above'} the middle of its ends"
+        )
+
+
+def weight_of(setup: Setup) -> Tensor:
+    """[N] of the whole rope."""
+    p = setup.properties
+    return ((p.density * p.length).sum() * setup.gravity.norm()).detach()
+
+
+def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
+    """Two unit vectors across gravity (3,), as fixed as they can be."""
+    g = gravity.detach()
+    size = g.norm()
+    down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
+    axis = torch.zeros(3, dtype=g.dtype)
+    axis[int(down.abs().argmin())] = 1.0
+    first = torch.linalg.cross(down, axis)
+    first = first / first.norm()
+    return first, torch.linalg.cross(down, first)

@@ -1,0 +1,79 @@
+"""Shapes that look like those of a simulation with too few nodes."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.rod import Properties
+from ropefit.rod.setup import Setup
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import solve
+
+COARSE = 4  # times the segment length
+
+
+class TooCoarse(Effect):
+    """`amount` of the difference between a rod of a quarter of the segments and this one.
+
+    The error grows with the square of the segment length, so an amount a stands for segments
+    4 √a times as long.
+    """
+
+    name = "too_coarse"
+    kind = "solver"
+    quantities = (Quantity("amount", "1", 0.5, 0.0, 60.0),)
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.segments % COARSE == 0 and setup.segments >= 4 * COARSE
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        drift = setup.seen.drift + values[0] * coarse_error(setup)
+        return setup._replace(seen=setup.seen._replace(drift=drift))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            "the shapes are those of a simulation with segments "
+            f"{COARSE * max(values['amount'], 0) ** 0.5:.2g} times as long as ours"
+        )
+
+
+def coarse_error(setup: Setup) -> Tensor:
+    """(F, N+1, 3) [m] nodes of the coarse rod, interpolated, minus those of the fine one."""
+    p = setup.properties
+    few = Properties(
+        *(
+            value.detach().reshape(-1, COARSE, *value.shape[1:]).mean(1)
+            for value in p
+        )
+    )  # fmt: skip
+    few = few._replace(length=p.length.detach().reshape(-1, COARSE).sum(1))
+    nodes = setup.segments // COARSE + 1
+    coarse = setup._replace(
+        properties=few,
+        load=torch.zeros(nodes, 3, dtype=torch.float64),
+        kinks=torch.zeros(nodes, 3, dtype=torch.float64),
+        stretch=setup.stretch.detach().reshape(-1, COARSE).mean(1),
+        potentials=(),
+    )
+    held = Conditions(setup.ends.detach(), setup.clamp.detach())
+    fine = solve(setup._replace(potentials=()).rod(), held).x
+    rough = torch.from_numpy(solve(coarse.rod(), held).x)
+    at = torch.arange(setup.segments + 1) / COARSE
+    low = at.floor().clamp(max=nodes - 2).long()
+    share = (at - low)[:, None]
+    # A cubic through the coarse nodes, as the data are compared with a smooth curve.
+    wide = torch.cat(
+        [
+            3 * rough[:, :1] - 3 * rough[:, 1:2] + rough[:, 2:3],
+            rough,
+            3 * rough[:, -1:] - 3 * rough[:, -2:-1] + rough[:, -3:-2],
+        ],
+        dim=1,
+    )
+    a, b, c, d = (wide[:, low + k] for k in range(4))
+    curve = b + 0.5 * share * (
+        c - a + share * (2 * a - 5 * b + 4 * c - d + share * (3 * (b - c) + d - a))
+    )
+    return curve - torch.from_numpy(fine)

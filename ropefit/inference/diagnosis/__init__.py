@@ -1,0 +1,1 @@
+"""What was left out: score scan, evidence, full fits, held-out blocks."""

@@ -1,0 +1,90 @@
+"""Contact has no small beginnings: planes and bars are proposed by where the data stop."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.effects import Obstacle, SupportPlane
+from ropefit.effects.support_plane import horizontal
+from ropefit.effects.tether import middle_of
+from ropefit.inference.diagnosis.families import Family
+from ropefit.inference.least_squares import Fit
+
+DEEP = 2.0  # noise sd by which the nominal rope must sink below where the data stop
+NONE = np.zeros((1, 0))
+
+
+def proposals(found: Fit) -> list[tuple[Family, np.ndarray]]:
+    """Families with the values (SI) from which their fits start."""
+    return [*_planes(found), *_bars(found)]
+
+
+def _planes(found: Fit) -> list[tuple[Family, np.ndarray]]:
+    """A plane under the lowest stations of all frames, where the fitted rope sinks below it."""
+    s, setup = found.stations, found.point.setup
+    up = -(setup.gravity / setup.gravity.norm()).numpy()
+    origin = middle_of(setup).numpy()
+    place = found.point.seen
+    model = np.einsum("fka,a->fk", place - origin, up)
+    height = _station_heights(found, up, origin)
+    if height is None:
+        return []
+    noise = float(np.sqrt((s.scatter / s.count[:, None]).mean())) + 1e-4
+    lowest = np.array(
+        [height[s.frame == t].min() if (s.frame == t).any() else np.inf for t in range(len(place))]
+    )
+    floor = float(np.quantile(lowest[np.isfinite(lowest)], 0.05))
+    if model.min() > floor - DEEP * noise:
+        return []
+    starts = [floor, float(np.quantile(lowest[np.isfinite(lowest)], 0.3))]
+    family = Family(SupportPlane(), NONE)
+    return [(family, np.array([h, 0.0, 0.0])) for h in starts]
+
+
+def _station_heights(found: Fit, up: np.ndarray, origin: np.ndarray) -> np.ndarray | None:
+    """(M,) [m] of the data at the stations."""
+    s, x = found.stations, found.point.seen
+    if len(s.frame) == 0:
+        return None
+    place = np.zeros((len(s.frame), 3))
+    for k in range(4):
+        node = np.clip(s.segment - 1 + k, 0, x.shape[1] - 1)
+        place += s.weight[:, k, None] * x[s.frame, node]
+    place += np.einsum("md,mda->ma", s.residual, s.basis)
+    return (place - origin) @ up
+
+
+def _bars(found: Fit) -> list[tuple[Family, np.ndarray]]:
+    """A bar under the place in space near which the data lie above the fitted rope the most."""
+    s, setup = found.stations, found.point.setup
+    up = -(setup.gravity / setup.gravity.norm()).numpy()
+    first, second = (v.numpy() for v in horizontal(setup.gravity))
+    origin = middle_of(setup).numpy()
+    x = found.point.seen
+    place = np.zeros((len(s.frame), 3))
+    for k in range(4):
+        node = np.clip(s.segment - 1 + k, 0, x.shape[1] - 1)
+        place += s.weight[:, k, None] * x[s.frame, node]
+    move = np.einsum("md,mda->ma", s.residual, s.basis)
+    data = place + move
+    lift = move @ up
+    noise = float(np.sqrt((s.scatter / s.count[:, None]).sum(1).mean())) + 1e-4
+    if lift.max() < 4 * noise:
+        return []
+    # Where the data of many frames pass through the same place although the fitted ropes do not.
+    lifted = lift > max(2 * noise, 0.4 * lift.max())
+    if lifted.sum() < 5:
+        return []
+    centre = np.median(data[lifted], axis=0)
+    for _ in range(10):
+        apart = np.linalg.norm(data[lifted] - centre, axis=1)
+        weight = 1 / np.maximum(apart, 1e-3)
+        centre = (weight[:, None] * data[lifted]).sum(0) / weight.sum()
+    span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
+    across = np.cross(span, up)
+    heading = float(np.arctan2(across @ second, across @ first))
+    out = []
+    for radius in (0.01, 0.03):
+        start = np.array([*(centre - origin - radius * up), radius, heading])
+        out.append((Family(Obstacle(), NONE), start))
+    return out

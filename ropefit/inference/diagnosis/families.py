@@ -1,0 +1,104 @@
+"""An effect with all its places: what a scan looks at, and how it becomes a term of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ropefit.effects import CATALOGUE, Effect, Obstacle, SupportPlane
+from ropefit.inference.forward import Term
+from ropefit.rod.setup import Setup
+
+POINTS = 25  # places of a point effect along the rope
+WIDTHS = (0.1, 0.2, 0.35)  # of the length, of an interval effect
+WHOLE = 1.0
+CONTACT = (SupportPlane, Obstacle)
+NARROWEST = 0.04  # of the length: what is narrower is a point
+
+
+@dataclass(frozen=True)
+class Family:
+    """One effect (at one end, if it has one) and the places (Q, p) [m] where it may be."""
+
+    effect: Effect
+    places: np.ndarray
+
+    @property
+    def name(self) -> str:
+        return self.effect.name
+
+    @property
+    def size(self) -> int:
+        """Quantities at one place."""
+        return len(self.effect.quantities)
+
+    @property
+    def positive(self) -> bool:
+        return self.size == 1 and self.effect.quantities[0].lower == 0.0
+
+    def scales(self, setup: Setup) -> np.ndarray:
+        """(k,) usual sizes in SI."""
+        return np.array([q.size(setup) for q in self.effect.quantities])
+
+    def term(self, setup: Setup, values: np.ndarray, free_place: bool = True) -> Term:
+        """A term of a model that starts at values (k + p,): quantities, then the place."""
+        length = float(setup.properties.length.sum())
+        quantities = self.effect.quantities
+        scale = np.array([*(q.size(setup) for q in quantities)])
+        low = np.array([q.lower for q in quantities])
+        high = np.array([q.upper for q in quantities])
+        limits = {
+            "arc_length": (0.0, length), "centre": (0.0, length),
+            "width": (NARROWEST * length, 1.2 * length),
+        }  # fmt: skip
+        place = self.effect.place_names
+        units = tuple(q.unit for q in quantities)
+        if not free_place:
+            fixed = torch.tensor(values[self.size :])
+
+            def apply(setup: Setup, v: torch.Tensor) -> Setup:
+                return self.effect.apply(setup, torch.cat([v, fixed]))
+
+            return Term(
+                self.name, tuple(q.name for q in quantities), units, apply, values[: self.size],
+                scale, low, high, np.full(self.size, np.inf),
+            )  # fmt: skip
+        return Term(
+            self.name, self.effect.names, (*units, *("m" for _ in place)), self.effect.apply,
+            np.asarray(values, dtype=float), np.array([*scale, *(0.05 * length for _ in place)]),
+            np.array([*low, *(limits[p][0] for p in place)]),
+            np.array([*high, *(limits[p][1] for p in place)]),
+            np.full(self.size + len(place), np.inf),
+        )  # fmt: skip
+
+
+def families(setup: Setup, catalogue: Sequence[type[Effect]] = CATALOGUE) -> list[Family]:
+    """Every effect that can occur in a setup, but contact, which has no small beginnings."""
+    length = float(setup.properties.length.sum())
+    out = []
+    for kind in catalogue:
+        if kind in CONTACT:
+            continue
+        for end in (0, 1) if kind.locus == "end" else (0,):
+            effect = kind(end)
+            if effect.applies(setup):
+                out.append(Family(effect, _places(effect, length)))
+    return out
+
+
+def _places(effect: Effect, length: float) -> np.ndarray:
+    if effect.locus == "point":
+        return (np.linspace(0.02, 0.98, POINTS) * length)[:, None]
+    if effect.locus != "interval":
+        return np.zeros((1, 0))
+    rows = [
+        (c * length, w * length)
+        for w in WIDTHS
+        for c in np.linspace(w / 2, 1 - w / 2, round(2.0 / w))
+    ]
+    if effect.name == "intrinsic_curvature":
+        rows.append((0.5 * length, WHOLE * length))
+    return np.array(rows)

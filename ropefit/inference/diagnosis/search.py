@@ -1,0 +1,204 @@
+"""The diagnosis: one effect at a time, until what is left is noise (DIAGNOSIS, section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ropefit.inference.diagnosis.background import measure
+from ropefit.inference.diagnosis.branch_repair import repaired
+from ropefit.inference.diagnosis.columns import Columns, Responses
+from ropefit.inference.diagnosis.contact import proposals
+from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
+from ropefit.inference.diagnosis.families import families
+from ropefit.inference.diagnosis.latent import Latent, latent_force
+from ropefit.inference.diagnosis.weigh import Rival, fit_rival
+from ropefit.inference.forward import Forward
+from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.stations import Data
+
+LEAST = 5.0  # nats: no effect is believed on less
+REPLICATES = 100
+MOST_EFFECTS = 3
+LEADERS = 6
+SET_NATS = 3.0
+SAME_SIGNAL = 0.98  # of what the best one explains
+AGREEING = 0.8  # share of the held-out blocks that must gain
+NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
+
+
+@dataclass
+class Found:
+    """An accepted effect, the rivals that explain as much, and how sure it is."""
+
+    rival: Rival
+    equivalent: list[Rival]
+    evidence: float
+    p_value: float
+
+
+@dataclass
+class Diagnosis:
+    """verdict; accepted effects; the nominal fit and the last; scans; thresholds; latent force."""
+
+    verdict: str
+    found: list[Found]
+    nominal: Fit
+    final: Fit
+    noise: Noise
+    scan: list[Scored]
+    threshold: float
+    latent: Latent
+    detectable: dict[str, float]
+    units: dict[str, str]
+    refused: list[str] = field(default_factory=list)
+
+
+Progress = Callable[[float, str], None]
+
+
+def search(
+    nominal: Fit, data: Data, noise: Noise, bins: int, seed: int, progress: Progress
+) -> Diagnosis:
+    """Run the whole diagnosis from a nominal fit with white noise."""
+    rng = np.random.default_rng(seed)
+    nominal = _repair(nominal, data, noise, bins)
+    progress(0.1, "scan")
+    columns = _columns(nominal, data, bins)
+    noise = measure(nominal, columns, noise.marker)
+    start = nominal.forward
+    start.last = nominal.point.solution
+    nominal = fit(start, data, noise, bins, nominal.point.u, 20, tolerance=1e-5)
+    current, accepted, refused = nominal, [], []
+    threshold, clean, first_scan, detectable, units = LEAST, 0.0, [], {}, {}
+    latent = None
+    for round_ in range(MOST_EFFECTS + 1):
+        progress(0.2 + 0.2 * round_, "scan")
+        columns = _columns(current, data, bins)
+        project = Projection(current)
+        setup = current.point.setup
+        scorers = [Scorer(c, project, c.family.scales(setup)) for c in columns]
+        scan = sorted((s(current.z) for s in scorers), key=lambda s: -s.log_factor)
+        latent = latent_force(current, project)
+        if round_ == 0:
+            null = null_residuals(current, project, REPLICATES, rng)
+            highest = np.max([s.family_factor(null) for s in scorers], axis=0)
+            # The upper end of a Gumbel law through the replicates.
+            spread = np.sqrt(6) / np.pi * highest.std()
+            threshold = max(LEAST, float(highest.mean() + spread * (-np.log(0.01) - 0.5772)))
+            clean = float(np.quantile(latent.null(null), 0.99)) + LEAST
+            first_scan = scan
+            for s in scorers:
+                size = s.detectable(threshold)
+                detectable[s.family.name] = min(size, detectable.get(s.family.name, np.inf))
+                units[s.family.name] = s.family.effect.quantities[0].unit
+        latent.threshold = clean
+        if round_ == MOST_EFFECTS:
+            break
+        progress(0.25 + 0.2 * round_, "fits of the leaders")
+        rivals = _rivals(current, scan, data, noise, bins, threshold)
+        winner = _winner(rivals, threshold, refused)
+        if winner is None:
+            break
+        same = _equivalents(winner, rivals)
+        winner, same = _measurement_first(winner, same)
+        p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
+        accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
+        current = winner.fit
+        current.forward.last = current.point.solution
+    assert latent is not None
+    verdict = "found" if accepted else "none"
+    if latent.evidence > latent.threshold:
+        left = float(current.z @ current.z) - len(current.z)
+        was = max(float(nominal.z @ nominal.z) - len(nominal.z), 1e-9)
+        if not accepted or left > NEGLIGIBLE * was:
+            verdict = "unknown"
+    return Diagnosis(
+        verdict, accepted, nominal, current, noise, first_scan, threshold, latent, detectable,
+        units, refused,
+    )  # fmt: skip
+
+
+def _repair(found: Fit, data: Data, noise: Noise, bins: int) -> Fit:
+    """Frames on the wrong branch are brought to the right one, and the fit repeated."""
+    states = repaired(found, data, bins)
+    if states is None:
+        return found
+    forward = Forward(found.forward.base, found.forward.terms, states)
+    again = fit(forward, data, noise, bins, found.point.u, 20, tolerance=1e-5)
+    return again if again.cost < found.cost else found
+
+
+def _columns(current: Fit, data: Data, bins: int) -> list[Columns]:
+    responses = Responses(current, data, bins)
+    return [responses.of(family) for family in families(current.point.setup)]
+
+
+def _rivals(
+    current: Fit, scan: list[Scored], data: Data, noise: Noise, bins: int, threshold: float
+) -> list[Rival]:
+    """Full fits of the families that a scan puts in front, and of contact."""
+    best = scan[0].log_factor
+    leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * best)][:LEADERS]
+    starts = [
+        (s.family, np.concatenate([s.sizes, s.family.places[s.best]]))
+        for s in leaders
+        if s.log_factor > 0.3 * threshold
+    ]
+    starts += proposals(current)
+    out: dict[tuple[str, int], Rival] = {}
+    for family, start in starts:
+        rival = fit_rival(current, family, start, data, noise, bins)
+        if rival is None:
+            continue
+        better = _repair(rival.fit, data, noise, bins)
+        if better is not rival.fit:
+            rival = fit_rival(current, family, rival.values(), data, noise, bins) or rival
+        key = (type(family.effect).__name__, family.effect.end)
+        if key not in out or rival.evidence > out[key].evidence:
+            out[key] = rival
+    return sorted(out.values(), key=lambda r: -r.evidence)
+
+
+def _winner(rivals: list[Rival], threshold: float, refused: list[str]) -> Rival | None:
+    """The strongest rival that passes every gate."""
+    for rival in rivals:
+        if rival.evidence < threshold:
+            return None
+        agreeing = float((rival.gains > 0).mean())
+        k = rival.family.size
+        size, spread = np.linalg.norm(rival.values()[:k]), np.linalg.norm(rival.sd()[:k])
+        if agreeing < AGREEING or rival.gains.sum() < 0:
+            refused.append(f"{rival.family.name}: held-out frames do not support it")
+        elif rival.family.effect.linear and size < (1.96 if k == 1 else 1.0) * spread:
+            refused.append(f"{rival.family.name}: its size may be zero")
+        else:
+            return rival
+    return None
+
+
+def _equivalents(winner: Rival, rivals: list[Rival]) -> list[Rival]:
+    """Rivals within reach of the best, or that explain nearly all that it does."""
+    out = []
+    begin = max(r.fit.cost for r in rivals)
+    for rival in rivals:
+        if rival is winner or rival.family.name == winner.family.name:
+            continue
+        near = rival.evidence > winner.evidence - SET_NATS
+        shared = begin - rival.fit.cost
+        alike = shared > SAME_SIGNAL * (begin - winner.fit.cost) and near
+        if near or alike:
+            out.append(rival)
+    return out
+
+
+def _measurement_first(winner: Rival, same: list[Rival]) -> tuple[Rival, list[Rival]]:
+    """If physics and measurement tie, the measurement is named first (DIAGNOSIS, section 5)."""
+    if winner.family.effect.kind == "measurement":
+        return winner, same
+    for rival in same:
+        if rival.family.effect.kind == "measurement":
+            return rival, [winner, *(r for r in same if r is not rival)]
+    return winner, same

@@ -1,0 +1,131 @@
+"""A model with one effect more against one without: evidence, held-out blocks, places, sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ropefit.inference.diagnosis.families import Family
+from ropefit.inference.forward import Forward, Term
+from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.stations import Data
+
+BROAD = 3.0  # usual sizes: how large an effect may well be
+ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
+BLOCKS = 5
+
+
+@dataclass
+class Rival:
+    """A family fitted in full: log evidence over the smaller model, and its gain by held-out block
+    [nats]."""
+
+    family: Family
+    term: Term
+    fit: Fit
+    evidence: float
+    gains: np.ndarray
+
+    @property
+    def saved(self) -> float:
+        """χ² that the effect saves is twice this, in nats."""
+        return self.evidence
+
+    def values(self) -> np.ndarray:
+        """(k + p,) in SI."""
+        return self.term.value(self.fit.point.u[-self.term.size :])
+
+    def sd(self) -> np.ndarray:
+        """(k + p,) in SI."""
+        return self.fit.sd()[-self.term.size :] * self.term.slope(
+            self.fit.point.u[-self.term.size :]
+        )
+
+
+def fit_rival(
+    smaller: Fit, family: Family, start: np.ndarray, data: Data, noise: Noise, bins: int
+) -> Rival | None:
+    """Fit a family on top of a model, from `start` (k + p,) in SI. None if it cannot settle."""
+    setup = smaller.forward.base
+    term = family.term(setup, start)
+    inside = np.clip(start, term.lower + 1e-9, term.upper - 1e-9)
+    term = family.term(setup, inside)
+    forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
+    begin = np.concatenate([smaller.point.u, np.zeros(term.size)])
+    try:
+        found = fit(forward, data, noise, bins, begin, 25, tolerance=1e-5)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+    if not np.isfinite(found.cost) or not found.point.solution.converged.all():
+        return None
+    spread = max(1.0, found.scale**2)
+    evidence = 0.5 * (smaller.cost - found.cost) / spread - _flexibility(found, term)
+    gains = block_losses(smaller) - block_losses(found)
+    return Rival(family, term, found, float(evidence), gains / spread)
+
+
+def _flexibility(found: Fit, term: Term) -> float:
+    """Half the log of how much narrower the effect's values became, from broad priors."""
+    k = term.size
+    held = np.isfinite(found.prior)
+    information = found.jacobian.T @ found.jacobian + np.diag(
+        np.where(held, 1 / found.prior**2, 1e-12)
+    )
+    others = information[:-k, :-k]
+    cross = information[:-k, -k:]
+    own = information[-k:, -k:] - cross.T @ np.linalg.pinv(others, hermitian=True) @ cross
+    length = float(found.forward.base.properties.length.sum())
+    prior = np.array(
+        [
+            ANYWHERE * length / s if name in ("arc_length", "centre", "width") else BROAD
+            for name, s in zip(term.names, term.scale, strict=True)
+        ]
+    )
+    strength = np.linalg.eigvalsh(own * np.outer(prior, prior))
+    return 0.5 * float(np.log1p(np.maximum(strength, 0.0)).sum())
+
+
+def block_of_rows(found: Fit) -> np.ndarray:
+    """(M D,) the block of frames of each whitened row."""
+    frames = len(found.point.seen)
+    block = np.arange(frames) * BLOCKS // frames
+    return np.repeat(block[found.stations.frame], found.stations.residual.shape[1])
+
+
+def predicted(found: Fit) -> np.ndarray:
+    """(M D,) whitened residual of each block of frames as predicted by a fit to the others.
+
+    First order around the fit of all: z_b + J_b (H - J_bᵀJ_b)⁻¹ J_bᵀ z_b.
+    """
+    held = np.isfinite(found.prior)
+    whole = found.jacobian.T @ found.jacobian + np.diag(np.where(held, 1 / found.prior**2, 0.0))
+    block, out = block_of_rows(found), np.empty_like(found.z)
+    for b in range(BLOCKS):
+        mine = block == b
+        j, z = found.jacobian[mine], found.z[mine]
+        rest = np.linalg.pinv(whole - j.T @ j, rcond=1e-12, hermitian=True)
+        out[mine] = z + j @ (rest @ (j.T @ z))
+    return out
+
+
+def block_losses(found: Fit) -> np.ndarray:
+    """(BLOCKS,) half the squared predicted residual of each block."""
+    z, block = predicted(found), block_of_rows(found)
+    return np.array([0.5 * float(z[block == b] @ z[block == b]) for b in range(BLOCKS)])
+
+
+def heldout_rms(found: Fit) -> tuple[float, float]:
+    """Predicted rms distance of the points from the model, and the noise of a point [m].
+
+    What stations scatter by themselves is noise and not counted twice.
+    """
+    s = found.stations
+    residual = found.whitener.undo(predicted(found)).reshape(s.residual.shape)
+    white = s.scatter.mean(axis=0)
+    if not white.any():  # markers: their noise is in the whitener
+        noise = float(np.sqrt((found.whitener.undo(np.ones_like(found.z)) ** 2).mean() * 3))
+        return float(np.sqrt((residual**2).sum(axis=1).mean())), noise
+    extra = (residual**2).mean(axis=0) - (s.scatter / s.count[:, None]).mean(axis=0)
+    noise = float(np.sqrt(white.sum()))
+    return float(np.sqrt(max(white.sum() + extra.sum(), 0.0))), noise
