@@ -218,6 +218,28 @@ def identify(
 
 
 @app.command()
+def diagnose(
+    run: Run = Path("run"),
+    nominal: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(help="Another run of the same rope: its rope is taken as known."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated clean recordings.")] = 0,
+    most_frames: Annotated[int, typer.Option(help="Most frames used, evenly spread.")] = 48,
+    force: Force = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Where simulation and recording differ, and which physics was left out."""
+    with _session(json, quiet, debug) as session:
+        from ropefit.commands import diagnose
+
+        settings = {"seed": seed, "most_frames": most_frames}
+        session.result(diagnose(session, run, settings, nominal, force))
+
+
+@app.command()
 def control(
     run: Run = Path("run"),
     loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]

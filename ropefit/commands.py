@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ropefit.artifacts import Control, FittedModel, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
 from ropefit.console import Session
 from ropefit.errors import BadInput, StageFailed, WrongUsage
 from ropefit.stages.run_directory import existing_run, new_run
@@ -194,6 +194,106 @@ def _settled(m: FittedModel) -> dict[str, Any]:
         "noise_correlated_m": b.correlated_noise,
         "noise_correlation_length_m": b.correlation_length,
     }
+
+
+def diagnose(
+    session: Session,
+    run: Path,
+    settings: dict[str, Any],
+    nominal: Path | None,
+    force: bool,
+) -> dict[str, Any]:
+    """observations.h5, model.h5 -> diagnosis.h5."""
+    from ropefit.stages import diagnose as stage
+
+    objects: dict[str, Any] = {}
+    external: dict[str, str] = {}
+    if nominal is not None:
+        objects["nominal"], external["nominal"] = load(existing_run(nominal), Model)
+    chosen = stage.DiagnoseSettings(**settings, nominal=nominal is not None)
+    outcome = _stage(session, stage.STAGE, existing_run(run), chosen, force, objects, external)
+    d: Diagnosis = outcome.artifact
+    _tell_diagnosis(session, d)
+    return {
+        "stage": "diagnose",
+        "artifact": str(outcome.path),
+        "computed": outcome.computed,
+        "verdict": d.verdict,
+        "effects": [
+            {
+                "name": c.name,
+                "kind": c.kind,
+                "arc_length_m": c.arc_length,
+                "frames": c.frames,
+                "parameters": {key: size.model_dump() for key, size in c.parameters.items()},
+                "equivalent_to": c.equivalent_to,
+                "evidence": {
+                    "heldout_log_likelihood_gain": float(c.heldout_gain.sum()),
+                    "log_bayes_factor": c.log_evidence,
+                    "p_value": c.p_value,
+                },
+                "description": c.sentence,
+            }
+            for c in d.causes.values()
+        ],
+        "mismatch": [
+            {
+                "arc_length_m": r.arc_length,
+                "frames": r.frames,
+                "rms_m": r.rms,
+                "direction": r.direction,
+            }
+            for r in d.mismatch
+        ],
+        "heldout": {
+            "rms_before_m": d.rms_before,
+            "rms_after_m": d.rms_after,
+            "noise_m": d.noise_white,
+        },
+        "detectable": {key: item.model_dump() for key, item in d.detectable.items()},
+        "next_motion": {"separates": d.separates, "description": d.motion},
+        "refused": d.refused,
+        "latent_force": {"log_evidence": d.force_evidence, "threshold": d.force_threshold},
+    }
+
+
+def _tell_diagnosis(session: Session, d: Diagnosis) -> None:
+    if d.verdict == "none":
+        session.say("nothing was left out: what the nominal model does not explain is noise")
+    elif d.verdict == "unknown":
+        session.say(
+            "something was left out that no effect of the catalogue explains; see the latent force "
+            "in the report"
+        )
+    rows = []
+    for c in d.causes.values():
+        where = "-" if c.arc_length is None else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"
+        key, size = next(iter(c.parameters.items()))
+        rows.append(
+            [
+                c.name,
+                where,
+                f"{key} {size.value:.3g} ({size.ci95[0]:.3g} .. {size.ci95[1]:.3g}) {size.unit}",
+                ", ".join(c.equivalent_to) or "-",
+                f"{c.log_evidence:.1f}",
+            ]
+        )
+    if rows:
+        session.table(
+            f"{d.recording}: left out",
+            ["what", "where [m]", "size (95 %)", "or as well", "nats"],
+            rows,
+        )
+        for c in d.causes.values():
+            session.say(c.sentence)
+    session.say(
+        f"held-out frames: rms {d.rms_before * 1e3:.3g} mm before, {d.rms_after * 1e3:.3g} mm "
+        f"after; noise of a point {d.noise_white * 1e3:.3g} mm"
+    )
+    for reason in d.refused:
+        session.say(f"not believed: {reason}")
+    if d.motion:
+        session.say(f"to tell {' from '.join(d.separates)}: {d.motion}")
 
 
 def control(

@@ -3,17 +3,19 @@
 from ropefit.artifacts.base import Artifact, Part, Provenance
 from ropefit.artifacts.checkpoint import Checkpoint
 from ropefit.artifacts.control import Control
+from ropefit.artifacts.diagnosis import Diagnosis
 from ropefit.artifacts.model import FittedModel, Iterated, Model, Parameter, ParameterGroup
 from ropefit.artifacts.observations import DroppedFrame, Observations, View
 from ropefit.artifacts.store import content_sha256, identity, read, write
 
-ARTIFACTS: tuple[type[Artifact], ...] = (Observations, Model, Control, Checkpoint)
+ARTIFACTS: tuple[type[Artifact], ...] = (Observations, Model, Diagnosis, Control, Checkpoint)
 
 __all__ = [
     "ARTIFACTS",
     "Artifact",
     "Checkpoint",
     "Control",
+    "Diagnosis",
     "DroppedFrame",
     "FittedModel",
     "Iterated",

@@ -158,7 +158,7 @@ def nominal_fit(
             best = found
     if best is None:
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
-    last = _nearer_branch(best, data, bins)
+    last = nearer_branch(best, data, bins)
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
     start = full.start()
     start[: best.point.u.size] = best.point.u
@@ -167,7 +167,7 @@ def nominal_fit(
     return fit(full, data, noise, bins, first.point.u, evaluations), noise
 
 
-def _nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
+def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
     """Of two stable states of a frame, the one that the data show."""
     point = result.point
     found, apart = other_states(point.rod, point.conditions, point.solution)

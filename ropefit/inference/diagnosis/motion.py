@@ -1,0 +1,86 @@
+"""Which motion would tell two causes apart: the one for which their fits predict the most different
+shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ropefit.inference.diagnosis.weigh import Rival
+from ropefit.inference.forward import Forward
+from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.rod.setup import Setup
+
+
+def motions(setup: Setup) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
+    """Ends (5, 2, 3) and clamps (5, 2, 4) of candidate motions, from the first recorded pose on."""
+    first, clamp = setup.ends[0].clone(), setup.clamp[0].clone()
+    length = float(setup.properties.length.sum())
+    up = -(setup.gravity / setup.gravity.norm()).detach()
+    out = {}
+    still = clamp[None].expand(5, 2, 4)
+    if bool(torch.isnan(first).any()):
+        steps = torch.linspace(-1.2, 1.2, 5, dtype=torch.float64)
+        held = 0 if not bool(torch.isnan(first[0]).any()) else 1
+        axis = torch.linalg.cross(up, torch.tensor([0.3, 1.0, 0.2], dtype=torch.float64))
+        turned = torch.stack([multiply(from_rotation_vector(a * axis), clamp[held]) for a in steps])
+        moved = still.clone()
+        moved[:, held] = turned
+        out["turn the held end up and down"] = (first[None].expand(5, 2, 3), moved)
+        return out
+    chord = first[0] - first[1]
+    flat = chord - (chord @ up) * up
+    ahead = flat / flat.norm().clamp_min(1e-9)
+    side = torch.linalg.cross(up, ahead)
+    share = torch.linspace(0, 1, 5, dtype=torch.float64)[:, None]
+
+    def to(places: torch.Tensor) -> torch.Tensor:
+        reach = places - first[1]
+        far = reach.norm(dim=-1, keepdim=True)
+        places = first[1] + reach * torch.clamp(0.985 * length / far, max=1.0)
+        return torch.stack([places, first[1].expand(5, 3)], dim=1)
+
+    out["raise end 0"] = (to(first[0] + 0.35 * length * share * up), still)
+    out["sweep end 0 sideways"] = (to(first[0] + 0.5 * length * (share - 0.5) * side), still)
+    out["bring the ends together"] = (to(first[1] + chord * (1 - 0.85 * share)), still)
+    taut = first[1] + ahead * (0.6 + 0.38 * share) * length
+    out["pull the rope taut"] = (to(taut), still)
+    angles = share[:, 0] * torch.pi / 2
+    turns = torch.stack([from_rotation_vector(a * up) for a in angles])
+    around = _rotate(turns, chord)
+    clamps = multiply(turns[:, None], still)
+    out["turn both ends about the vertical"] = (to(first[1] + around), clamps)
+    if setup.clamped[0]:
+        about = torch.tensor([0.0, 0.0, 2.0], dtype=torch.float64)
+        roll = torch.stack([from_rotation_vector(a * about) for a in angles])
+        rolled = still.clone()
+        rolled[:, 0] = multiply(still[:, 0], roll)
+        out["roll the gripper about the rope"] = (first[None].expand(5, 2, 3), rolled)
+    return out
+
+
+def _rotate(turns: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
+    w, v = turns[:, :1], turns[:, 1:]
+    cross = torch.linalg.cross(v, vector.expand_as(v))
+    return vector + 2 * (w * cross + torch.linalg.cross(v, cross))
+
+
+def next_motion(first: Rival, second: Rival) -> tuple[str, float]:
+    """The candidate motion that tells two fits apart best, and how far apart they are there (rms,
+    [m]); empty where none settles."""
+    best, name = 0.0, ""
+    for label, (ends, clamp) in motions(first.fit.forward.base).items():
+        shapes = []
+        for rival in (first, second):
+            base = rival.fit.forward.base
+            seen = base.seen._replace(
+                origin=base.seen.origin[:1].expand(5, 1, 3),
+                normal=base.seen.normal[:1].expand(5, 1, 3),
+            )
+            moved = base._replace(ends=ends, clamp=clamp, seen=seen)
+            point = Forward(moved, rival.fit.forward.terms).at(rival.fit.point.u)
+            shapes.append(point.seen)
+        apart = float(np.sqrt(np.nanmean(((shapes[0] - shapes[1]) ** 2).sum(-1))))
+        if apart > best:
+            best, name = apart, label
+    return name, best
