@@ -115,7 +115,8 @@ def main() -> None:
                 cells.append("-")
                 print(error, file=sys.stderr)
             data[f"{target} {ends} {ratio:g}"] = value
-            print(f"{target} {ends} {ratio:g}: {time.monotonic() - started:.0f} s", file=sys.stderr)
+            took = time.monotonic() - started
+            print(f"{target} {ends} {ratio:g}: {cells[-1]} in {took:.0f} s", file=sys.stderr)
         lines.append(f"| `{target}` | " + " | ".join(cells) + " |")
     text = (
         f"Largest distance of a node from the exact elastica, in rope lengths, {NODES} nodes; "

@@ -101,7 +101,7 @@ import warp as wp
 
 BODY = '''
 SUBSTEP = 1 / 600  # s
-ITERATIONS = 60  # fewer show a softer and longer rope
+ITERATIONS = 240  # fewer show a softer and longer rope
 DRAG = 8.0  # 1/s on every velocity, so that the rope comes to rest; no property of the rope
 REST = 5e-4  # m/s, a rope slower than this is at rest; single precision never gets to zero
 LONGEST = 20.0  # s
