@@ -30,7 +30,7 @@ NEEDS = {
     "mujoco": ["mujoco-core>=4.0.1"],
     "mujoco3": ["mujoco==3.17.*"],
     "pyelastica": ["pyelastica==1.0.0"],
-    "newton": ["newton==1.8.0", "usd-core"],
+    "newton": ["newton==1.8.0", "usd-core", "newton-usd-schemas"],
 }
 RATIOS = (1e-4, 1e-3, 1e-2)  # EI / (rho g L^3)
 NODES = 41

@@ -238,6 +238,27 @@ def test_newton_carries_usd() -> None:
     assert "physics:restShapePoints" in usd
 
 
+def test_newton_reads_the_usd(tmp_path) -> None:
+    """Joint stiffness of its own importer: EI and GJ over the length of a segment."""
+    needed("newton")
+    import subprocess
+
+    rope = describe("pinned", 1e-2, 21)
+    (tmp_path / "rope.usda").write_text(export(rope, "newton").files["rope.usda"])
+    code = (
+        "import json, sys, newton; b = newton.ModelBuilder(); b.add_usd(sys.argv[1]); "
+        "k = [x for x in b.joint_target_ke if x]; "
+        "print(json.dumps([b.body_count, sum(b.body_mass), k[3], k[5]]))"
+    )
+    run = subprocess.run(
+        [python_for("newton"), "-c", code, tmp_path / "rope.usda"], capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout.strip().splitlines()[-1])
+    expected = [20, rope.masses.sum(), rope.EI[0] * 20, rope.GJ[0] * 20]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
 def test_a_clamp_keeps_the_length_that_bends() -> None:
     for nodes in (11, 41):
         rope = describe("clamped", 1e-3, nodes)
