@@ -19,7 +19,9 @@ STIFF = 2000.0  # EA and GA at most this many rope weights
 class Newton(Exporter):
     """A script for Newton 1.8 (`python rope.py --pose 0 --out shape.csv`) and `rope.usda`.
 
-    Solver settings are part of the answer: with few iterations its solver shows a softer rope.
+    Solver settings are part of the answer: with few iterations its solver shows a softer rope. A
+    clamped rope with EI/(rho g L^3) = 0.01 and 41 nodes came to rest 5.5 % of its length from the
+    elastica with 60 iterations, 0.9 % with the 240 that are written.
     """
 
     target: ClassVar[str] = "newton"
