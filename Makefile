@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 RUN    ?= run
 
-.PHONY: demo test check install schemas results batch clean
+.PHONY: demo test check install schemas results exporters batch clean
 .DEFAULT_GOAL := demo
 
 install: $(STAMP)
@@ -41,6 +41,10 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.losses --write docs/results.md
 	$(BIN)/python -m benchmarks.recordings --write docs/results.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
+
+# An environment for each simulator under build/simulators, then how far exported ropes are off.
+exporters: $(STAMP)
+	$(BIN)/python -m benchmarks.exporters --setup --write docs/results.md
 
 include pipelines/batch.mk
 

@@ -45,6 +45,8 @@ class ProjectChoice(StrEnum):
 
 Loss = StrEnum("Loss", [(f"OBJ{i}", f"OBJ{i}") for i in range(1, 10)])
 
+OptionalPath = Optional[Path]  # noqa: UP045 (typer reads these)
+OptionalFloat = Optional[float]  # noqa: UP045
 Run = Annotated[Path, typer.Option("--run", help="Run directory.", show_default=True)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
@@ -316,6 +318,34 @@ def simulate(
         from ropefit.commands import simulate
 
         session.result(simulate(session, spec, out))
+
+
+@app.command("import")
+def import_(
+    source: Annotated[Path, typer.Argument(help="File or folder to read, see docs/importing.md.")],
+    format: Annotated[str, typer.Option("--from", help="clouds, tum, ros, mocap or c3d.")],
+    out: Annotated[OptionalPath, typer.Option("--out", help="Recording to write.")] = None,
+    set_: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option("--set", help="NAME=VALUE: an option of the format; repeatable."),
+    ] = None,
+    show: Annotated[bool, typer.Option("--list", help="Only show what the source holds.")] = False,
+    name: Annotated[str, typer.Option(help="Name of the recording [default: SOURCE's].")] = "",
+    gravity: Annotated[str, typer.Option(help="x,y,z [m/s^2] in its frame.")] = "0,0,-9.81",
+    length: Annotated[OptionalFloat, typer.Option(help="Rest length [m].")] = None,
+    diameter: Annotated[OptionalFloat, typer.Option(help="Diameter [m].")] = None,
+    mass: Annotated[OptionalFloat, typer.Option(help="Mass of the rope [kg].")] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Make a recording out of a ROS bag, a TUM folder, point clouds or motion capture."""
+    with _session(json, quiet, debug) as session:
+        from ropefit.stages.importing import run_import
+
+        about = {"length": length, "diameter": diameter, "mass": mass, "gravity": gravity}
+        about["name"] = name or source.stem or "imported"
+        session.result(run_import(session, source, format, out, set_ or [], show, about))
 
 
 def main() -> None:

@@ -15,12 +15,15 @@ FLOORS = [
     {"system"},
     {"stages"},
     {"reporting"},
+    {"exporters"},
     {"inference"},
     {"losses", "solvers"},
     {"rod"},
     {"perception"},
+    {"importers"},
     {"recordings"},
     {"artifacts"},
+    {"plugins"},
     {"errors"},
 ]
 # The compiled loops and their derivative stay together: the compiler's cache sees one file only.

@@ -1,0 +1,39 @@
+"""Exporters: a rope as text for a simulator. One class a file; importing it is what adds it."""
+
+from __future__ import annotations
+
+from ropefit.errors import WrongUsage
+from ropefit.exporters.base import Exporter, ExportResult
+from ropefit.exporters.description import RopeDescription
+from ropefit.exporters.json import Json
+from ropefit.exporters.mujoco import MuJoCo
+from ropefit.exporters.mujoco3 import MuJoCo3
+from ropefit.exporters.newton import Newton
+from ropefit.exporters.pyelastica import PyElastica
+from ropefit.plugins import concrete
+
+__all__ = [
+    "ExportResult",
+    "Exporter",
+    "Json",
+    "MuJoCo",
+    "MuJoCo3",
+    "Newton",
+    "PyElastica",
+    "RopeDescription",
+    "export",
+    "exporters",
+]
+
+
+def exporters() -> dict[str, type[Exporter]]:
+    """{target: class} of every exporter, those of installed add-ons included."""
+    return {kind.target: kind for kind in concrete(Exporter, "ropefit.exporters")}
+
+
+def export(description: RopeDescription, target: str) -> ExportResult:
+    """The rope as text for `target`. Raises WrongUsage for an unknown one."""
+    known = exporters()
+    if target not in known:
+        raise WrongUsage(f"--to {target}: one of {', '.join(sorted(known))}")
+    return known[target]().export(description)

@@ -1,0 +1,67 @@
+"""What may go along with a rope into a simulator: one small record an effect, SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """`mass` [kg] hung on node `node`, besides the rope's own."""
+
+    node: int
+    mass: float
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A support through `point` [m]; the rope stays on the side that `normal` points to.
+
+    friction: Coulomb coefficient.
+    """
+
+    point: Vector
+    normal: Vector
+    friction: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A fixed ball that the rope cannot enter: centre and radius [m]."""
+
+    centre: Vector
+    radius: float
+    friction: float = 0.0
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A fixed round bar from `start` to `stop` [m] with `radius` [m] that the rope cannot enter."""
+
+    start: Vector
+    stop: Vector
+    radius: float
+    friction: float = 0.0
+
+
+@dataclass(frozen=True)
+class Tether:
+    """A spring of `stiffness` [N/m] from node `node` to `anchor` [m]; slack below `rest_length`."""
+
+    node: int
+    anchor: Vector
+    stiffness: float
+    rest_length: float
+
+
+@dataclass(frozen=True)
+class EndTwist:
+    """End `end` (0 or 1) turned about the rope's tangent by `angle` [rad]."""
+
+    end: int
+    angle: float
+
+
+Effect = PointMass | Plane | Sphere | Cylinder | Tether | EndTwist

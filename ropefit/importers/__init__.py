@@ -1,0 +1,31 @@
+"""Importers: recordings as they come become recordings of ropefit. One class a file."""
+
+from __future__ import annotations
+
+from ropefit.errors import WrongUsage
+from ropefit.importers.base import Entry, Importer, Options, parse_options
+from ropefit.importers.c3d import C3d
+from ropefit.importers.clouds import Clouds
+from ropefit.importers.draft import About, Draft
+from ropefit.importers.mocap import Mocap
+from ropefit.importers.ros import Ros
+from ropefit.importers.tum import Tum
+from ropefit.plugins import concrete
+
+__all__ = [
+    "About", "C3d", "Clouds", "Draft", "Entry", "Importer", "Mocap", "Options", "Ros", "Tum",
+    "importer", "importers", "parse_options",
+]  # fmt: skip
+
+
+def importers() -> dict[str, type[Importer]]:
+    """{format: class} of every importer, those of installed add-ons included."""
+    return {kind.format: kind for kind in concrete(Importer, "ropefit.importers")}
+
+
+def importer(name: str) -> type[Importer]:
+    """The importer of a format. Raises WrongUsage."""
+    known = importers()
+    if name not in known:
+        raise WrongUsage(f"--from {name}: one of {', '.join(sorted(known))}")
+    return known[name]

@@ -1,0 +1,161 @@
+"""Motion capture as csv or npz."""
+
+from __future__ import annotations
+
+import csv
+import re
+import warnings
+import zipfile
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from ropefit.errors import BadInput
+from ropefit.importers.base import Entry, Importer, Options, exists, readable
+from ropefit.importers.draft import Draft
+from ropefit.importers.markers import MarkerOptions, deliver
+
+MAX_BYTES = 2 << 30
+TIMES = ("time", "time (seconds)", "timestamp", "t")
+FRAMES = ("frame", "frame#")
+AXIS = re.compile(r"(.+?)[ _.:]?([xyz])(?: ?[\[(](?:m|mm|cm)[\])])?", re.IGNORECASE)
+
+
+class Mocap(Importer):
+    """csv with a column an axis (A_x, A_y, A_z or AX, AY, AZ), csv with a row a marker (frame,
+    time, marker, x, y, z), or npz with positions (frames, markers, 3) and time (frames,)."""
+
+    format: ClassVar[str] = "mocap"
+    options: ClassVar[type[Options]] = MarkerOptions
+
+    def contents(self, source: Path) -> list[Entry]:
+        names, _, positions = _read(source, None)
+        seen = np.isfinite(positions).all(axis=2).sum(axis=0)
+        return [Entry(n, "marker", int(c)) for n, c in zip(names, seen, strict=True)]
+
+    def read(self, source: Path, options: MarkerOptions, draft: Draft) -> None:
+        names, time, positions = _read(source, options.rate)
+        deliver(source, options, draft, names, time, positions, 1.0)
+
+
+Raw = tuple[list[str], np.ndarray, np.ndarray]
+
+
+def _read(source: Path, rate: float | None) -> Raw:
+    exists(source)
+    with readable(source, "motion capture"):
+        if source.stat().st_size > MAX_BYTES:
+            raise BadInput(f"{source}: larger than 2 GiB")
+        if source.suffix.lower() == ".npz":
+            return _npz(source, rate)
+        return _csv(source, rate)
+
+
+def _npz(source: Path, rate: float | None) -> Raw:
+    with zipfile.ZipFile(source) as archive:
+        declared = sum(item.file_size for item in archive.infolist())
+    if declared > MAX_BYTES:
+        raise BadInput(f"{source}: declares {declared / 2**30:.1f} GiB; at most 2 GiB are read")
+    with np.load(source, allow_pickle=False) as arrays, warnings.catch_warnings(action="ignore"):
+        if "positions" not in arrays:
+            raise BadInput(f"{source}: has no array positions, only {', '.join(arrays)}")
+        positions = np.asarray(arrays["positions"])
+        time = np.asarray(arrays["time"]) if "time" in arrays else None
+        names = np.asarray(arrays["names"]) if "names" in arrays else None
+    if positions.ndim != 3 or positions.shape[2] != 3 or positions.dtype.kind not in "fiu":
+        raise BadInput(f"{source}: positions has shape {positions.shape}, not (frames, markers, 3)")
+    count = positions.shape[1]
+    labels = [str(i) for i in range(count)] if names is None else [str(name) for name in names]
+    if len(labels) != count or len(set(labels)) < count:
+        raise BadInput(f"{source}: {count} markers but {len(labels)} names, or a name twice")
+    time = _clock(source, time, positions.shape[0], rate)
+    return labels, time, positions.astype(float)
+
+
+def _csv(source: Path, rate: float | None) -> Raw:
+    with source.open(newline="", encoding="utf-8-sig") as file:
+        sample = file.read(4096)
+        file.seek(0)
+        rows = [row for row in csv.reader(file, delimiter=_delimiter(sample)) if any(row)]
+    if len(rows) < 2:
+        raise BadInput(f"{source}: has no rows")
+    header = [cell.strip() for cell in rows[0]]
+    low = [cell.lower() for cell in header]
+    if len(set(header)) < len(header):
+        raise BadInput(f"{source}: the header names a column twice")
+    table = np.array(
+        [_numbers(source, number, row, header) for number, row in enumerate(rows[1:], 2)]
+    )
+    clock = next((table[:, low.index(name)] for name in TIMES if name in low), None)
+    if {"marker", "x", "y", "z"} <= set(low):
+        return _long(source, low, table, clock, rate)
+    names: dict[str, dict[str, int]] = {}
+    for at, cell in enumerate(header):
+        match = AXIS.fullmatch(cell)
+        if match and cell.lower() not in TIMES + FRAMES:
+            names.setdefault(match.group(1).strip(), {})[match.group(2).lower()] = at
+    whole = {name: axes for name, axes in names.items() if len(axes) == 3}
+    if not whole:
+        raise BadInput(
+            f"{source}: no marker found in the header {','.join(header)[:200]}; columns are "
+            "A_x,A_y,A_z a marker, or frame,time,marker,x,y,z"
+        )
+    positions = np.stack([table[:, [a["x"], a["y"], a["z"]]] for a in whole.values()], axis=1)
+    return list(whole), _clock(source, clock, len(table), rate), positions
+
+
+def _long(
+    source: Path, low: list[str], table: np.ndarray, clock: np.ndarray | None, rate: float | None
+) -> Raw:
+    if "frame" not in low:
+        raise BadInput(f"{source}: rows a marker need a column frame")
+    frame, marker = table[:, low.index("frame")], table[:, low.index("marker")]
+    if not (np.isfinite(frame).all() and np.isfinite(marker).all()):
+        raise BadInput(f"{source}: frame and marker must be numbers in every row")
+    frames, row = np.unique(frame, return_inverse=True)
+    markers, column = np.unique(marker, return_inverse=True)
+    if frames.size * markers.size > 10 * len(table) + 1000:
+        raise BadInput(
+            f"{source}: {markers.size} markers in {frames.size} frames, {len(table)} rows"
+        )
+    if np.unique(row * markers.size + column).size < len(table):
+        raise BadInput(f"{source}: a marker occurs twice in one frame")
+    positions = np.full((frames.size, markers.size, 3), np.nan)
+    positions[row, column] = table[:, [low.index(axis) for axis in "xyz"]]
+    time = None
+    if clock is not None:
+        time = np.full(frames.size, np.nan)
+        time[row] = clock
+    labels = [f"{value:g}" for value in markers]
+    return labels, _clock(source, time, frames.size, rate), positions
+
+
+def _clock(source: Path, time: np.ndarray | None, count: int, rate: float | None) -> np.ndarray:
+    """(F,) seconds: the file's, or frames at the rate given."""
+    if count == 0:
+        raise BadInput(f"{source}: has no frames")
+    if rate is not None:
+        return np.arange(count) / rate
+    if time is None:
+        raise BadInput(f"{source}: has no time; give --set rate=... in frames a second")
+    if time.shape != (count,) or time.dtype.kind not in "fiu":
+        raise BadInput(f"{source}: time has shape {time.shape}, not ({count},)")
+    return time.astype(float)
+
+
+def _delimiter(sample: str) -> str:
+    line = sample.splitlines()[0] if sample.splitlines() else ""
+    return max(",;\t", key=line.count)
+
+
+def _numbers(source: Path, line: int, row: list[str], header: list[str]) -> list[float]:
+    if len(row) != len(header):
+        raise BadInput(f"{source}: line {line} has {len(row)} cells, the header {len(header)}")
+    values = []
+    for name, cell in zip(header, row, strict=True):
+        try:
+            values.append(float(cell) if cell.strip() else float("nan"))
+        except ValueError:
+            raise BadInput(f"{source}: line {line}, column {name}: {cell[:40]!r} is not a number")
+    return values

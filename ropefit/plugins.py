@@ -1,0 +1,31 @@
+"""Classes that other packages add: found by their entry points, never by a list kept here."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import TypeVar
+
+from ropefit.errors import StageFailed
+
+T = TypeVar("T")
+
+
+def concrete(base: type[T], group: str) -> list[type[T]]:
+    """Every class below `base` that can be made, those of installed packages included.
+
+    A class is known once its module is imported. Modules of other packages are imported when
+    they declare an entry point in `group`. Raises StageFailed when one cannot be imported.
+    """
+    for entry in entry_points(group=group):
+        try:
+            entry.load()
+        except Exception as error:  # another package's import may raise anything
+            raise StageFailed(f"{entry.value}: an add-on that does not import ({error}); remove it")
+    found: list[type[T]] = []
+    waiting = [base]
+    while waiting:
+        kind = waiting.pop(0)
+        waiting += kind.__subclasses__()
+        if not getattr(kind, "__abstractmethods__", None):
+            found.append(kind)
+    return found

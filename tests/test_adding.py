@@ -1,0 +1,105 @@
+"""The pages on adding an importer and an exporter, followed literally from outside the package."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ropefit.importers import importers
+from tests.conftest import ROOT
+from tests.factories import rope_points
+
+DOCS = ROOT / "docs"
+
+
+def package(page: str, directory: Path) -> str:
+    """What a page shows, installed in a folder; the module's name."""
+    text = (DOCS / page).read_text()
+    blocks = dict(re.findall(r"```(python|toml)\n(.*?)```", text, re.DOTALL))
+    name = re.match(r"# (\w+)\.py", blocks["python"])
+    group = re.search(r'entry-points\."([\w.]+)"\]\n(.*)', blocks["toml"], re.DOTALL)
+    assert name is not None
+    assert group is not None
+    (directory / f"{name[1]}.py").write_text(blocks["python"])
+    info = directory / f"{name[1]}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name[1]}\nVersion: 1.0\n")
+    points = group[2].replace('"', "")
+    (info / "entry_points.txt").write_text(f"[{group[1]}]\n{points}")
+    return name[1]
+
+
+def python(directory: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(directory), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=directory,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+
+
+def test_adding_an_importer(tmp_path: Path) -> None:
+    package("adding-an-importer.md", tmp_path)
+    blocks = [
+        "\n".join(" ".join(f"{1000 * v:.6f}" for v in point) for point in rope_points(frame, 30))
+        for frame in range(3)
+    ]
+    (tmp_path / "rope.txt").write_text("\n\n".join(blocks))
+    arguments = ["-m", "ropefit", "import", "rope.txt", "--from", "lines", "--out", "rec"]
+    run = python(tmp_path, *arguments, "--set", "scale=0.001", "--json")
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["frames"] == 3
+    assert json.loads(run.stdout)["ends"] == ["pinned", "free"]
+    (tmp_path / "rope.txt").write_text("1 2 x")
+    failed = python(tmp_path, *arguments[:-1], "other")
+    assert failed.returncode == 3
+    assert failed.stderr.count("\n") == 1
+    wrong = python(tmp_path, *arguments[:-1], "other", "--set", "size=2")
+    assert wrong.returncode == 2
+    assert "scale" in wrong.stderr
+
+
+def test_adding_an_exporter(tmp_path: Path) -> None:
+    package("adding-an-exporter.md", tmp_path)
+    (tmp_path / "use.py").write_text(
+        "from benchmarks.elastica import describe\n"
+        "from ropefit.exporters import export\n"
+        "from ropefit.exporters.effects import PointMass\n"
+        "rope = describe('pinned', 1e-2, 11, effects=(PointMass(3, 0.1),))\n"
+        "result = export(rope, 'table')\n"
+        "assert result.not_expressed == ('PointMass is left out',)\n"
+        "print(result.text)\n"
+    )
+    run = python(tmp_path, "use.py")
+    assert run.returncode == 0, run.stderr
+    lines = run.stdout.strip().splitlines()
+    assert lines[0] == "# not expressed: PointMass is left out"
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[2:]])
+    assert rows.shape == (11, 6)
+    assert rows[:, 5].sum() == pytest.approx(0.05)
+
+
+def test_a_broken_add_on_is_named(tmp_path: Path) -> None:
+    name = package("adding-an-importer.md", tmp_path)
+    (tmp_path / f"{name}.py").write_text("import nothing_of_this_name")
+    run = python(tmp_path, "-m", "ropefit", "import", "x", "--from", "lines", "--out", "y")
+    assert run.returncode == 1
+    assert name in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_every_format_and_option_is_described() -> None:
+    page = (DOCS / "importing.md").read_text()
+    for name, kind in importers().items():
+        assert f"## `{name}`" in page
+        for option in kind.options.model_fields:
+            assert f"`{option}`" in page, f"{option} of {name}"
