@@ -56,6 +56,22 @@ Nodes = Annotated[int, typer.Option(help="K: particles of the rope.")]
 Project = Annotated[
     ProjectChoice, typer.Option(help="Project points onto the plane of gravity and the two ends.")
 ]
+RopeColor = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--color", help="The rope's colour in the pictures: r,g,b of 0..255, or #rrggbb."),
+]
+Roi = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option(help="Part of the pictures that holds the rope: u,v,width,height [px]."),
+]
+Mask = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option(help="Folder of masks, one image a frame, rope where not black."),
+]
+DebugImages = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option(help="Folder to write every intermediate picture into."),
+]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the distance constraint.")]
 LossOption = Annotated[Loss, typer.Option(help="Loss to fit.")]  # type: ignore[valid-type]
 SearchOption = Annotated[Search, typer.Option(help="How to search.")]
@@ -98,6 +114,10 @@ def run(
     loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
     search: SearchOption = Search.gradient,
     control_at: ControlAt = None,
+    color: RopeColor = None,
+    roi: Roi = None,
+    mask: Mask = None,
+    debug_images: DebugImages = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -106,13 +126,18 @@ def run(
     """Every stage, then the report."""
     with _session(json, quiet, debug) as session:
         from ropefit.commands import run_all
+        from ropefit.stages.picture_options import picture_settings
 
         session.result(
             run_all(
                 session,
                 recording,
                 run,
-                {"nodes": nodes, "project": project.value},
+                {
+                    "nodes": nodes,
+                    "project": project.value,
+                    **picture_settings(color, roi, mask),
+                },
                 {
                     "solver": solver.value,
                     "loss": loss.value,
@@ -121,6 +146,7 @@ def run(
                 },
                 {"loss": loss.value},
                 force,
+                debug_images,
             )
         )
 
@@ -132,6 +158,10 @@ def preprocess(
     nodes: Nodes = 20,
     project: Project = ProjectChoice.auto,
     most_points: Annotated[int, typer.Option(help="Points kept per frame.")] = 400,
+    color: RopeColor = None,
+    roi: Roi = None,
+    mask: Mask = None,
+    debug_images: DebugImages = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -140,9 +170,11 @@ def preprocess(
     """Order, segment and project the recorded points; measure their noise."""
     with _session(json, quiet, debug) as session:
         from ropefit.commands import preprocess
+        from ropefit.stages.picture_options import picture_settings
 
         settings = {"nodes": nodes, "project": project.value, "most_points": most_points}
-        session.result(preprocess(session, recording, run, settings, force))
+        settings |= picture_settings(color, roi, mask)
+        session.result(preprocess(session, recording, run, settings, force, debug_images))
 
 
 @app.command()

@@ -22,9 +22,6 @@ LONELY = 1.6  # times the usual distance of the eighth neighbour
 # A line between the held ends outside these shares of the rope's length took a wrong turn.
 SHORTEST, LONGEST = 0.75, 1.3
 BRANCH = 0.1  # share of the points, and of the way from end to end, that may be off that way
-# Mean over a visible half cylinder, seen evenly over its width, of its height over the axis: π/4
-# radii.
-SURFACE_SHARE = np.pi / 4
 
 
 def remove_outliers(points: np.ndarray) -> np.ndarray:
@@ -88,6 +85,7 @@ def trace_cloud(
         arc=arc * scale,
         length=total,
         reach=total / bins,
+        traced=float(arc[-1]),
     )
 
 
@@ -143,7 +141,7 @@ def _smooth_line(
         parts.insert(0, ends[:1])
     if known[1] and np.linalg.norm(line[-1] - ends[1]) > 1e-6:
         parts.append(ends[1:])
-    return _without_overshoot(np.concatenate(parts))
+    return without_overshoot(np.concatenate(parts))
 
 
 def _extended(means: np.ndarray, centre: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -172,7 +170,7 @@ def _smooth(line: np.ndarray) -> np.ndarray:
     return first + once(line - first)
 
 
-def _without_overshoot(line: np.ndarray) -> np.ndarray:
+def without_overshoot(line: np.ndarray) -> np.ndarray:
     """Drop vertices next to an end that lie beyond it: the end is where the rope stops."""
     for flip in (slice(None), slice(None, None, -1)):
         line = line[flip]
@@ -185,15 +183,20 @@ def _without_overshoot(line: np.ndarray) -> np.ndarray:
 def _surface_to_axis(
     points: np.ndarray, line: np.ndarray, radius: float, viewpoint: np.ndarray
 ) -> np.ndarray:
-    """(N, 3) [m] moves from the visible surface to the axis: away from the eye, across the rope."""
-    place, _ = project_to_polyline(points, line)
+    """(N, 3) [m] moves from the visible surface to the axis: away from the eye, across the rope.
+
+    A point to the side of the line stands less far before the axis than one in its middle.
+    """
+    place, offset = project_to_polyline(points, line)
     edges = np.diff(line, axis=0)
     tangent = edges[np.minimum(place.astype(int), len(edges) - 1)]
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     ray = points - viewpoint
     ray -= (ray * tangent).sum(axis=1, keepdims=True) * tangent
     ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-12)
-    return SURFACE_SHARE * radius * ray
+    across = np.abs((offset * np.cross(tangent, ray)).sum(axis=1))
+    height = np.sqrt(np.maximum(radius**2 - np.minimum(across, radius) ** 2, 0.0))
+    return height[:, None] * ray
 
 
 def scatter(points: np.ndarray, line: np.ndarray) -> float:

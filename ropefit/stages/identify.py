@@ -34,7 +34,7 @@ from ropefit.inference.uncertainty import verdicts
 from ropefit.losses.objectives import OBJECTIVES, LossName
 from ropefit.solvers.xpbd import Settings
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
-from ropefit.stages.scene import build_scene, control_positions, node_at, rope_of
+from ropefit.stages.scene import build_scene, check_loss, control_positions, node_at, rope_of
 from ropefit.stages.stage import Context, Stage, StageSettings
 
 CHECKPOINT_EVERY = 15.0  # s
@@ -74,6 +74,7 @@ class IdentifySettings(StageSettings):
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
+    check_loss(observations, settings.loss)
     names = eta_names(settings.two_sided)
     _check_names(settings, names)
     space = Space.of(names, settings.free or list(names), settings.start)
