@@ -170,11 +170,15 @@ def _smooth(line: np.ndarray) -> np.ndarray:
     return first + once(line - first)
 
 
-def without_overshoot(line: np.ndarray) -> np.ndarray:
-    """Drop vertices next to an end that lie beyond it: the end is where the rope stops."""
+def without_overshoot(line: np.ndarray, size: int = 3) -> np.ndarray:
+    """Drop vertices of (M, D) next to an end that lie beyond it, by their first `size` columns: the
+    end is where the rope stops."""
     for flip in (slice(None), slice(None, None, -1)):
         line = line[flip]
-        while len(line) > 4 and (line[1] - line[0]) @ (line[3] - line[1]) < 0:
+        while len(line) > 4:
+            at = line[:4, :size]
+            if (at[1] - at[0]) @ (at[3] - at[1]) >= 0:
+                break
             line = np.delete(line, 1, axis=0)
         line = line[flip]
     return line

@@ -16,6 +16,8 @@ TURN_COST = 2.0  # a turn of one radian at each side makes a gap count (1 + this
 FARTHEST = 0.3  # of the extent of all strands: a wider gap is not bridged
 LONG, OWN = 15.0, 0.15  # widths, share of the longest strand: a loose end as long is rope
 STRAIGHT = 0.2  # rad: a shorter one is where it is near and the way to it turns less
+CLOSE = 4.0  # widths: nearer ends meet at a crossing; only their directions say which go together
+AT_ONCE = 3.0  # widths that every link counts as long at least
 LOOK = 2.0  # widths over which the direction of a strand's end is taken
 MOST_STRANDS = 250
 NEAREST = 8  # candidates per end
@@ -98,13 +100,13 @@ def _match(
     dot = np.einsum("ad,abd->ab", ways, chord)
     turn = np.where((ways == 0).all(axis=1)[:, None], 0.0, np.arccos(np.clip(dot, -1, 1)))
     # Ends that touch have no way between them that means anything: compare their directions.
-    close = distance < 2 * width
+    close = distance < CLOSE * width
     bend = np.arccos(np.clip(-(ways @ ways.T), -1, 1)) / 2
     directed = (ways != 0).any(axis=1)
     both = directed[:, None] & directed[None]
-    turn = np.where(close & both, np.minimum(np.maximum(turn, bend), np.maximum(bend, 0.0)), turn)
+    turn = np.where(close & both, bend, turn)
     worst = np.maximum(turn, turn.T)
-    cost = (distance + 1.0) * (1 + TURN_COST * (turn**2 + turn.T**2))
+    cost = (distance + AT_ONCE * width) * (1 + TURN_COST * (turn**2 + turn.T**2))
     owner = np.arange(total) // 2
     free = owner >= count
     bad = (owner[:, None] == owner[None]) | (worst > MOST_TURN)

@@ -14,7 +14,6 @@ from ropefit.perception.trace import (
     FrameRejected,
     Trace,
     polyline_arc,
-    project_to_polyline,
     resample,
 )
 
@@ -24,6 +23,7 @@ AGREE = 0.006  # of the depth, and 4 mm: depths of one place on the rope differ 
 FAR = 0.2  # of the picture's diagonal
 WRONG_SCALE = 3.0  # a factor that neither slack nor a leaning rope explain
 PLAUSIBLE = (0.05, 30.0)  # m
+SHARE = 0.95  # mean height of the middle of a rope over its axis, in radii
 SPARSE = 2.0  # px between the places at which the path is centred
 INNER = 0.35  # widths to each side of the path: depths further out may be the background's
 
@@ -62,21 +62,23 @@ def trace_rgbd(
     # Depth is noisy from pixel to pixel and the rope is smooth: the picture says where it bends.
     smooth = _smooth_depth(at, good, max(found.width, 5.0))
     points = camera.unproject(pixels, at[good])
-    line = camera.unproject(path[_between(good)], smooth[_between(good)])
-    line = _untangle(line)
+    line = camera.unproject(path, smooth)
+    index = _untangle(line, np.arange(*np.flatnonzero(good)[[0, -1]] + [0, 1]))
+    line = line[index]
+    first = index.astype(float)
     if known[0]:
-        line = np.vstack([ends[0], line])
+        line, first = np.vstack([ends[0], line]), np.r_[-1.0, first]
     if known[1]:
-        line = np.vstack([line, ends[1]])
-    line = without_overshoot(line)
+        line, first = np.vstack([line, ends[1]]), np.r_[first, len(path)]
+    line, first = _within(line, first)
     arc = polyline_arc(line)
     if arc[-1] <= 0:
         raise FrameRejected("the points do not extend along a line")
     scale = length / arc[-1] if length and known.all() else 1.0
     total = length if length and known.all() else float(arc[-1])
-    place, _ = project_to_polyline(points, line)
-    point_arc = np.maximum.accumulate(np.interp(place, np.arange(len(line)), arc) * scale)
-    path_arc = np.interp(np.arange(len(path)), np.flatnonzero(good), point_arc)
+    # By place along the path, not by nearness: near a crossing another stretch may be nearer.
+    path_arc = np.interp(np.arange(len(path)), first, arc) * scale
+    point_arc = path_arc[good]
     trace = Trace(
         points=points,
         point_arc=point_arc,
@@ -203,6 +205,12 @@ def depth_along(
     out = np.zeros(len(path))
     middle = _quantile(np.where(agree, values[some], np.inf), 0.5)
     out[some] = np.where(np.isfinite(middle), middle, 0.0)
+    there = out > 0
+    if radius and there.sum() > LEAST_DEPTHS:
+        # Along the viewing direction a rope that recedes is thicker than across it.
+        smooth = _smooth_depth(out, there, max(2 * found.width, 8.0))
+        slope = np.gradient(smooth) / np.maximum(smooth / camera.fx, 1e-9)
+        out[there] += SHARE * radius * (np.sqrt(1 + slope[there] ** 2) - 1)
     return out
 
 
@@ -216,12 +224,6 @@ def _quantile(values: np.ndarray, share: float) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         mixed = ordered[rows, low] + (place - low) * (ordered[rows, high] - ordered[rows, low])
     return np.where(count > 0, mixed, np.inf)
-
-
-def _between(good: np.ndarray) -> slice:
-    """From the first to the last pixel with a depth."""
-    index = np.flatnonzero(good)
-    return slice(int(index[0]), int(index[-1]) + 1)
 
 
 def _smooth_depth(at: np.ndarray, good: np.ndarray, sigma: float) -> np.ndarray:
@@ -244,12 +246,18 @@ def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
     return good & (gap > max(5 * usual, 0.005))
 
 
-def _untangle(line: np.ndarray) -> np.ndarray:
-    """Points of the line that advance: steps back along it (noise in depth) are left out."""
-    keep = [0]
-    ahead = gaussian_filter1d(line, 8, axis=0, mode="nearest")
-    direction = np.gradient(ahead, axis=0)
-    for i in range(1, len(line)):
+def _untangle(line: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Those of the indices (N,) of a line (P, 3) that advance: steps back along it (noise in depth)
+    are left out."""
+    direction = np.gradient(gaussian_filter1d(line, 8, axis=0, mode="nearest"), axis=0)
+    keep = [int(index[0])]
+    for i in index[1:].tolist():
         if (line[i] - line[keep[-1]]) @ direction[i] > 0:
             keep.append(i)
-    return line[keep]
+    return np.array(keep)
+
+
+def _within(line: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The line (M, 3) and its places (M,) without vertices that overshoot its ends."""
+    kept = without_overshoot(np.column_stack([line, place]), 3)
+    return kept[:, :3], kept[:, 3]

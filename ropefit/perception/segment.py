@@ -18,7 +18,7 @@ from ropefit.perception.cues import (
 )
 from ropefit.perception.follow import even, grow, measured_width, settle, visible
 from ropefit.perception.linking import Path, link
-from ropefit.perception.looks import Looks
+from ropefit.perception.looks import Looks, learn
 from ropefit.perception.ropiness import ropiness
 from ropefit.perception.strands import THICK, Strands, find_strands
 from ropefit.perception.trace import FrameRejected, polyline_arc
@@ -26,7 +26,8 @@ from ropefit.perception.trace import FrameRejected, polyline_arc
 LEAST_PATH = 30.0  # px
 FINALISTS = 3
 LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
-FAMILIAR = 0.6  # of the score of the picture the looks are from: less, and all cues are tried
+FAMILIAR_CUE = "as in other pictures"
+FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
@@ -102,7 +103,7 @@ def segment_rope(
     told = looked.mask is not None or looked.color is not None
     lab = lab_of(color)
     if looked.looks is not None and not told:
-        quick = _candidate("as in other pictures", looked.looks.mask(color) & allowed, lab, ends)
+        quick = _candidate(FAMILIAR_CUE, looked.looks.mask(color) & allowed, lab, ends)
         if quick is not None and quick.score > FAMILIAR * looked.looks.score:
             return _finished(quick, lab, ends, depth is None)
     found: list[Candidate] = []
@@ -128,6 +129,26 @@ def segment_rope(
         key=lambda item: -item[1],
     )
     return replace(best, runners_up=others[:5])
+
+
+def best_looks(pictures: list[tuple[np.ndarray, np.ndarray, Segmentation]]) -> Looks | None:
+    """Of the looks of the rope in some pictures those by which it is found best in all of them.
+
+    pictures: color (H, W, 3), ends (2, 2) [px], and what was taken for the rope. None where no
+    looks serve.
+    """
+    best: Looks | None = None
+    labs = [lab_of(color) for color, _, _ in pictures]
+    for color, _, found in pictures:
+        looks = learn(color, found.mask, found.path, found.width, found.score)
+        scores = []
+        for lab, (other, ends, _) in zip(labs, pictures, strict=True):
+            quick = _candidate(FAMILIAR_CUE, looks.mask(other), lab, ends)
+            scores.append(quick.score * float(quick.path.seen.mean()) if quick else 0.0)
+        score = float(np.mean(scores))
+        if score > 0 and (best is None or score > best.score):
+            best = replace(looks, score=score)
+    return best
 
 
 def _shrunk(

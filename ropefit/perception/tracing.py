@@ -10,9 +10,8 @@ import numpy as np
 from ropefit.errors import BadInput
 from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
-from ropefit.perception.looks import learn
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
-from ropefit.perception.segment import LARGE, Looked, Segmentation
+from ropefit.perception.segment import LARGE, Looked, Segmentation, best_looks
 from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.recordings import Masks, Recording, check_spread
 
@@ -126,32 +125,32 @@ class Tracer:
         rgbd = self.recording.manifest.rgbd
         return self.recording.source.table != "rgbd" or bool(rgbd and rgbd.depth)
 
-    def learn_looks(self) -> Segmentation | None:
+    def learn_looks(self) -> None:
         """Learn how the rope looks from a few frames, so that others are quicker and alike.
 
-        The frame whose rope is found most surely is taken. None where there are no pictures, few
-        frames, or a person has said where the rope is.
+        Nothing is learned where there are no pictures, few of them, very large ones, or a person
+        has said where the rope is.
         """
         frames = self.recording.frames
         told = self.masks is not None or self.looked.color is not None
         if self.recording.source.table != "rgbd" or told or len(frames) <= LEARN_FROM:
-            return None
-        best: Segmentation | None = None
+            return
+        found = []
         for frame in np.array(frames)[np.linspace(0, len(frames) - 1, LEARN_FROM).astype(int)]:
             sight = self.recording.source.sight(int(frame))
             assert sight.color is not None
+            assert self.camera is not None
+            if max(sight.color.shape) > LARGE:
+                return
             try:
                 position, _ = self.ends(int(frame))
-                _, found = self.trace_picture(int(frame), sight.color, sight.depth, position)
+                _, seen = self.trace_picture(int(frame), sight.color, sight.depth, position)
             except FrameRejected:
                 continue
-            if best is None or found.confidence > best.confidence:
-                best, color = found, sight.color
-        if best is None or max(color.shape) > LARGE:
-            return best
-        looks = learn(color, best.mask, best.path, best.width, best.score)
-        self.looked = replace(self.looked, looks=looks)
-        return best
+            known = np.isfinite(position).all(axis=1)
+            tips = np.where(known[:, None], self.camera.project(np.nan_to_num(position)), np.nan)
+            found.append((sight.color, tips, seen))
+        self.looked = replace(self.looked, looks=best_looks(found))
 
     def view(self, points: np.ndarray) -> Camera:
         """The recording's camera, or a virtual one that sees points (N, 3)."""
