@@ -7,6 +7,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
+from ropefit.perception.background import foreground
 from ropefit.perception.graph import bridge, neighbour_graph
 from ropefit.perception.trace import (
     FrameRejected,
@@ -55,7 +56,7 @@ def trace_cloud(
     end). With `radius` [m] and `viewpoint` (3,) the visible surface is moved back onto the
     centreline. At most `most` points are kept, evenly in order. Raises FrameRejected.
     """
-    points = remove_outliers(points)
+    points = remove_outliers(foreground(points, ends, length))
     if len(points) < LEAST_POINTS:
         raise FrameRejected(f"only {len(points)} points after outlier removal")
     known = np.asarray(np.isfinite(ends).all(axis=1))

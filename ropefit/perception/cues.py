@@ -63,7 +63,8 @@ def _clusters(lab: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     # A rope is a percent of the picture: sample vivid pixels as often as common ones.
     rng = np.random.default_rng(0)
     common = rng.choice(len(flat), min(4000, len(flat)), replace=False)
-    vivid = np.argpartition(chroma, -max(len(flat) // 50, 100))[-max(len(flat) // 50, 100) :]
+    most = min(max(len(flat) // 50, 100), len(flat) - 1)
+    vivid = np.argpartition(chroma, -most)[-most:]
     sample = flat[np.concatenate([common, rng.choice(vivid, min(4000, len(vivid)), False)])]
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.5)
     cv2.setRNGSeed(0)

@@ -17,6 +17,7 @@ FARTHEST = 0.3  # of the extent of all strands: a wider gap is not bridged
 LONG, OWN = 15.0, 0.15  # widths, share of the longest strand: a loose end as long is rope
 STRAIGHT = 0.2  # rad: a shorter one is where it is near and the way to it turns less
 CLOSE = 4.0  # widths: nearer ends meet at a crossing; only their directions say which go together
+BESIDE = 7.0  # widths from both ends of a link: a strand that begins and ends there is a loop
 AT_ONCE = 3.0  # widths that every link counts as long at least
 LOOK = 2.0  # widths over which the direction of a strand's end is taken
 MOST_STRANDS = 250
@@ -105,6 +106,7 @@ def _match(
     directed = (ways != 0).any(axis=1)
     both = directed[:, None] & directed[None]
     turn = np.where(close & both, bend, turn)
+    turn = np.where(close & ~both, 0.0, turn)  # an end of the rope that lies on a strand's end
     worst = np.maximum(turn, turn.T)
     cost = (distance + AT_ONCE * width) * (1 + TURN_COST * (turn**2 + turn.T**2))
     owner = np.arange(total) // 2
@@ -117,17 +119,60 @@ def _match(
     cost = np.where(bad, np.inf, cost)
     partner = np.full(total, -1)
     chain = np.arange(len(pieces))  # number of the chain that each piece belongs to
+    _cheapest_first(cost, partner, chain)
+    round_ = np.array([_comes_back(piece, width) for piece in pieces[:count]], dtype=bool)
+    _put_loops_in(partner, tips, turn, round_, width)
+    return partner
+
+
+def _cheapest_first(cost: np.ndarray, partner: np.ndarray, chain: np.ndarray) -> None:
+    """Link loose ends in order of cost (2N, 2N), written into partner (2N,), without making rings.
+    chain (N,): number of the chain that each piece belongs to."""
+    total = len(cost)
     flat = np.argsort(cost, axis=None, kind="stable")
     for index in flat[: int(np.isfinite(cost).sum())]:
         a, b = divmod(int(index), total)
         if a >= b or partner[a] >= 0 or partner[b] >= 0:
             continue
-        one, other = chain[owner[a]], chain[owner[b]]
-        if one == other:  # no ring
+        one, other = chain[a // 2], chain[b // 2]
+        if one != other:
+            partner[a], partner[b] = b, a
+            chain = np.where(chain == other, one, chain)
+
+
+def _comes_back(piece: np.ndarray, width: float) -> bool:
+    """Whether a strand (P, 2) ends near where it began, after some way."""
+    apart = float(np.linalg.norm(piece[-1] - piece[0]))
+    return len(piece) > BESIDE * width and apart < 0.5 * len(piece)
+
+
+def _put_loops_in(
+    partner: np.ndarray, tips: np.ndarray, turn: np.ndarray, round_: np.ndarray, width: float
+) -> None:
+    """Loops of the rope are taken into the link beside which they begin and end. round_ (N,):
+    strands that come back.
+
+    Where a rope crosses itself at a small angle, the short way past its loop looks as smooth as the
+    way around, but then the loop would be left over.
+    """
+    for piece in np.flatnonzero(round_).tolist():
+        a, b = 2 * piece, 2 * piece + 1
+        if partner[a] >= 0 or partner[b] >= 0:
             continue
-        partner[a], partner[b] = b, a
-        chain = np.where(chain == other, one, chain)
-    return partner
+        first = np.flatnonzero(partner > np.arange(len(partner)))  # one end of every link
+        second = partner[first]
+        away = [np.linalg.norm(tips[side] - tips[tip], axis=1) for tip in (a, b)
+                for side in (first, second)]  # fmt: skip
+        worst = np.max(away, axis=0) if len(first) else np.empty(0)
+        if worst.size == 0 or worst.min() > BESIDE * width:
+            continue
+        link = int(np.argmin(worst))
+        x, y = int(first[link]), int(second[link])
+        straight = turn[x, a] ** 2 + turn[a, x] ** 2 + turn[y, b] ** 2 + turn[b, y] ** 2
+        crossed = turn[x, b] ** 2 + turn[b, x] ** 2 + turn[y, a] ** 2 + turn[a, y] ** 2
+        if crossed < straight:
+            a, b = b, a
+        partner[x], partner[a], partner[y], partner[b] = a, x, b, y
 
 
 def _follow(

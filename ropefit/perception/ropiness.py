@@ -11,6 +11,7 @@ from ropefit.perception.strands import Strands
 
 ROPE_ASPECT = 40.0  # widths: a path this long is half convincing by its length
 PLAIN = 10.0  # distance in Lab: a contrast that is half convincing
+PIECES = 15  # a path put together from this many is half convincing
 BENT = 0.15  # rad per width of path: a rope that bends this much all along is half convincing
 
 
@@ -35,7 +36,8 @@ def ropiness(
     for end, tip in zip(ends, path.points[[0, -1]], strict=True):
         if np.isfinite(end).all():
             near *= float(np.exp(-np.linalg.norm(end - tip) / (0.15 * np.hypot(*mask.shape))))
-    return float(long * even_**2 * tidy * plain * smooth * near)
+    whole = 1 / (1 + path.bridged / PIECES)
+    return float(long * even_**2 * tidy * plain * smooth * near * whole)
 
 
 def _turning(points: np.ndarray, width: float) -> float:

@@ -25,6 +25,7 @@ from ropefit.perception.trace import FrameRejected, polyline_arc
 
 LEAST_PATH = 30.0  # px
 FINALISTS = 3
+SMALLEST = 16  # px
 LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
 FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
@@ -94,7 +95,9 @@ def segment_rope(
     whole fraction of their size. Raises FrameRejected where nothing is like a rope.
     """
     looked = looked or Looked()
-    shrink = -(-max(color.shape[:2]) // LARGE)
+    if min(color.shape[:2]) < SMALLEST:
+        raise FrameRejected(f"a picture of {color.shape[1]}x{color.shape[0]} pixels is too small")
+    shrink = min(-(-max(color.shape[:2]) // LARGE), min(color.shape[:2]) // SMALLEST)
     if shrink > 1:
         return _enlarged(segment_rope(*_shrunk(color, ends, depth, looked, shrink)), color, shrink)
     allowed = region(color.shape[:2], looked.roi)
