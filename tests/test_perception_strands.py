@@ -125,8 +125,7 @@ def test_no_picture_crashes(height: int, width: int, kind: str, seed: int) -> No
     for given_depth in (None, depth):
         try:
             found = segment_rope(image, ends, given_depth)
-        except FrameRejected as reason:
-            assert str(reason)
+        except FrameRejected:
             continue
         assert np.isfinite(found.path).all()
         assert found.mask.shape == (height, width)

@@ -57,7 +57,7 @@ def trace_rgbd(
             "depth images do not show the rope"
         )
     good &= ~_flying(at, good)
-    check_scale(path[good], at[good], camera, ends, length)
+    check_scale(path[good], np.maximum(at[good] - (radius or 0.0), 1e-6), camera, ends, length)
     pixels = path[good]
     # Depth is noisy from pixel to pixel and the rope is smooth: the picture says where it bends.
     smooth = _smooth_depth(at, good, max(found.width, 5.0))
