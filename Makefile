@@ -41,6 +41,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.losses --write docs/results.md
 	$(BIN)/python -m benchmarks.recordings --write docs/results.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
+	$(BIN)/python -m benchmarks.perception --write docs/results.md
 
 # An environment for each simulator under build/simulators, then how far exported ropes are off.
 exporters: $(STAMP)

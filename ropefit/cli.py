@@ -60,6 +60,22 @@ Nodes = Annotated[int, typer.Option(help="K: particles of the rope.")]
 Project = Annotated[
     ProjectChoice, typer.Option(help="Project points onto the plane of gravity and the two ends.")
 ]
+RopeColor = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--color", help="The rope's colour in the pictures: r,g,b of 0..255, or #rrggbb."),
+]
+Roi = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option(help="Part of the pictures that holds the rope: u,v,width,height [px]."),
+]
+Mask = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option(help="Folder of masks, one image a frame, rope where not black."),
+]
+DebugImages = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option(help="Folder to write every intermediate picture into."),
+]
 SolverOption = Annotated[
     Solver, typer.Option(help="The paper's solvers, or the rod in equilibrium.")
 ]
@@ -107,6 +123,10 @@ def run(
     loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
     search: SearchOption = None,
     control_at: ControlAt = None,
+    color: RopeColor = None,
+    roi: Roi = None,
+    mask: Mask = None,
+    debug_images: DebugImages = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -115,13 +135,18 @@ def run(
     """Every stage, then the report."""
     with _session(json, quiet, debug) as session:
         from ropefit.commands import run_all
+        from ropefit.stages.picture_options import picture_settings
 
         session.result(
             run_all(
                 session,
                 recording,
                 run,
-                {"nodes": nodes, "project": project.value},
+                {
+                    "nodes": nodes,
+                    "project": project.value,
+                    **picture_settings(color, roi, mask),
+                },
                 {
                     "solver": solver.value,
                     "loss": loss.value,
@@ -130,6 +155,7 @@ def run(
                 },
                 {"loss": loss.value},
                 force,
+                debug_images,
             )
         )
 
@@ -141,6 +167,10 @@ def preprocess(
     nodes: Nodes = 20,
     project: Project = ProjectChoice.auto,
     most_points: Annotated[int, typer.Option(help="Points kept per frame.")] = 400,
+    color: RopeColor = None,
+    roi: Roi = None,
+    mask: Mask = None,
+    debug_images: DebugImages = None,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -149,9 +179,11 @@ def preprocess(
     """Order, segment and project the recorded points; measure their noise."""
     with _session(json, quiet, debug) as session:
         from ropefit.commands import preprocess
+        from ropefit.stages.picture_options import picture_settings
 
         settings = {"nodes": nodes, "project": project.value, "most_points": most_points}
-        session.result(preprocess(session, recording, run, settings, force))
+        settings |= picture_settings(color, roi, mask)
+        session.result(preprocess(session, recording, run, settings, force, debug_images))
 
 
 @app.command()

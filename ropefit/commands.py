@@ -35,10 +35,15 @@ def _stage(
 
 
 def preprocess(
-    session: Session, recording: Path | None, run: Path, settings: dict[str, Any], force: bool
+    session: Session,
+    recording: Path | None,
+    run: Path,
+    settings: dict[str, Any],
+    force: bool,
+    debug_images: Path | None = None,
 ) -> dict[str, Any]:
     """Recording -> observations.h5."""
-    from ropefit.recordings import fingerprint, open_recording, sample_path
+    from ropefit.recordings import Masks, fingerprint, open_recording, sample_path
     from ropefit.stages import preprocess as stage
 
     if recording is None:
@@ -47,14 +52,17 @@ def preprocess(
     opened = open_recording(recording)
     chosen = stage.PreprocessSettings(**settings)
     new_run(run)
+    external = {"recording": fingerprint(opened)}
+    if chosen.mask:
+        external["mask"] = Masks(Path(chosen.mask)).sha256()
     outcome = _stage(
         session,
         stage.STAGE,
         run,
         chosen,
-        force,
-        {"recording": opened},
-        {"recording": fingerprint(opened)},
+        force or debug_images is not None,  # pictures are drawn only while it computes
+        {"recording": opened, "debug_images": debug_images},
+        external,
     )
     o: Observations = outcome.artifact
     data = {
@@ -72,6 +80,11 @@ def preprocess(
         "visibility": float(o.visibility.mean()),
         "projected": o.projected,
         "projection": o.projection_reason,
+        "depth_measured": o.depth_measured,
+        "noise_correlated_m": o.noise_correlated,
+        "noise_length_m": o.noise_length,
+        "length_sd_m": o.length_sd,
+        "quality": float(np.median(o.quality)) if o.quality is not None else None,
     }
     session.table(
         f"{o.recording}: observations",
@@ -89,6 +102,11 @@ def preprocess(
     )
     if o.ends_assumed:
         session.say("no [ends] in the recording: the ends seen in the data are taken as pinned")
+    if not o.depth_measured:
+        session.say(
+            "no depth in the recording: points lie on an assumed plane; only OBJ2, OBJ5 and OBJ8, "
+            "which compare pictures, can be fitted"
+        )
     return data
 
 
@@ -378,10 +396,11 @@ def run_all(
     of_identify: dict[str, Any],
     of_control: dict[str, Any],
     force: bool,
+    debug_images: Path | None = None,
 ) -> dict[str, Any]:
     """preprocess, identify, control, report."""
     return {
-        "preprocess": preprocess(session, recording, run, of_preprocess, force),
+        "preprocess": preprocess(session, recording, run, of_preprocess, force, debug_images),
         "identify": identify(session, run, of_identify, force),
         "control": control(session, run, of_control, None, force),
         "report": report(session, run),

@@ -118,10 +118,9 @@ def test_one_sided_clouds_move_to_the_axis() -> None:
         away = line - curve[nearest(curve, line)[1]]
         sight = EYE - line
         bias.append(np.mean((away * sight).sum(axis=1) / np.linalg.norm(sight, axis=1)))
-    # Directions even over the half circle stand 2/π radii before the axis, those even over the
-    # width π/4; the correction assumes the latter, which is what a camera sees.
+    # Directions even over the half circle stand 2/π radii before the axis.
     assert bias[0] == pytest.approx(0.006 * 2 / np.pi, rel=0.15)
-    assert bias[1] == pytest.approx(0.006 * (2 / np.pi - np.pi / 4), abs=3e-4)
+    assert bias[1] == pytest.approx(0.0, abs=1.5e-4)
 
 
 def test_ropes_that_touch_or_cross_themselves_are_rejected() -> None:

@@ -14,7 +14,6 @@ from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
 from ropefit.perception.plane import hanging_plane
 from ropefit.perception.rgbd import trace_rgbd
 from ropefit.perception.segment import segment_rope
-from ropefit.perception.skeleton import centred, skeleton_path
 from ropefit.perception.trace import FrameRejected, polyline_arc
 from tests.ropecloud import nearest, shapes
 
@@ -178,38 +177,6 @@ def test_marker_noise_that_cannot_be_measured() -> None:
     assert "assumed" in how
 
 
-@pytest.mark.parametrize("width", [1, 4, 5, 12])
-def test_skeleton_follows_a_curve(width: int) -> None:
-    mask = drawn_mask(wave(), width=width)
-    path = skeleton_path(mask, wave()[[-1, 0]])
-    assert path is not None
-    assert path[0, 0] > 300  # begins at the end named first
-    away, _ = nearest(wave(), path)
-    assert np.median(away) < 0.7
-    assert away[width:-width].max() < 1.5
-    away, index = nearest(wave(), centred(path, mask, width))
-    assert np.median(away) < 0.25
-    assert away.max() < 1.0 + width / 12
-    assert np.ptp(index) > 1980 - 14 * width
-    loose = skeleton_path(mask, NOWHERE)
-    assert loose is not None
-    assert min(abs(loose[[0, -1], 0] - e).max() for e in ([40, 320], [320, 40])) < 3 + width
-
-
-def test_skeleton_with_a_spur_and_a_gap() -> None:
-    spur = np.linspace([180.0, 100.0], [200.0, 20.0], 100)
-    spur[0] = wave()[np.argmin(abs(wave()[:, 0] - 180))]
-    whole = skeleton_path(drawn_mask(wave(), spur), NOWHERE)
-    parted = skeleton_path(drawn_mask(wave(40, 170), wave(195, 320)), NOWHERE)
-    for path in (whole, parted):
-        assert path is not None
-        away, _ = nearest(wave(), path)
-        assert np.median(away) < 0.7
-        assert away[3:-3].max() < 2.5
-        assert np.ptp(path[:, 0]) > 270
-    assert skeleton_path(np.zeros(SIZE, bool), NOWHERE) is None
-
-
 def picture(shade: float = 0.0, noise: float = 1.5) -> np.ndarray:
     """A drawn orange rope over a grey ground, with things that are not the rope."""
     image = np.full((*SIZE, 3), GROUND, np.uint8)
@@ -259,6 +226,7 @@ def test_a_drawn_rope_in_space() -> None:
     assert np.median(abs(trace.point_arc - polyline_arc(curve)[index])) < 0.01 * length
     deep, _ = trace_rgbd(image, depth, camera, curve[[0, -1]], length, 0.01)
     moved = np.linalg.norm(deep.points, axis=1) - np.linalg.norm(trace.points, axis=1)
-    np.testing.assert_allclose(moved, 0.01, atol=1e-9)
+    # As far as the rope's front stands before its axis: a radius in the middle, less beside it.
+    assert 0.008 < np.median(moved) <= 0.0101
     with pytest.raises(FrameRejected, match="depth at 0 of"):
         trace_rgbd(image, np.zeros(SIZE), camera, curve[[0, -1]], length, None)

@@ -57,7 +57,7 @@ class Observations(Artifact):
     source: Literal["clouds", "rgbd", "markers"]
     gravity: Annotated[np.ndarray, ArraySpec(("xyz",), "m/s^2")]
     length: float = quantity("m", "rest length of the rope", gt=0)
-    length_source: Literal["recording", "estimated"]
+    length_source: Literal["recording", "estimated", "assumed"]
     diameter: float | None = quantity("m", default=None)
     mass: float | None = quantity("kg", "whole rope", default=None)
     priors: SetupPriors = Field(default_factory=SetupPriors)
@@ -100,6 +100,32 @@ class Observations(Artifact):
     lowest: Annotated[np.ndarray, ArraySpec(("frame", "xyz"), "m")]
     noise: Annotated[np.ndarray, ArraySpec(("frame",), "m")]  # sd of a point about the centreline
     noise_source: str
+    # The part of the noise that neighbouring points share, from what is left after a curve that
+    # bends as much as a rope credibly may. None where it cannot be measured.
+    noise_white: Annotated[np.ndarray, ArraySpec(("frame",), "m", nan=True)] | None = None
+    noise_correlated: float | None = quantity(
+        "m", "sd of the part that is correlated along the rope", default=None
+    )
+    noise_length: float | None = quantity(
+        "m", "distance along the rope over which that part falls to 1/e", default=None
+    )
+    traced_length: Annotated[np.ndarray, ArraySpec(("frame",), "m")] | None = None
+    length_sd: float | None = quantity(
+        "m", "spread of traced_length over frames: of the arc-length estimate", default=None
+    )
+    quality: Annotated[np.ndarray, ArraySpec(("frame",))] | None = None
+    depth_measured: bool = Field(
+        default=True,
+        description="false: points are pixels carried onto an assumed plane, not measured",
+    )
+
+    # A few pictures with what was seen in them: JPEG files one after the other.
+    pictures: Annotated[np.ndarray, ArraySpec(("byte",), dtype="uint8")] | None = None
+    picture_start: Annotated[np.ndarray, ArraySpec(("picture_boundary",), dtype="int64")] | None = (
+        None
+    )
+    picture_frame: Annotated[np.ndarray, ArraySpec(("picture",), dtype="int64")] | None = None
+    picture_text: list[str] = Field(default_factory=list)
 
     @property
     def visibility(self) -> np.ndarray:

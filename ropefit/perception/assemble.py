@@ -9,6 +9,7 @@ import numpy as np
 
 from ropefit.errors import BadInput
 from ropefit.perception.cloud import scatter
+from ropefit.perception.noise import measure
 from ropefit.perception.plane import hanging_plane
 from ropefit.perception.trace import Trace, resample
 from ropefit.perception.tracing import Tracer
@@ -110,7 +111,26 @@ def assemble(
         "lowest": lowest,
         "noise": np.maximum(noise, FLOOR),
         "noise_source": tracer.noise_source,
+        "quality": np.array([trace.quality for trace in traces]),
+        "depth_measured": tracer.measures_depth,
+        **_spread(traces),
     }
+
+
+def _spread(traces: list[Trace]) -> dict[str, Any]:
+    """The noise along the rope and the spread of the length as traced, where they can be had."""
+    out: dict[str, Any] = {}
+    found = measure(traces)
+    if found is not None:
+        out["noise_white"] = found.white
+        out["noise_correlated"], out["noise_length"] = found.correlated, found.length
+    traced = [trace.traced for trace in traces if trace.traced is not None]
+    if len(traced) == len(traces):
+        out["traced_length"] = np.array(traced)
+        if len(traced) > 1:
+            middle = float(np.median(traced))
+            out["length_sd"] = float(1.4826 * np.median(np.abs(np.array(traced) - middle)))
+    return out
 
 
 def _length(tracer: Tracer, traces: list[Trace], position: np.ndarray) -> tuple[float, str]:
@@ -120,6 +140,8 @@ def _length(tracer: Tracer, traces: list[Trace], position: np.ndarray) -> tuple[
     than the recording says: what is seen counts.
     """
     visible = float(np.median([trace.length for trace in traces]))
+    if not tracer.measures_depth and tracer.length is None and tracer.recording.ends is None:
+        return visible, "assumed"
     hidden = tracer.recording.ends is None and visible < ALL_SEEN * (tracer.length or 0.0)
     if tracer.length and not hidden:
         return tracer.length, "recording"
@@ -153,10 +175,16 @@ def _reversed(trace: Trace) -> Trace:
         reach=trace.reach,
         pixels=None if trace.pixels is None else trace.pixels[flip],
         pixel_arc=None if trace.pixel_arc is None else trace.length - trace.pixel_arc[flip],
+        quality=trace.quality,
+        traced=trace.traced,
     )
 
 
 def _noise(tracer: Tracer, trace: Trace) -> float:
+    if not tracer.measures_depth:
+        # A path through a picture is smooth by construction and known to about half a pixel.
+        step = np.linalg.norm(np.diff(trace.centreline, axis=0), axis=1)
+        return 0.5 * float(np.median(step))
     return tracer.noise if tracer.noise is not None else scatter(trace.points, trace.centreline)
 
 

@@ -7,6 +7,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
+from ropefit.perception.background import foreground
 from ropefit.perception.graph import bridge, neighbour_graph
 from ropefit.perception.trace import (
     FrameRejected,
@@ -22,9 +23,6 @@ LONELY = 1.6  # times the usual distance of the eighth neighbour
 # A line between the held ends outside these shares of the rope's length took a wrong turn.
 SHORTEST, LONGEST = 0.75, 1.3
 BRANCH = 0.1  # share of the points, and of the way from end to end, that may be off that way
-# Mean over a visible half cylinder, seen evenly over its width, of its height over the axis: π/4
-# radii.
-SURFACE_SHARE = np.pi / 4
 
 
 def remove_outliers(points: np.ndarray) -> np.ndarray:
@@ -58,7 +56,7 @@ def trace_cloud(
     end). With `radius` [m] and `viewpoint` (3,) the visible surface is moved back onto the
     centreline. At most `most` points are kept, evenly in order. Raises FrameRejected.
     """
-    points = remove_outliers(points)
+    points = remove_outliers(foreground(points, ends, length))
     if len(points) < LEAST_POINTS:
         raise FrameRejected(f"only {len(points)} points after outlier removal")
     known = np.asarray(np.isfinite(ends).all(axis=1))
@@ -88,6 +86,7 @@ def trace_cloud(
         arc=arc * scale,
         length=total,
         reach=total / bins,
+        traced=float(arc[-1]),
     )
 
 
@@ -143,7 +142,7 @@ def _smooth_line(
         parts.insert(0, ends[:1])
     if known[1] and np.linalg.norm(line[-1] - ends[1]) > 1e-6:
         parts.append(ends[1:])
-    return _without_overshoot(np.concatenate(parts))
+    return without_overshoot(np.concatenate(parts))
 
 
 def _extended(means: np.ndarray, centre: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -172,11 +171,15 @@ def _smooth(line: np.ndarray) -> np.ndarray:
     return first + once(line - first)
 
 
-def _without_overshoot(line: np.ndarray) -> np.ndarray:
-    """Drop vertices next to an end that lie beyond it: the end is where the rope stops."""
+def without_overshoot(line: np.ndarray, size: int = 3) -> np.ndarray:
+    """Drop vertices of (M, D) next to an end that lie beyond it, by their first `size` columns: the
+    end is where the rope stops."""
     for flip in (slice(None), slice(None, None, -1)):
         line = line[flip]
-        while len(line) > 4 and (line[1] - line[0]) @ (line[3] - line[1]) < 0:
+        while len(line) > 4:
+            at = line[:4, :size]
+            if (at[1] - at[0]) @ (at[3] - at[1]) >= 0:
+                break
             line = np.delete(line, 1, axis=0)
         line = line[flip]
     return line
@@ -185,15 +188,20 @@ def _without_overshoot(line: np.ndarray) -> np.ndarray:
 def _surface_to_axis(
     points: np.ndarray, line: np.ndarray, radius: float, viewpoint: np.ndarray
 ) -> np.ndarray:
-    """(N, 3) [m] moves from the visible surface to the axis: away from the eye, across the rope."""
-    place, _ = project_to_polyline(points, line)
+    """(N, 3) [m] moves from the visible surface to the axis: away from the eye, across the rope.
+
+    A point to the side of the line stands less far before the axis than one in its middle.
+    """
+    place, offset = project_to_polyline(points, line)
     edges = np.diff(line, axis=0)
     tangent = edges[np.minimum(place.astype(int), len(edges) - 1)]
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     ray = points - viewpoint
     ray -= (ray * tangent).sum(axis=1, keepdims=True) * tangent
     ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-12)
-    return SURFACE_SHARE * radius * ray
+    across = np.abs((offset * np.cross(tangent, ray)).sum(axis=1))
+    height = np.sqrt(np.maximum(radius**2 - np.minimum(across, radius) ** 2, 0.0))
+    return height[:, None] * ray
 
 
 def scatter(points: np.ndarray, line: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""One RGB-D frame: mask, skeleton, back-projection, arc length."""
+"""One RGB-D frame: the rope in the picture, back-projected onto its axis, arc length."""
 
 from __future__ import annotations
 
@@ -6,12 +6,26 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
 from ropefit.perception.camera import Camera
-from ropefit.perception.segment import Segmentation, segment_rope
-from ropefit.perception.trace import FrameRejected, Trace, polyline_arc, project_to_polyline
+from ropefit.perception.cloud import without_overshoot
+from ropefit.perception.cues import lab_of
+from ropefit.perception.follow import even, settle
+from ropefit.perception.segment import Looked, Segmentation, segment_rope
+from ropefit.perception.trace import (
+    FrameRejected,
+    Trace,
+    polyline_arc,
+    resample,
+)
 
 LEAST_DEPTHS = 20
-STRETCH = 8  # px along the path, to each side
-AGREE = 0.02  # of the depth: a rope does not recede faster along such a stretch
+STRETCH = 12  # px along the path, to each side
+AGREE = 0.006  # of the depth, and 4 mm: depths of one place on the rope differ by less
+FAR = 0.2  # of the picture's diagonal
+WRONG_SCALE = 3.0  # a factor that neither slack nor a leaning rope explain
+PLAUSIBLE = (0.05, 30.0)  # m
+SHARE = 0.95  # mean height of the middle of a rope over its axis, in radii
+SPARSE = 2.0  # px between the places at which the path is centred
+INNER = 0.35  # widths to each side of the path: depths further out may be the background's
 
 
 def trace_rgbd(
@@ -21,38 +35,50 @@ def trace_rgbd(
     ends: np.ndarray,
     length: float | None,
     radius: float | None,
+    looked: Looked | None = None,
 ) -> tuple[Trace, Segmentation]:
     """Trace a rope in colour (H, W, 3) and depth (H, W) [m], 0 = none.
 
-    ends (2, 3) [m], NaN where unknown. Each skeleton pixel takes the median depth of the mask
-    around
-    it; `radius` [m] moves the visible front of the rope back to its axis. Raises FrameRejected.
+    ends (2, 3) [m], NaN where unknown. Depths near the middle of the rope are moved back to its
+    axis by the height that a round rope of `radius` [m] has there. Raises FrameRejected.
     """
     known = np.asarray(np.isfinite(ends).all(axis=1))
     tips = np.full((2, 2), np.nan)
     tips[known] = camera.project(ends[known])
-    found = segment_rope(color, tips)
-    at = _depth_along(found, depth)
-    good = at > 0
+    check_tips(tips, color.shape[:2])
+    found = segment_rope(color, tips, depth, looked)
+    check_near(found, tips)
+    path, seen = centred(color, found)
+    at = depth_along(path, found, depth, camera, radius)
+    good = (at > 0) & seen
     if good.sum() < LEAST_DEPTHS:
-        raise FrameRejected(f"depth at {int(good.sum())} of {len(at)} skeleton pixels")
+        raise FrameRejected(
+            f"depth at {int(good.sum())} of {len(at)} skeleton pixels: wrong depth_scale, or the "
+            "depth images do not show the rope"
+        )
     good &= ~_flying(at, good)
-    pixels = found.path[good]
-    points = camera.unproject(pixels, at[good]) + (radius or 0.0) * camera.rays(pixels)
-
-    # Centreline: smooth over about two rope widths of path, in space, then through the known ends.
-    line = gaussian_filter1d(points, max(found.width, 4.0), axis=0, mode="nearest")
-    line = _untangle(line)
+    check_scale(path[good], np.maximum(at[good] - (radius or 0.0), 1e-6), camera, ends, length)
+    pixels = path[good]
+    # Depth is noisy from pixel to pixel and the rope is smooth: the picture says where it bends.
+    smooth = _smooth_depth(at, good, max(found.width, 5.0))
+    points = camera.unproject(pixels, at[good])
+    line = camera.unproject(path, smooth)
+    index = _untangle(line, np.arange(*np.flatnonzero(good)[[0, -1]] + [0, 1]))
+    line = line[index]
+    first = index.astype(float)
     if known[0]:
-        line = np.vstack([ends[0], line])
+        line, first = np.vstack([ends[0], line]), np.r_[-1.0, first]
     if known[1]:
-        line = np.vstack([line, ends[1]])
+        line, first = np.vstack([line, ends[1]]), np.r_[first, len(path)]
+    line, first = _within(line, first)
     arc = polyline_arc(line)
+    if arc[-1] <= 0:
+        raise FrameRejected("the points do not extend along a line")
     scale = length / arc[-1] if length and known.all() else 1.0
     total = length if length and known.all() else float(arc[-1])
-    place, _ = project_to_polyline(points, line)
-    point_arc = np.interp(place, np.arange(len(line)), arc) * scale
-    path_arc = np.interp(np.arange(len(found.path)), np.flatnonzero(good), point_arc)
+    # By place along the path, not by nearness: near a crossing another stretch may be nearer.
+    path_arc = np.interp(np.arange(len(path)), first, arc) * scale
+    point_arc = path_arc[good]
     trace = Trace(
         points=points,
         point_arc=point_arc,
@@ -60,38 +86,154 @@ def trace_rgbd(
         arc=arc * scale,
         length=total,
         reach=total / 60,
-        pixels=found.path,
-        pixel_arc=path_arc,
+        pixels=path[seen],
+        pixel_arc=path_arc[seen],
+        quality=quality(found, seen),
+        traced=float(arc[-1]),
     )
     return trace, found
 
 
-def _depth_along(found: Segmentation, depth: np.ndarray, window: int = 2) -> np.ndarray:
-    """(P,) [m] depth of the rope at each path pixel; 0 where there is none.
+def check_tips(tips: np.ndarray, shape: tuple[int, ...]) -> None:
+    """Refuse known ends (2, 2) [px] that are not in a picture of that shape. FrameRejected."""
+    size = np.array([shape[1], shape[0]], dtype=float)
+    for end in np.flatnonzero(np.isfinite(tips).all(axis=1)):
+        if (tips[end] < -0.1 * size).any() or (tips[end] > 1.1 * size).any():
+            u, v = tips[end]
+            raise FrameRejected(
+                f"end {end} falls at ({u:.0f}, {v:.0f}) px, outside the picture: intrinsics of "
+                "another resolution, a rotated picture, or wrong camera_pose or ends"
+            )
+
+
+def check_near(found: Segmentation, tips: np.ndarray) -> None:
+    """Refuse a rope that is seen far from its known ends (2, 2) [px] only. FrameRejected."""
+    on = found.path[found.seen]
+    if len(on) == 0:
+        raise FrameRejected("hardly any of the path that the rope should take shows it")
+    most = FAR * float(np.hypot(*found.mask.shape))
+    for end in np.flatnonzero(np.isfinite(tips).all(axis=1)):
+        gap = float(np.linalg.norm(on - tips[end], axis=1).min())
+        if gap > most:
+            raise FrameRejected(
+                f"the rope is seen no nearer than {gap:.0f} px to end {end}: a rotated picture, "
+                "intrinsics of another resolution, or wrong camera_pose or ends"
+            )
+
+
+def check_scale(
+    path: np.ndarray, depth: np.ndarray, camera: Camera, ends: np.ndarray, length: float | None
+) -> None:
+    """Refuse depths (P,) [m] that contradict known ends or length by a factor (FrameRejected)."""
+    usual = float(np.median(depth))
+    known = np.isfinite(ends).all(axis=1)
+    least = 1 / WRONG_SCALE
+    if known.any():
+        expected = float(np.mean(camera.local(ends[known])[:, 2]))
+        why = f"its ends are {expected:.3g} m away"
+    elif length:
+        flat = float(polyline_arc(camera.unproject(path[::8], np.ones(len(path[::8]))))[-1])
+        expected, why = length / max(flat, 1e-9), f"it is {length:g} m long"
+        least /= WRONG_SCALE  # a rope that leans towards the camera looks shorter than it is
+    else:
+        expected, why = float(np.clip(usual, *PLAUSIBLE)), "that is no distance of a camera"
+    if not least < usual / max(expected, 1e-9) < WRONG_SCALE:
+        power = round(np.log10(max(usual, 1e-9) / max(expected, 1e-9)))
+        raise FrameRejected(
+            f"depth puts the rope {usual:.3g} m away, but {why}: depth_scale is wrong, about "
+            f"{10.0 ** abs(power):g} times too {'large' if power > 0 else 'small'}"
+        )
+
+
+def quality(found: Segmentation, seen: np.ndarray) -> float:
+    """0..1: how sure the choice of the rope is, times how much of it was seen."""
+    return float(found.confidence * seen.mean())
+
+
+def centred(color: np.ndarray, found: Segmentation) -> tuple[np.ndarray, np.ndarray]:
+    """(path (P, 2), seen (P,)) moved sideways to the middle between the rope's two edges."""
+    if len(found.path) < 4:
+        return found.path, found.seen
+    low = np.floor(found.path.min(axis=0) - 4 * found.width - 4).astype(int).clip(0)
+    high = np.ceil(found.path.max(axis=0) + 4 * found.width + 5).astype(int).clip(1)
+    crop = np.ascontiguousarray(color[low[1] : high[1], low[0] : high[0]])
+    path = even(found.path - low, 1.0)
+    old = polyline_arc(found.path)
+    seen = np.interp(polyline_arc(path), old, found.seen.astype(float)) > 0.5
+    width = max(found.width, 2.0)
+    some = even(path, SPARSE)
+    shown = np.interp(polyline_arc(some), polyline_arc(path), seen.astype(float)) > 0.5
+    moved, _ = settle(lab_of(crop), some, width, 0.35 * width, shown)
+    shift = resample(moved - some, polyline_arc(some), polyline_arc(path))
+    return path + np.where(seen[:, None], shift, 0.0) + low, seen
+
+
+def depth_along(
+    path: np.ndarray,
+    found: Segmentation,
+    depth: np.ndarray,
+    camera: Camera,
+    radius: float | None,
+) -> np.ndarray:
+    """(P,) [m] depth of the rope's axis at each path pixel; 0 where there is none.
 
     At the rope's edge a depth pixel belongs to the background or lies between (flying pixels),
-    always
-    behind the rope. So the nearest quarter of the mask's depths along a stretch of path says where
-    the rope is, and each pixel takes the median of those around it that agree.
+    always behind the rope. So only depths near the middle count, the nearest of those along a
+    stretch of path say where the rope is, and each place takes the median of those that agree.
     """
-    rows = np.round(found.path[:, 1]).astype(int)
-    columns = np.round(found.path[:, 0]).astype(int)
-    patches = []
-    for row, column in zip(rows, columns, strict=True):
-        patch = (
-            slice(max(row - window, 0), row + window + 1),
-            slice(max(column - window, 0), column + window + 1),
-        )
-        patches.append(depth[patch][found.mask[patch] & (depth[patch] > 0)])
-    out = np.zeros(len(rows))
-    for i in range(len(rows)):
-        stretch = np.concatenate(patches[max(i - STRETCH, 0) : i + STRETCH + 1])
-        if stretch.size == 0:
-            continue
-        front = np.percentile(stretch, 25)
-        agree = patches[i][np.abs(patches[i] - front) < AGREE * front]
-        out[i] = np.median(agree) if agree.size else 0.0
+    inner = np.arange(-max(INNER * found.width, 0.5), max(INNER * found.width, 0.5) + 0.01, 0.5)
+    tangent = np.gradient(gaussian_filter1d(path, 2.0, axis=0, mode="nearest"), axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    side = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    at = np.round(path[:, None] + inner[:, None] * side[:, None]).astype(int)
+    height, width = depth.shape
+    inside = ((at >= 0) & (at < [width, height])).all(axis=2)
+    columns, rows = np.clip(at[..., 0], 0, width - 1), np.clip(at[..., 1], 0, height - 1)
+    raw = np.where(inside & found.mask[rows, columns], depth[rows, columns], 0.0)
+    if radius:
+        # Pixel centres lie where they lie, not where the offset says.
+        off = ((np.stack([columns, rows], axis=2) - path[:, None]) * side[:, None]).sum(axis=2)
+        across = off * raw / camera.fx
+        raw = np.where(raw > 0, raw + np.sqrt(np.maximum(radius**2 - across**2, 0.0)), 0.0)
+    values = np.where(raw > 0, raw, np.inf)
+    padded = np.pad(values, ((STRETCH, STRETCH), (0, 0)), constant_values=np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * STRETCH + 1, axis=0)
+    front = _quantile(windows.reshape(len(path), -1), 0.3)
+    some = np.isfinite(front)
+    limit = np.maximum(AGREE * front[some], 0.004)
+    agree = np.abs(values[some] - front[some, None]) < limit[:, None]
+    out = np.zeros(len(path))
+    middle = _quantile(np.where(agree, values[some], np.inf), 0.5)
+    out[some] = np.where(np.isfinite(middle), middle, 0.0)
+    there = out > 0
+    if radius and there.sum() > LEAST_DEPTHS:
+        # Along the viewing direction a rope that recedes is thicker than across it.
+        smooth = _smooth_depth(out, there, max(2 * found.width, 8.0))
+        slope = np.gradient(smooth) / np.maximum(smooth / camera.fx, 1e-9)
+        out[there] += SHARE * radius * (np.sqrt(1 + slope[there] ** 2) - 1)
     return out
+
+
+def _quantile(values: np.ndarray, share: float) -> np.ndarray:
+    """(P,) the quantile of the finite entries of each row of (P, N); infinite where none is."""
+    ordered = np.sort(values, axis=1)
+    count = np.isfinite(ordered).sum(axis=1)
+    place = share * np.maximum(count - 1, 0)
+    low, rows = np.floor(place).astype(int), np.arange(len(values))
+    high = np.minimum(low + 1, np.maximum(count - 1, 0))
+    with np.errstate(invalid="ignore"):
+        mixed = ordered[rows, low] + (place - low) * (ordered[rows, high] - ordered[rows, low])
+    return np.where(count > 0, mixed, np.inf)
+
+
+def _smooth_depth(at: np.ndarray, good: np.ndarray, sigma: float) -> np.ndarray:
+    """(P,) depth smoothed along the path, straight over gaps, weighted by where there is any."""
+    index = np.flatnonzero(good)
+    filled = np.interp(np.arange(len(at)), index, median_filter(at[good], 5, mode="nearest"))
+    once = gaussian_filter1d(filled, sigma, mode="nearest")
+    # A Gaussian takes from a bend half its variance times the curvature; the second pass gives
+    # that back.
+    return once + gaussian_filter1d(filled - once, sigma, mode="nearest")
 
 
 def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
@@ -104,12 +246,18 @@ def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
     return good & (gap > max(5 * usual, 0.005))
 
 
-def _untangle(line: np.ndarray) -> np.ndarray:
-    """Points of the line that advance: steps back along it (noise in depth) are left out."""
-    keep = [0]
-    ahead = gaussian_filter1d(line, 8, axis=0, mode="nearest")
-    direction = np.gradient(ahead, axis=0)
-    for i in range(1, len(line)):
+def _untangle(line: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Those of the indices (N,) of a line (P, 3) that advance: steps back along it (noise in depth)
+    are left out."""
+    direction = np.gradient(gaussian_filter1d(line, 8, axis=0, mode="nearest"), axis=0)
+    keep = [int(index[0])]
+    for i in index[1:].tolist():
         if (line[i] - line[keep[-1]]) @ direction[i] > 0:
             keep.append(i)
-    return line[keep]
+    return np.array(keep)
+
+
+def _within(line: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The line (M, 3) and its places (M,) without vertices that overshoot its ends."""
+    kept = without_overshoot(np.column_stack([line, place]), 3)
+    return kept[:, :3], kept[:, 3]

@@ -1,116 +1,298 @@
-"""Which pixels are rope: of all colours in the picture, the one whose region is long and thin."""
+"""Which pixels are rope: several cues, each followed as a rope, the most rope-like one chosen."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
-from ropefit.perception.skeleton import centred, skeleton_path
-from ropefit.perception.trace import FrameRejected
+from ropefit.perception.cues import (
+    MOST_AREA,
+    colour_masks,
+    depth_mask,
+    lab_of,
+    near_colour,
+    unlike_masks,
+)
+from ropefit.perception.follow import even, grow, measured_width, settle, visible
+from ropefit.perception.linking import Path, link
+from ropefit.perception.looks import Looks, learn
+from ropefit.perception.ropiness import ropiness
+from ropefit.perception.strands import THICK, Strands, find_strands
+from ropefit.perception.trace import FrameRejected, polyline_arc
 
-COLOURS = 8
-LEAST_PATH = 30  # px
-ROPE_ASPECT = 40  # a region this many times longer than wide is thin enough to be rope
+LEAST_PATH = 30.0  # px
+FINALISTS = 3
+SMALLEST = 16  # px
+LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
+FAMILIAR_CUE = "as in other pictures"
+FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
+SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
+SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
 
 @dataclass(frozen=True)
 class Segmentation:
-    """mask (H, W) bool; path (P, 2) ordered skeleton pixels (u, v); width [px]; score (higher =
-    ropier)."""
+    """What was taken for the rope in one picture.
+
+    mask (H, W) bool; path (P, 2) ordered pixels (u, v); seen (P,): False where the path bridges
+    what does not show; width [px]; score 0..1; cue: what told the rope from its surroundings;
+    runners_up: (cue, score) of the other candidates; pieces: strands the path was made from.
+    """
 
     mask: np.ndarray
     path: np.ndarray
+    seen: np.ndarray
     width: float
+    score: float
+    cue: str
+    pieces: int = 1
+    runners_up: list[tuple[str, float]] = field(default_factory=list)
+
+    @property
+    def confidence(self) -> float:
+        """0..1: the score, less where another candidate was nearly as good."""
+        second = max((score for _, score in self.runners_up), default=0.0)
+        return float(self.score / (self.score + SURE) * (self.score / (self.score + second + 1e-9)))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One mask followed as a rope."""
+
+    cue: str
+    mask: np.ndarray
+    strands: Strands
+    path: Path
     score: float
 
 
-def segment_rope(color: np.ndarray, ends: np.ndarray) -> Segmentation:
+@dataclass(frozen=True)
+class Looked:
+    """What is known of the rope in the picture beforehand.
+
+    From a person: its colour (r, g, b); roi (u, v, width, height) [px], the part of the picture it
+    is in; mask (H, W) bool. From other pictures of the recording: its looks.
+    """
+
+    color: tuple[int, int, int] | None = None
+    roi: tuple[int, int, int, int] | None = None
+    mask: np.ndarray | None = None
+    looks: Looks | None = None
+
+
+def segment_rope(
+    color: np.ndarray,
+    ends: np.ndarray,
+    depth: np.ndarray | None = None,
+    looked: Looked | None = None,
+) -> Segmentation:
     """Find the rope in an image (H, W, 3) uint8 RGB. ends (2, 2) [px], NaN where unknown.
 
-    Colours are clustered in Lab with more weight on hue than on lightness (shading); each cluster's
-    region is thinned, and the longest, thinnest one that starts near the known ends wins. Raises
-    FrameRejected.
+    depth (H, W) [m], 0 = none, gives one more cue. Pictures larger than LARGE are worked on at a
+    whole fraction of their size. Raises FrameRejected where nothing is like a rope.
     """
-    lab = cv2.cvtColor(cv2.GaussianBlur(color, (0, 0), 1.0), cv2.COLOR_RGB2LAB).astype(np.float32)
-    lab[..., 0] *= 0.35
-    found = [
-        candidate
-        for label in _clusters(lab)
-        if (candidate := _candidate(label, lab, ends)) is not None
-    ]
+    looked = looked or Looked()
+    if min(color.shape[:2]) < SMALLEST:
+        raise FrameRejected(f"a picture of {color.shape[1]}x{color.shape[0]} pixels is too small")
+    shrink = min(-(-max(color.shape[:2]) // LARGE), min(color.shape[:2]) // SMALLEST)
+    if shrink > 1:
+        return _enlarged(segment_rope(*_shrunk(color, ends, depth, looked, shrink)), color, shrink)
+    allowed = region(color.shape[:2], looked.roi)
+    if looked.mask is not None and not (looked.mask & allowed).any():
+        raise FrameRejected("the mask is empty")
+    told = looked.mask is not None or looked.color is not None
+    lab = lab_of(color)
+    if looked.looks is not None and not told:
+        quick = _candidate(FAMILIAR_CUE, looked.looks.mask(color) & allowed, lab, ends)
+        if quick is not None and quick.score > FAMILIAR * looked.looks.score:
+            return _finished(quick, lab, ends, depth is None)
+    found: list[Candidate] = []
+    for cue, guess in _masks(lab, color, depth, looked):
+        candidate = _candidate(cue, guess & allowed, lab, ends)
+        if candidate is not None:
+            found.append(candidate)
     if not found:
         raise FrameRejected("no long thin region of one colour in the image")
-    best = max(found, key=lambda item: item.score)
-    return replace(best, path=centred(best.path, best.mask, best.width))
+    # A mask may show little of a rope that the picture shows more of: that is asked of the best.
+    found.sort(key=lambda item: -item.score * float(np.sqrt(item.path.seen.mean())))
+    chosen = [
+        _finished(item, lab, ends, depth is None) for item in found[: 1 if told else FINALISTS]
+    ]
+    best = max(chosen, key=lambda item: item.score)
+    if best.score < DOUBTFUL and not told:
+        raise FrameRejected(
+            "nothing in the image is long and thin enough to be the rope; give --color, --roi or "
+            "--mask"
+        )
+    others = sorted(
+        [(item.cue, item.score) for item in found if not _same(item.path.points, best)],
+        key=lambda item: -item[1],
+    )
+    return replace(best, runners_up=others[:5])
 
 
-def _clusters(lab: np.ndarray) -> list[np.ndarray]:
-    """Masks (H, W) bool of the main colours and of small but vivid ones."""
-    flat = lab.reshape(-1, 3)
-    chroma = np.linalg.norm(flat[:, 1:] - np.median(flat[:, 1:], axis=0), axis=1)
-    # A rope is a percent of the picture: sample vivid pixels as often as common ones.
-    rng = np.random.default_rng(0)
-    common = rng.choice(len(flat), min(4000, len(flat)), replace=False)
-    vivid = np.argsort(chroma)[-max(len(flat) // 50, 100) :]
-    sample = flat[np.concatenate([common, rng.choice(vivid, min(4000, len(vivid)), False)])]
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.5)
-    cv2.setRNGSeed(0)
-    _, _, centres = cv2.kmeans(sample, COLOURS, None, criteria, 2, cv2.KMEANS_PP_CENTERS)  # type: ignore[call-overload]
-    # Of |x - c|² the part |x|² is the same for every centre.
-    distance = (centres**2).sum(axis=1) - 2 * flat @ centres.T
-    label = distance.argmin(axis=1).reshape(lab.shape[:2])
-    masks = [label == k for k in range(len(centres))]
-    # Neighbouring colours may be light and shade of one rope: try pairs too.
-    for a in range(len(centres)):
-        for b in range(a + 1, len(centres)):
-            if np.linalg.norm(centres[a] - centres[b]) < 45:
-                masks.append(masks[a] | masks[b])
-    return masks
+def best_looks(pictures: list[tuple[np.ndarray, np.ndarray, Segmentation]]) -> Looks | None:
+    """Of the looks of the rope in some pictures those by which it is found best in all of them.
+
+    pictures: color (H, W, 3), ends (2, 2) [px], and what was taken for the rope. None where no
+    looks serve.
+    """
+    best: Looks | None = None
+    labs = [lab_of(color) for color, _, _ in pictures]
+    for color, _, found in pictures:
+        looks = learn(color, found.mask, found.path, found.width, found.score)
+        scores = []
+        for lab, (other, ends, _) in zip(labs, pictures, strict=True):
+            quick = _candidate(FAMILIAR_CUE, looks.mask(other), lab, ends)
+            scores.append(quick.score * float(quick.path.seen.mean()) if quick else 0.0)
+        score = float(np.mean(scores))
+        if score > 0 and (best is None or score > best.score):
+            best = replace(looks, score=score)
+    return best
 
 
-def _candidate(mask: np.ndarray, lab: np.ndarray, ends: np.ndarray) -> Segmentation | None:
-    image = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    count, label, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
-    area = stats[1:, cv2.CC_STAT_AREA]
-    extent = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
-    # Long for its area; specks and blots are not rope.
-    keep = 1 + np.flatnonzero((extent >= LEAST_PATH / 2) & (area < 0.35 * extent**2))
-    if count < 2 or keep.size == 0 or area[keep - 1].sum() > 0.2 * mask.size:
+def _shrunk(
+    color: np.ndarray, ends: np.ndarray, depth: np.ndarray | None, looked: Looked, by: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, Looked]:
+    size = (max(color.shape[1] // by, 1), max(color.shape[0] // by, 1))
+    small = cv2.resize(color[: size[1] * by, : size[0] * by], size, interpolation=cv2.INTER_AREA)
+    near = lambda x: None if x is None else x[by // 2 :: by, by // 2 :: by][: size[1], : size[0]]  # noqa: E731
+    roi = looked.roi and tuple(int(value // by) for value in looked.roi)
+    return (
+        small,
+        (ends + 0.5) / by - 0.5,
+        near(depth),
+        replace(looked, roi=roi, mask=near(looked.mask)),
+    )
+
+
+def _enlarged(found: Segmentation, color: np.ndarray, by: int) -> Segmentation:
+    size = (color.shape[1], color.shape[0])
+    mask = cv2.resize(found.mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    path = (found.path + 0.5) * by - 0.5
+    return replace(found, mask=mask, path=path, width=found.width * by)
+
+
+def region(shape: tuple[int, ...], roi: tuple[int, int, int, int] | None) -> np.ndarray:
+    """(H, W) bool: the part of the picture that may hold the rope."""
+    allowed = np.ones(shape[:2], dtype=bool)
+    if roi is not None:
+        u, v, width, height = roi
+        allowed[:] = False
+        allowed[max(v, 0) : max(v + height, 0), max(u, 0) : max(u + width, 0)] = True
+    return allowed
+
+
+def _masks(
+    lab: np.ndarray,
+    color: np.ndarray,
+    depth: np.ndarray | None,
+    looked: Looked,
+) -> Iterator[tuple[str, np.ndarray]]:
+    if looked.mask is not None:
+        yield "the given mask", looked.mask
+        return
+    if looked.color is not None:
+        yield "the given colour", near_colour(lab_of(color, 1.0), looked.color)
+        return
+    yield from unlike_masks(lab)
+    yield from colour_masks(lab_of(color, 1.0))
+    if depth is not None and depth.any():
+        yield "nearer than its surroundings", depth_mask(depth)
+
+
+def _candidate(cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray) -> Candidate | None:
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    if not 0 < closed.mean() < MOST_AREA * (1 if cue != "the given mask" else 10):
         return None
-    rope = np.isin(label, keep)
-    path = skeleton_path(rope, ends)
-    if path is None or len(path) < LEAST_PATH:
+    mask = without_specks(closed)
+    strands = find_strands(mask)
+    if strands is None:
         return None
-    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-    inside = cv2.distanceTransform(rope.astype(np.uint8), cv2.DIST_L2, 5)
-    rows, columns = np.round(path[:, 1]).astype(int), np.round(path[:, 0]).astype(int)
-    radius = inside[rows, columns]
-    on = radius > 0
-    if on.mean() < 0.3:
+    paths = link(strands.lines, strands.width, ends)
+    if not paths or paths[0].length < LEAST_PATH:
         return None
-    width = 2 * float(np.median(radius[on]))
-    covered = rope.sum() / (length * width + 1)  # 1 when the region is the path and nothing else
-    evenness = float(np.median(radius[on]) / (radius[on].std() + np.median(radius[on])))
-    tidy = min(covered, 1 / max(covered, 1e-9))
-    near = 1.0
-    for end, tip in zip(ends, path[[0, -1]], strict=True):
-        if np.isfinite(end).all():
-            near *= np.exp(-np.linalg.norm(end - tip) / (0.15 * np.hypot(*mask.shape)))
-    # Thinner than a rope need be is no merit: the seam where rope and background mix, and the
-    # shaded side of the rope, are thinner than the rope. They are less distinct, so that counts
-    # twice.
-    thin = min(1.0, length / (ROPE_ASPECT * max(width, 1.0)))
-    score = length * thin * on.mean() ** 2 * evenness * tidy * near
-    score *= _contrast(rope, lab, width) ** 2
-    return Segmentation(rope, path, width, float(score))
+    score = ropiness(mask, strands, paths[0], lab, ends)
+    return Candidate(cue, mask, strands, paths[0], score)
 
 
-def _contrast(rope: np.ndarray, lab: np.ndarray, width: float) -> float:
-    """Colour distance between a region and what lies a little beside it."""
-    away = cv2.distanceTransform((~rope).astype(np.uint8), cv2.DIST_L2, 3)
-    beside = (away > width + 2) & (away < 3 * width + 4)
-    if not beside.any():
-        return 0.0
-    return float(np.linalg.norm(np.median(lab[rope], axis=0) - np.median(lab[beside], axis=0)))
+def without_specks(mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool: components that are not tiny against the largest ones."""
+    count, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count < 2:
+        return mask > 0
+    extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    extent[0] = 0
+    least = max(0.15 * np.sort(extent)[-min(3, count - 1)], 4.0)
+    return (extent >= least)[label]
+
+
+def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bool) -> Segmentation:
+    """The candidate's path at even distances, to the rope's ends; where its mask shows little of
+    it (or `by_picture`) corrected by the picture."""
+    path, width, mask = item.path, item.strands.width, item.mask
+    points = even(path.points, 1.0)
+    arc = polyline_arc(path.points)
+    share = np.interp(polyline_arc(points), arc, path.seen.astype(float))
+    seen = share > 0.5
+    free = [end for end in (1, 0) if not np.isfinite(ends[end]).all()]
+    if by_picture or seen.mean() < SHOWS:
+        # A mask of marks or of the core of a rope is narrower than the rope.
+        points, _ = settle(lab, points, 1.2 * width, 1.5 * width, seen)
+        width = measured_width(lab, points, width)
+        points = even(points, 1.0)
+        trim = int(2 * width)
+        for end in free:
+            turn = slice(None, None, 1 if end else -1)
+            if len(points) > 10 * trim:
+                points = grow(lab, points[turn][:-trim], width, 1.0)[turn]
+        points, shown = settle(lab, even(points, 1.0), width, 0.5 * width)
+        seen = visible(lab, points, shown, width)
+        mask = mask | _stroke(points, seen, width, mask.shape)
+    else:
+        radius = cv2.distanceTransform(item.mask.astype(np.uint8), cv2.DIST_L2, 3)
+        for end in free:
+            before = len(points)
+            turn = slice(None, None, 1 if end else -1)
+            points = _to_the_tip(points[turn], radius, width)[turn]
+            more = np.ones(len(points) - before, dtype=bool)
+            seen = np.concatenate([seen, more] if end else [more, seen])
+    score = item.score * float(seen.mean())
+    return Segmentation(mask, points, seen, width, score, item.cue, path.bridged + 1)
+
+
+def _stroke(
+    points: np.ndarray, seen: np.ndarray, width: float, shape: tuple[int, ...]
+) -> np.ndarray:
+    """(H, W) bool: a band as wide as the rope along the seen stretches of a path."""
+    out = np.zeros(shape, np.uint8)
+    fixed = np.round(points * 16).astype(np.int32)
+    for part in np.split(np.arange(len(points)), np.flatnonzero(np.diff(seen.astype(int))) + 1):
+        if len(part) > 1 and seen[part[0]]:
+            cv2.polylines(out, [fixed[part][:, None]], False, 1, max(round(width), 1), shift=4)
+    return out > 0
+
+
+def _to_the_tip(points: np.ndarray, radius: np.ndarray, width: float) -> np.ndarray:
+    """A skeleton stops half a width and more before the tip: on, straight, while the mask is as
+    wide as the rope. radius (H, W) [px]: distance to the mask's edge."""
+    back = points[-1 - min(int(2 * width), len(points) - 1)]
+    ahead = (points[-1] - back) / max(float(np.linalg.norm(points[-1] - back)), 1e-9)
+    more = points[-1] + np.arange(1, int(3 * width) + 1)[:, None] * ahead
+    at = np.round(more).astype(int)
+    inside = ((at >= 0) & (at < radius.shape[::-1])).all(axis=1)
+    at = np.clip(at, 0, np.array(radius.shape[::-1]) - 1)
+    r = radius[at[:, 1], at[:, 0]]
+    good = inside & (r > 0) & (r <= THICK * width / 2 + 1)
+    count = len(good) if good.all() else int(np.argmin(good))
+    return np.concatenate([points, more[:count]])
+
+
+def _same(points: np.ndarray, best: Segmentation) -> bool:
+    """Whether a path runs along the chosen one."""
+    some = points[:: max(len(points) // 50, 1)]
+    gap = np.linalg.norm(some[:, None] - best.path[None, :: max(len(best.path) // 300, 1)], axis=2)
+    return bool(np.median(gap.min(axis=1)) < 2 * best.width + 5)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+CHUNK = 64  # edges of a polyline that all points are compared with at once
+
 
 class FrameRejected(Exception):
     """A frame that cannot be used; its text is the reason a person reads."""
@@ -19,7 +21,8 @@ class Trace:
     points (N, 3) [m] ordered by point_arc (N,); centreline (M, 3) with arc (M,), denoised and
     dense;
     pixels (P, 2) with pixel_arc (P,), or None when there is no image; reach [m]: how far along the
-    rope a point speaks for its neighbourhood (its sampling distance).
+    rope a point speaks for its neighbourhood (its sampling distance); quality 0..1: how far the
+    frame is to be trusted; traced [m]: length of the line as traced, before `length` scaled it.
     """
 
     points: np.ndarray
@@ -30,6 +33,8 @@ class Trace:
     reach: float
     pixels: np.ndarray | None = None
     pixel_arc: np.ndarray | None = None
+    quality: float = 1.0
+    traced: float | None = None
 
 
 def polyline_arc(points: np.ndarray) -> np.ndarray:
@@ -51,11 +56,17 @@ def project_to_polyline(points: np.ndarray, line: np.ndarray) -> tuple[np.ndarra
     best = np.full(len(points), np.inf)
     place = np.zeros(len(points))
     offset = np.zeros_like(points)
-    for k in range(len(edge)):
-        along = np.clip((points - start[k]) @ edge[k] / square[k], 0, 1)
-        gap = points - (start[k] + along[:, None] * edge[k])
-        distance = (gap**2).sum(axis=1)
-        closer = distance < best
-        best[closer], place[closer] = distance[closer], k + along[closer]
-        offset[closer] = gap[closer]
+    for first in range(0, len(edge), CHUNK):
+        part = slice(first, first + CHUNK)
+        gap = points[:, None] - start[part]
+        along = np.clip((gap * edge[part]).sum(axis=2) / square[part], 0, 1)
+        gap -= along[..., None] * edge[part]
+        distance = (gap**2).sum(axis=2)
+        k = distance.argmin(axis=1)
+        rows = np.arange(len(points))
+        nearest = distance[rows, k]
+        closer = nearest < best
+        best[closer] = nearest[closer]
+        place[closer] = (first + k + along[rows, k])[closer]
+        offset[closer] = gap[rows, k][closer]
     return place, offset

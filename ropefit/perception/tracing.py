@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
 from ropefit.errors import BadInput
 from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
+from ropefit.perception.segment import LARGE, Looked, Segmentation, best_looks
 from ropefit.perception.trace import FrameRejected, Trace
-from ropefit.recordings import Recording, check_spread
+from ropefit.recordings import Masks, Recording, check_spread
 
+Look = Callable[[int, np.ndarray, np.ndarray | None, Trace, Segmentation], None]  # see Album.look
+LEARN_FROM = 3  # frames in which the rope is looked for by all cues
 SLACK = 1.02  # ends farther apart than this times the length contradict the recording
 
 
 class Tracer:
     """Holds what is the same for all frames: ends, length, camera, marker arc lengths."""
 
-    def __init__(self, recording: Recording, most_points: int = 400):
+    def __init__(
+        self,
+        recording: Recording,
+        most_points: int = 400,
+        looked: Looked | None = None,
+        masks: Masks | None = None,
+    ):
         self.recording = recording
+        self.looked = looked or Looked()
+        self.masks = masks
         self.most_points = most_points
         rope = recording.manifest.rope
         self.length = rope.length
@@ -33,6 +47,8 @@ class Tracer:
         self.camera = self._camera()
         self.noise: float | None = None
         self.noise_source = "scatter of the points about the centreline"
+        if not self.measures_depth:
+            self.noise_source = "assumed: half a pixel, on the assumed plane"
         if recording.source.table == "markers":
             self._prepare_markers()
 
@@ -55,8 +71,9 @@ class Tracer:
             )
         return position, orientation
 
-    def trace(self, frame: int) -> Trace:
-        """One frame. Raises FrameRejected with the reason."""
+    def trace(self, frame: int, look: Look | None = None) -> Trace:
+        """One frame; look(frame, color, depth, trace, found) is shown what pictures hold. Raises
+        FrameRejected with the reason."""
         position, orientation = self.ends(frame)
         sight = self.recording.source.sight(frame)
         if sight.ordered:
@@ -73,20 +90,67 @@ class Tracer:
                 self._viewpoint(),
                 most=self.most_points,
             )
+        assert sight.color is not None
+        trace, found = self.trace_picture(frame, sight.color, sight.depth, position)
+        if look is not None:
+            look(frame, sight.color, sight.depth, trace, found)
+        return trace
+
+    def trace_picture(
+        self, frame: int, color: np.ndarray, depth: np.ndarray | None, position: np.ndarray
+    ) -> tuple[Trace, Segmentation]:
+        """A frame of pictures, and what was taken for the rope in it. Raises FrameRejected."""
+        from ropefit.perception.image import trace_image
         from ropefit.perception.rgbd import trace_rgbd
 
-        assert sight.color is not None
         assert self.camera is not None
-        if sight.depth is None:
-            raise BadInput(
-                f"{self.recording.path}: [rgbd] has no depth and there are no clouds or markers; "
-                "3D data are needed: add `depth`"
+        looked = self.looked
+        if self.masks is not None:
+            looked = replace(looked, mask=self.masks.mask(frame, color.shape[:2]))
+        if depth is None:
+            return trace_image(
+                color, self.camera, position, self.length, self.recording.gravity, looked
             )
-        trace, _ = trace_rgbd(
-            sight.color, sight.depth, self.camera, position, self.length, self.radius
+        if not depth.any():
+            raise FrameRejected("the depth image is empty")
+        trace, found = trace_rgbd(
+            color, depth, self.camera, position, self.length, self.radius, looked
         )
         check_spread(self.recording.path, frame, trace.points, self.length)
-        return trace
+        return trace, found
+
+    @property
+    def measures_depth(self) -> bool:
+        """Whether the points are measured in space, not carried there from pictures alone."""
+        rgbd = self.recording.manifest.rgbd
+        return self.recording.source.table != "rgbd" or bool(rgbd and rgbd.depth)
+
+    def learn_looks(self) -> None:
+        """Learn how the rope looks from a few frames, so that others are quicker and alike.
+
+        Nothing is learned where there are no pictures, few of them, very large ones, or a person
+        has said where the rope is.
+        """
+        frames = self.recording.frames
+        told = self.masks is not None or self.looked.color is not None
+        if self.recording.source.table != "rgbd" or told or len(frames) <= LEARN_FROM:
+            return
+        found = []
+        for frame in np.array(frames)[np.linspace(0, len(frames) - 1, LEARN_FROM).astype(int)]:
+            sight = self.recording.source.sight(int(frame))
+            assert sight.color is not None
+            assert self.camera is not None
+            if max(sight.color.shape) > LARGE:
+                return
+            try:
+                position, _ = self.ends(int(frame))
+                _, seen = self.trace_picture(int(frame), sight.color, sight.depth, position)
+            except FrameRejected:
+                continue
+            known = np.isfinite(position).all(axis=1)
+            tips = np.where(known[:, None], self.camera.project(np.nan_to_num(position)), np.nan)
+            found.append((sight.color, tips, seen))
+        self.looked = replace(self.looked, looks=best_looks(found))
 
     def view(self, points: np.ndarray) -> Camera:
         """The recording's camera, or a virtual one that sees points (N, 3)."""

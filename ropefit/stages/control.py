@@ -17,7 +17,7 @@ from ropefit.inference.minimise import Search
 from ropefit.inference.rope import Rope, eta_names
 from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
 from ropefit.solvers.xpbd import Settings
-from ropefit.stages.scene import build_scene, control_positions, pinhole, rope_of
+from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole, rope_of
 from ropefit.stages.stage import Context, Stage, StageSettings
 from ropefit.stages.targets import Targets
 
@@ -45,6 +45,7 @@ def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context)
 
 
 def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, context: Context):
+    check_loss(o, settings.loss)
     node = model.control_node
     turns = bool(settings.turn)
     _check_turn(turns, node)

@@ -36,7 +36,7 @@ from ropefit.losses.objectives import OBJECTIVES, LossName
 from ropefit.solvers.xpbd import Settings
 from ropefit.stages import identify_equilibrium
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
-from ropefit.stages.scene import build_scene, control_positions, node_at, rope_of
+from ropefit.stages.scene import build_scene, check_loss, control_positions, node_at, rope_of
 from ropefit.stages.stage import Context, Stage, StageSettings
 
 CHECKPOINT_EVERY = 15.0  # s
@@ -87,6 +87,7 @@ class IdentifySettings(StageSettings):
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
+    check_loss(observations, settings.loss)
     if settings.how == "least-squares":
         return identify_equilibrium.compute(observations, settings, context)
     names = eta_names(settings.two_sided)

@@ -3,6 +3,9 @@ noise."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,19 +14,30 @@ from pydantic import Field
 
 from ropefit.artifacts import DroppedFrame, Observations, View
 from ropefit.errors import BadInput
+from ropefit.perception.album import Album
 from ropefit.perception.assemble import assemble
-from ropefit.perception.trace import FrameRejected
+from ropefit.perception.segment import Looked
+from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.perception.tracing import Tracer
-from ropefit.recordings import Recording
+from ropefit.recordings import Masks, Recording
 from ropefit.stages.stage import Context, Stage, StageSettings
+
+MOST_GAPS = 0.2  # of the frames: more are no gaps but steps
 
 
 class PreprocessSettings(StageSettings):
-    """nodes: K, the number of particles and segment boundaries. project: onto the hanging plane."""
+    """nodes: K, the number of particles and segment boundaries. project: onto the hanging plane.
+
+    Of pictures: color (r, g, b) of the rope; roi (u, v, width, height) [px] that it is in; mask: a
+    folder of masks.
+    """
 
     nodes: int = Field(default=20, ge=4, le=400)
     project: Literal["auto", "yes", "no"] = "auto"
     most_points: int = Field(default=400, ge=20, le=20_000)
+    color: tuple[int, int, int] | None = None
+    roi: tuple[int, int, int, int] | None = None
+    mask: str | None = None
 
 
 def compute(
@@ -31,15 +45,20 @@ def compute(
 ) -> dict[str, Any]:
     """The contents of observations.h5. Raises BadInput when no frame is usable."""
     recording: Recording = context.external["recording"]
-    tracer = Tracer(recording, most_points=settings.most_points)
-    traces, frames, dropped = [], [], []
-    for count, frame in enumerate(recording.frames):
-        context.progress(count / len(recording.frames), f"frame {frame}")
-        try:
-            traces.append(tracer.trace(frame))
+    masks = Masks(Path(settings.mask)) if settings.mask else None
+    looked = Looked(color=settings.color, roi=settings.roi)
+    tracer = Tracer(recording, settings.most_points, looked, masks)
+    album = Album(recording, tracer, context.external.get("debug_images"))
+    tracer.learn_looks()
+    traces, frames = [], []
+    dropped = _missing(recording)
+    for count, (frame, trace) in enumerate(_traced(tracer, album, recording.frames)):
+        context.progress((count + 1) / len(recording.frames), f"frame {frame}")
+        if isinstance(trace, Trace):
+            traces.append(trace)
             frames.append(frame)
-        except FrameRejected as reason:
-            dropped.append(DroppedFrame(frame=frame, reason=str(reason)))
+        else:
+            dropped.append(DroppedFrame(frame=frame, reason=trace))
     if not frames:
         raise BadInput(
             f"{recording.path}: no usable frame of {len(dropped)}; the first: {dropped[0].reason}"
@@ -71,8 +90,33 @@ def compute(
         "ends_assumed": recording.ends is None,
         "end_twist_known": not (recording.manifest.ends and recording.manifest.ends.markers),
         "view": View(**vars(content.pop("camera"))),
+        **album.pictures(),
         **content,
     }
+
+
+def _traced(tracer: Tracer, album: Album, frames: list[int]) -> Iterator[tuple[int, Trace | str]]:
+    """Each frame's trace, or why there is none; several at a time, given back in order."""
+
+    def one(frame: int) -> Trace | str:
+        try:
+            return tracer.trace(frame, album.look)
+        except FrameRejected as reason:
+            album.reject(frame, str(reason))
+            return str(reason)
+
+    with ThreadPoolExecutor(max(len(os.sched_getaffinity(0)), 1)) as pool:
+        yield from zip(frames, pool.map(one, frames), strict=True)
+
+
+def _missing(recording: Recording) -> list[DroppedFrame]:
+    """Frames that are not there although those around them are, told by name."""
+    frames = recording.frames
+    gaps = sorted(set(range(frames[0], frames[-1] + 1)) - set(frames))
+    if len(gaps) > MOST_GAPS * len(frames):  # numbered in steps: none is missing
+        return []
+    reason = "missing: the recording has no file of this frame"
+    return [DroppedFrame(frame=frame, reason=reason) for frame in gaps]
 
 
 STAGE = Stage(

@@ -6,11 +6,13 @@ import numpy as np
 import torch
 
 from ropefit.artifacts import Observations
-from ropefit.errors import BadInput
+from ropefit.errors import BadInput, WrongUsage
 from ropefit.inference.rope import Ends, Rope, build_rope
-from ropefit.losses.objectives import Pinhole, Scene
+from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
 from ropefit.losses.primary import Observed
 from ropefit.solvers.xpbd import Settings
+
+FLAT = tuple(n for n, objective in OBJECTIVES.items() if objective.image and not objective.lowest)
 
 
 def pinhole(observations: Observations) -> Pinhole:
@@ -23,6 +25,15 @@ def pinhole(observations: Observations) -> Pinhole:
         pose[:3, :3].clone(),
         pose[:3, 3].clone(),
     )
+
+
+def check_loss(observations: Observations, loss: str) -> None:
+    """Refuse a loss in space where nothing was measured in space. Raises WrongUsage."""
+    if not observations.depth_measured and loss not in FLAT:
+        raise WrongUsage(
+            f"{loss} compares points in space, but the recording has pictures without depth; use "
+            f"--loss {', '.join(FLAT[:-1])} or {FLAT[-1]}"
+        )
 
 
 def build_scene(observations: Observations) -> Scene:

@@ -5,6 +5,7 @@ from ropefit.reporting.sections.control import ControlSection
 from ropefit.reporting.sections.observations import ObservationsSection
 from ropefit.reporting.sections.overlay import OverlaySection
 from ropefit.reporting.sections.parameters import ParametersSection
+from ropefit.reporting.sections.pictures import PicturesSection
 from ropefit.reporting.sections.provenance import ProvenanceSection
 from ropefit.reporting.sections.residual import ResidualSection
 from ropefit.reporting.sections.solver import SolverSection
@@ -18,6 +19,7 @@ SECTIONS: tuple[Section, ...] = (
     SolverSection(),
     ControlSection(),
     ObservationsSection(),
+    PicturesSection(),
     ProvenanceSection(),
 )
 

@@ -43,11 +43,11 @@ class ObservationsSection(Section):
 
 def _facts(o: Observations) -> dict[str, object]:
     known = o.length_source == "recording"
-    source = "given by the recording" if known else "estimated from the frames"
+    source = "given by the recording" if known else f"{o.length_source} from the frames"
     ends = f"end 0 (gripper) {o.end_kind[0]}, end 1 {o.end_kind[1]}"
     dropped = f"{len(o.dropped)} dropped"
     return {
-        "Source": o.source,
+        "Source": o.source + ("" if o.depth_measured else ", without depth"),
         "Frames": f"{len(o.frames)} used, {dropped}",
         "Points": f"{len(o.points)}, {number(len(o.points) / len(o.frames))} per frame",
         "Rope seen": percent(float(o.visibility.mean()), 3),
@@ -56,8 +56,28 @@ def _facts(o: Observations) -> dict[str, object]:
         "Mass": given(1e3 * o.mass, "g") if o.mass else "not given",
         "Ends": ends + (" (assumed)" if o.ends_assumed else ""),
         "Noise of a point": f"{millimetres(float(np.median(o.noise)))}; {o.noise_source}",
+        **_shared_noise(o),
         "Gravity": "[" + ", ".join(given(v) for v in o.gravity) + "] m/s²",
     }
+
+
+def _shared_noise(o: Observations) -> dict[str, object]:
+    """What is known of the noise along the rope, of the length and of the frames' quality."""
+    out: dict[str, object] = {}
+    if o.noise_correlated is not None and o.noise_length is not None and o.noise_white is not None:
+        white = o.noise_white[np.isfinite(o.noise_white)]
+        own = f"{millimetres(float(np.median(white)))} each point's own, " if white.size else ""
+        shared = f"{millimetres(o.noise_correlated)} shared over {millimetres(o.noise_length)}"
+        out["Noise along the rope"] = own + (shared if o.noise_correlated > 0 else "none shared")
+    if o.length_sd is not None:
+        out["Spread of the length"] = f"{millimetres(o.length_sd)} over frames, as traced"
+    if o.quality is not None:
+        worst = int(np.argmin(o.quality))
+        out["Quality"] = (
+            f"{number(float(np.median(o.quality)))} of 1, least {number(float(o.quality[worst]))} "
+            f"in frame {o.frames[worst]}"
+        )
+    return out
 
 
 def _projection(o: Observations) -> str:

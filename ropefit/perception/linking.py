@@ -1,0 +1,271 @@
+"""Strands linked into one path: through crossings and over hidden stretches, as smoothly as can
+be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ropefit.perception.trace import polyline_arc
+
+# A rope that is hidden goes on about as it went: the way over a gap may turn by this much at
+# either side of it, off the straight connection [rad].
+MOST_TURN = 1.3
+TURN_COST = 2.0  # a turn of one radian at each side makes a gap count (1 + this) times as long
+FARTHEST = 0.3  # of the extent of all strands: a wider gap is not bridged
+LONG, OWN = 15.0, 0.15  # widths, share of the longest strand: a loose end as long is rope
+STRAIGHT = 0.2  # rad: a shorter one is where it is near and the way to it turns less
+CLOSE = 4.0  # widths: nearer ends meet at a crossing; only their directions say which go together
+BESIDE = 7.0  # widths from both ends of a link: a strand that begins and ends there is a loop
+AT_ONCE = 3.0  # widths that every link counts as long at least
+LOOK = 2.0  # widths over which the direction of a strand's end is taken
+MOST_STRANDS = 250
+NEAREST = 8  # candidates per end
+
+
+@dataclass(frozen=True)
+class Path:
+    """points (P, 2) [px] in order; seen (P,): False on bridges over what the mask does not show;
+    bridged: number of links that were made."""
+
+    points: np.ndarray
+    seen: np.ndarray
+    bridged: int
+
+    @property
+    def length(self) -> float:
+        return float(polyline_arc(self.points)[-1])
+
+
+def link(lines: list[np.ndarray], width: float, ends: np.ndarray) -> list[Path]:
+    """Paths that the strands (P, 2) [px] make, longest first. ends (2, 2) [px], NaN where unknown.
+
+    Every end of a strand is linked to at most one other, the cheapest links first: cost is the gap
+    times one plus the turning it takes. A known end of the rope takes part as a point from which
+    one link leads. The path of the known ends comes first and begins at end 0.
+    """
+    order = np.argsort([-len(line) for line in lines])[:MOST_STRANDS]
+    lines = [lines[i] for i in order]
+    known = np.flatnonzero(np.isfinite(ends).all(axis=1))
+    pieces = [*lines, *(ends[i][None] for i in known)]
+    tips, ways = _tips(pieces, width)
+    partner = _match(pieces, tips, ways, len(lines), width)
+    paths = []
+    used = np.zeros(len(pieces), dtype=bool)
+    starts = [len(lines) + k for k in range(len(known))]
+    starts += [i for i in range(len(lines)) if partner[2 * i] < 0 or partner[2 * i + 1] < 0]
+    for first in starts:
+        if used[first]:
+            continue
+        members = _follow(first, partner, used, len(lines))
+        if not any(piece < len(lines) for piece, _ in members):
+            continue
+        members = _without_clutter(members, pieces, tips, ways, len(lines), width)
+        path = _joined(pieces, tips, ways, members, len(lines))
+        if len(known) and first == len(lines) and known[0] == 1:
+            path = _reversed(path)
+        paths.append((first >= len(lines), path))
+    paths.sort(key=lambda item: (not item[0], -item[1].length))
+    return [path for _, path in paths]
+
+
+def _tips(pieces: list[np.ndarray], width: float) -> tuple[np.ndarray, np.ndarray]:
+    """(2N, 2) ends of the pieces and (2N, 2) outward unit directions there, zero for points."""
+    tips, ways = np.zeros((2 * len(pieces), 2)), np.zeros((2 * len(pieces), 2))
+    reach = max(int(LOOK * width), 4)
+    for i, piece in enumerate(pieces):
+        tips[2 * i], tips[2 * i + 1] = piece[0], piece[-1]
+        if len(piece) < 3:
+            continue
+        # Skeletons bend towards corners at the very tip: the direction is from a little inside.
+        inner = min(reach, len(piece) - 1)
+        skip = min(int(width / 2), inner // 3)
+        ways[2 * i] = piece[skip] - piece[inner]
+        ways[2 * i + 1] = piece[-1 - skip] - piece[-1 - inner]
+    size = np.linalg.norm(ways, axis=1, keepdims=True)
+    return tips, ways / np.maximum(size, 1e-9)
+
+
+def _match(
+    pieces: list[np.ndarray], tips: np.ndarray, ways: np.ndarray, count: int, width: float
+) -> np.ndarray:
+    """(2N,) the end each end is linked to, or -1."""
+    total = len(tips)
+    extent = float(np.linalg.norm(np.ptp(np.concatenate(pieces), axis=0)))
+    gap = tips[None] - tips[:, None]
+    distance = np.linalg.norm(gap, axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        chord = np.where(distance[..., None] > 0, gap / np.maximum(distance, 1e-9)[..., None], 0)
+    # Direction of an end against the way to the other; points have none and turn freely.
+    dot = np.einsum("ad,abd->ab", ways, chord)
+    turn = np.where((ways == 0).all(axis=1)[:, None], 0.0, np.arccos(np.clip(dot, -1, 1)))
+    # Ends that touch have no way between them that means anything: compare their directions.
+    close = distance < CLOSE * width
+    bend = np.arccos(np.clip(-(ways @ ways.T), -1, 1)) / 2
+    directed = (ways != 0).any(axis=1)
+    both = directed[:, None] & directed[None]
+    turn = np.where(close & both, bend, turn)
+    turn = np.where(close & ~both, 0.0, turn)  # an end of the rope that lies on a strand's end
+    worst = np.maximum(turn, turn.T)
+    cost = (distance + AT_ONCE * width) * (1 + TURN_COST * (turn**2 + turn.T**2))
+    owner = np.arange(total) // 2
+    free = owner >= count
+    bad = (owner[:, None] == owner[None]) | (worst > MOST_TURN)
+    bad |= (distance > FARTHEST * extent) & ~(free[:, None] | free[None])
+    bad |= free[:, None] & free[None]
+    second = free & (np.arange(total) % 2 == 1)  # a point has one end to link
+    bad |= second[:, None] | second[None]
+    cost = np.where(bad, np.inf, cost)
+    partner = np.full(total, -1)
+    chain = np.arange(len(pieces))  # number of the chain that each piece belongs to
+    _cheapest_first(cost, partner, chain)
+    round_ = np.array([_comes_back(piece, width) for piece in pieces[:count]], dtype=bool)
+    _put_loops_in(partner, tips, turn, round_, width)
+    return partner
+
+
+def _cheapest_first(cost: np.ndarray, partner: np.ndarray, chain: np.ndarray) -> None:
+    """Link loose ends in order of cost (2N, 2N), written into partner (2N,), without making rings.
+    chain (N,): number of the chain that each piece belongs to."""
+    total = len(cost)
+    flat = np.argsort(cost, axis=None, kind="stable")
+    for index in flat[: int(np.isfinite(cost).sum())]:
+        a, b = divmod(int(index), total)
+        if a >= b or partner[a] >= 0 or partner[b] >= 0:
+            continue
+        one, other = chain[a // 2], chain[b // 2]
+        if one != other:
+            partner[a], partner[b] = b, a
+            chain = np.where(chain == other, one, chain)
+
+
+def _comes_back(piece: np.ndarray, width: float) -> bool:
+    """Whether a strand (P, 2) ends near where it began, after some way."""
+    apart = float(np.linalg.norm(piece[-1] - piece[0]))
+    return len(piece) > BESIDE * width and apart < 0.5 * len(piece)
+
+
+def _put_loops_in(
+    partner: np.ndarray, tips: np.ndarray, turn: np.ndarray, round_: np.ndarray, width: float
+) -> None:
+    """Loops of the rope are taken into the link beside which they begin and end. round_ (N,):
+    strands that come back.
+
+    Where a rope crosses itself at a small angle, the short way past its loop looks as smooth as the
+    way around, but then the loop would be left over.
+    """
+    for piece in np.flatnonzero(round_).tolist():
+        a, b = 2 * piece, 2 * piece + 1
+        if partner[a] >= 0 or partner[b] >= 0:
+            continue
+        first = np.flatnonzero(partner > np.arange(len(partner)))  # one end of every link
+        second = partner[first]
+        away = [np.linalg.norm(tips[side] - tips[tip], axis=1) for tip in (a, b)
+                for side in (first, second)]  # fmt: skip
+        worst = np.max(away, axis=0) if len(first) else np.empty(0)
+        if worst.size == 0 or worst.min() > BESIDE * width:
+            continue
+        link = int(np.argmin(worst))
+        x, y = int(first[link]), int(second[link])
+        straight = turn[x, a] ** 2 + turn[a, x] ** 2 + turn[y, b] ** 2 + turn[b, y] ** 2
+        crossed = turn[x, b] ** 2 + turn[b, x] ** 2 + turn[y, a] ** 2 + turn[a, y] ** 2
+        if crossed < straight:
+            a, b = b, a
+        partner[x], partner[a], partner[y], partner[b] = a, x, b, y
+
+
+def _follow(
+    first: int, partner: np.ndarray, used: np.ndarray, count: int
+) -> list[tuple[int, bool]]:
+    """[(piece, reversed)] from a piece with a loose end to the other end of its chain."""
+    entering = 0 if first >= count or partner[2 * first] < 0 else 1
+    members, at = [], 2 * first + entering
+    while True:
+        piece = at // 2
+        used[piece] = True
+        members.append((piece, at % 2 == 1))
+        leaving = at if piece >= count else at ^ 1
+        if piece >= count and len(members) > 1:
+            return members
+        following = partner[leaving]
+        if following < 0:
+            return members
+        at = int(following)
+
+
+def _without_clutter(
+    members: list[tuple[int, bool]],
+    pieces: list[np.ndarray],
+    tips: np.ndarray,
+    ways: np.ndarray,
+    count: int,
+    width: float,
+) -> list[tuple[int, bool]]:
+    """The chain less short strands at its loose ends that do not go on as the rope goes.
+
+    Whatever lies near the end of a rope would be linked to it; what is long counts as rope, and
+    what is short only where the way to it is straight.
+    """
+    longest = max(len(pieces[piece]) for piece, _ in members)
+    for _ in range(2):  # one end, then the other
+        while len(members) > 1:
+            (piece, flipped), (before, turned) = members[-1], members[-2]
+            if piece >= count or len(pieces[piece]) >= min(LONG * width, OWN * longest):
+                break
+            a = 2 * before + (0 if turned else 1) if before < count else 2 * before
+            b = 2 * piece + (1 if flipped else 0)
+            gap = float(np.linalg.norm(tips[b] - tips[a]))
+            chord = (tips[b] - tips[a]) / max(gap, 1e-9)
+            straight = min(ways[a] @ chord, -ways[b] @ chord, -ways[a] @ ways[b])
+            if straight > np.cos(STRAIGHT) and gap < len(pieces[piece]):
+                break
+            members = members[:-1]
+        members = [(piece, not flipped) for piece, flipped in reversed(members)]
+    return members
+
+
+def _joined(
+    pieces: list[np.ndarray],
+    tips: np.ndarray,
+    ways: np.ndarray,
+    members: list[tuple[int, bool]],
+    count: int,
+) -> Path:
+    """The chain as one path of about one point a pixel, its bridges cubic."""
+    points, seen = [], []
+    last: int | None = None
+    for piece, flipped in members:
+        entering = 2 * piece + (1 if flipped else 0)
+        if last is not None:
+            bridge = _hermite(tips[last], ways[last], tips[entering], -ways[entering])
+            points.append(bridge)
+            seen.append(np.zeros(len(bridge), dtype=bool))
+        line = pieces[piece][::-1] if flipped else pieces[piece]
+        points.append(line)
+        seen.append(np.full(len(line), piece < count))
+        last = 2 * piece if piece >= count else entering ^ 1
+    return Path(np.concatenate(points), np.concatenate(seen), len(members) - 1)
+
+
+def _hermite(a: np.ndarray, along_a: np.ndarray, b: np.ndarray, along_b: np.ndarray) -> np.ndarray:
+    """(N, 2) points strictly between a and b, leaving and arriving in the given directions."""
+    distance = float(np.linalg.norm(b - a))
+    count = int(distance)
+    if count < 2:
+        return np.empty((0, 2))
+    chord = (b - a) / distance
+    # A point gives no direction: the straight one.
+    start = (along_a if along_a.any() else chord) * distance
+    stop = (along_b if along_b.any() else chord) * distance
+    t = (np.arange(1, count) / count)[:, None]
+    return (
+        (2 * t**3 - 3 * t**2 + 1) * a
+        + (t**3 - 2 * t**2 + t) * start
+        + (-2 * t**3 + 3 * t**2) * b
+        + (t**3 - t**2) * stop
+    )
+
+
+def _reversed(path: Path) -> Path:
+    return Path(path.points[::-1], path.seen[::-1], path.bridged)
