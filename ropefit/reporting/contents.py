@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ropefit.artifacts import Control, FittedModel, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
 
 
 @dataclass(frozen=True)
 class RunContents:
-    """The artifacts of one run. `model` and `control` are None where the stage has not run."""
+    """The artifacts of one run. All but `observations` are None where the stage has not run."""
 
     observations: Observations
     model: Model | None = None
     control: Control | None = None
+    diagnosis: Diagnosis | None = None
 
     @property
     def fitted(self) -> FittedModel | None:

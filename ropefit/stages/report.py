@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from ropefit.artifacts import Control, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, Model, Observations
 from ropefit.errors import StageFailed
 from ropefit.stages.run_directory import REPORT
 from ropefit.stages.stage import A, load
@@ -22,8 +22,10 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     from ropefit.reporting.report import RunContents, render_report
 
     observations, _ = load(directory, Observations)
-    run = RunContents(observations, _if_there(directory, Model), _if_there(directory, Control))
-    missing = [k.file_name for k, v in ((Model, run.model), (Control, run.control)) if v is None]
+    parts = (Model, Control, Diagnosis)
+    run = RunContents(observations, *(_if_there(directory, kind) for kind in parts))
+    there = (run.model, run.control, run.diagnosis)
+    missing = [kind.file_name for kind, v in zip(parts, there, strict=True) if v is None]
     if missing:
         say(f"the report has no part on {' and '.join(missing)}: not in this run")
     path = directory / REPORT

@@ -2,6 +2,7 @@
 
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.control import ControlSection
+from ropefit.reporting.sections.diagnosis import DiagnosisSection
 from ropefit.reporting.sections.observations import ObservationsSection
 from ropefit.reporting.sections.overlay import OverlaySection
 from ropefit.reporting.sections.parameters import ParametersSection
@@ -15,6 +16,7 @@ SECTIONS: tuple[Section, ...] = (
     SummarySection(),
     OverlaySection(),
     ResidualSection(),
+    DiagnosisSection(),
     ParametersSection(),
     SolverSection(),
     ControlSection(),

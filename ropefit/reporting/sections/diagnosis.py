@@ -1,0 +1,178 @@
+"""What was left out: causes in words, where model and data differ, before and after."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from ropefit.artifacts import Diagnosis
+from ropefit.artifacts.diagnosis import Cause, Size
+from ropefit.reporting.contents import RunContents
+from ropefit.reporting.figures import (
+    AFTER,
+    BEFORE,
+    MANY,
+    Figure,
+    axis,
+    heat,
+    line,
+    numbers,
+    plane,
+)
+from ropefit.reporting.html import bullets, facts, heading, pair, paragraph, plot, table
+from ropefit.reporting.sections.base import Section
+from ropefit.reporting.words import listed, millimetres, number, ranges
+
+SHOWN = 12  # candidates of the scan
+VERDICTS = {
+    "none": "Nothing was left out that this recording could show: what the nominal model does not "
+    "explain is noise.",
+    "found": "Something was left out, and the catalogue explains it.",
+    "unknown": "Something was left out that no effect of the catalogue explains.",
+}
+
+
+class DiagnosisSection(Section):
+    """Causes, evidence, maps of the misfit, latent force, and what would have been seen."""
+
+    title = "What was left out"
+
+    def applies(self, run: RunContents) -> bool:
+        return run.diagnosis is not None
+
+    def render(self, run: RunContents) -> Markup:
+        d = run.diagnosis
+        assert d is not None
+        body = paragraph(VERDICTS[d.verdict])
+        body += bullets(
+            [f"{c.sentence[0].upper()}{c.sentence[1:]}.{_or_else(c)}" for c in d.causes.values()]
+        )
+        body += facts(
+            {
+                "Held-out frames, before": millimetres(d.rms_before),
+                "Held-out frames, after": millimetres(d.rms_after),
+                "Noise of a point": millimetres(d.noise_white),
+                "Evidence needed": f"{number(d.threshold)} nats",
+            },
+            "key",
+        )
+        if d.causes:
+            body += _causes(d)
+        if d.refused:
+            body += paragraph("Fitted well but not believed: " + "; ".join(d.refused) + ".", "note")
+        if d.motion:
+            told = f"To tell {listed(d.separates)} apart, {d.motion}."
+            body += paragraph(Markup(told))
+        body += pair(_map(d, before=True), _map(d, before=False))
+        body += pair(_scan(d), _places(d))
+        if d.verdict != "none":
+            body += _force(d)
+        return body + _detectable(d)
+
+
+def _or_else(c: Cause) -> str:
+    if not c.equivalent_to:
+        return ""
+    return (
+        f" The same shapes follow from {' or '.join(c.equivalent_to)}: they cannot be told apart."
+    )
+
+
+def _size(key: str, s: Size) -> str:
+    unit = "" if s.unit == "1" else f" {s.unit}"
+    return f"{key} {number(s.value)} ({number(s.ci95[0])} … {number(s.ci95[1])}){unit}"
+
+
+def _causes(d: Diagnosis) -> Markup:
+    rows = []
+    for c in d.causes.values():
+        where = "–"
+        if c.arc_length is not None:
+            where = f"{number(c.arc_length[0])} … {number(c.arc_length[1])} m"
+        key, first = next(iter(c.parameters.items()))
+        rows.append(
+            [
+                c.name, c.kind, where, ranges(c.frames), _size(key, first),
+                f"{number(c.log_evidence, 4)} nats", ", ".join(c.equivalent_to) or "–",
+            ]
+        )  # fmt: skip
+    head = ["what", "kind", "where", "frames", "size (95 %)", "evidence", "or as well"]
+    return heading("Causes") + table(head, rows)
+
+
+def _map(d: Diagnosis, before: bool) -> Figure:
+    values = d.misfit_before if before else d.misfit_after
+    both = np.concatenate([d.misfit_before[np.isfinite(d.misfit_before)], [1e-4]])
+    colours = heat(d.frames, d.station_arc, 1e3 * values.T, "mm")
+    colours |= {"zmin": 0, "zmax": float(1e3 * np.quantile(both, 0.99))}
+    colours["hovertemplate"] = "frame %{x}, s = %{y} m: %{z} mm<extra></extra>"
+    which = "nominal model" if before else "model with the causes"
+    return Figure(
+        f"Misfit of the {which}",
+        [colours],
+        plane(axis("frame"), axis("arc length s (m)")),
+        f"Mean offset of the data from the {which}, station by station. Blank: not seen.",
+    )
+
+
+def _scan(d: Diagnosis) -> Figure:
+    best: dict[str, float] = {}
+    for c in d.scan.values():
+        best[c.name] = max(best.get(c.name, -np.inf), c.log_factor)
+    names = sorted(best, key=lambda n: best[n])[-SHOWN:]
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "x": numbers([max(best[n], 0.0) for n in names]),
+        "y": names,
+        "marker": {"color": AFTER},
+        "name": "log Bayes factor",
+    }
+    return Figure(
+        "Score scan",
+        [bars],
+        plane(axis("log Bayes factor (nats)"), axis("", showline=False), showlegend=False),
+        "How much each effect would explain of what the nominal model left, before any was fitted. "
+        f"Below {number(d.threshold)} nats it is chance.",
+    )
+
+
+def _places(d: Diagnosis) -> Figure:
+    traces = []
+    ranked = sorted(d.scan.values(), key=lambda c: -c.log_factor)
+    for c in ranked:
+        if c.place.shape[1] == 1 and len(traces) < 4:
+            colour = MANY[len(traces) % len(MANY)]
+            traces.append(line(c.place[:, 0], c.by_place, c.name, colour))
+    return Figure(
+        "Where on the rope",
+        traces or [line([], [], "", BEFORE)],
+        plane(axis("arc length s (m)"), axis("log Bayes factor (nats)")),
+        "The same for effects at one point, by place.",
+    )
+
+
+def _force(d: Diagnosis) -> Markup:
+    up = np.linalg.norm(d.force, axis=-1)
+    colours = heat(d.frames, d.force_arc, up.T, "N/m")
+    figure = Figure(
+        "Latent force",
+        [colours],
+        plane(axis("frame"), axis("arc length s (m)")),
+        "Size of the smooth force per length that would explain what is still left "
+        f"(evidence {number(d.force_evidence, 4)} nats; {number(d.force_threshold, 4)} in a clean "
+        "recording).",
+    )
+    return plot(figure)
+
+
+def _detectable(d: Diagnosis) -> Markup:
+    rows = [
+        [name, f"{number(item.value)}{'' if item.unit == '1' else ' ' + item.unit}"]
+        for name, item in sorted(d.detectable.items())
+    ]
+    return (
+        heading("What this recording would have shown")
+        + paragraph("Sizes from which each effect would have been found here, typically.", "note")
+        + table(["effect", "size"], rows)
+    )
