@@ -6,6 +6,7 @@ All in the plane of x and z with gravity along -z; the tangent is (cos θ, sin �
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -87,6 +88,10 @@ def elastica(rope: Planar, guess: Guess, arc: np.ndarray) -> tuple[np.ndarray, n
     return y[2:].T, y[0]
 
 
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-14))  # type: ignore[arg-type]
+
+
 def catenary(length: float, far: tuple[float, float], arc: np.ndarray, stretch: float = 0.0):
     """(n, 2) [m] a rope without stiffness between (0, 0) and `far`; stretch is its weight over EA.
 
@@ -101,11 +106,11 @@ def catenary(length: float, far: tuple[float, float], arc: np.ndarray, stretch: 
         return flat + soft * h * s, up + soft * (0.5 * np.square(s) - lowest * s)
 
     def lowest_of(h: float) -> float:
-        return brentq(lambda c: at(h, c, length)[1] - far[1], -50 * length, 50 * length, xtol=1e-15)
+        return _root(lambda c: at(h, c, length)[1] - far[1], -50 * length, 50 * length)
 
-    h = brentq(
+    h = _root(
         lambda log: at(math.exp(log), lowest_of(math.exp(log)), length)[0] - far[0],
-        math.log(1e-4 * length), math.log(1e2 * length), xtol=1e-14,
+        math.log(1e-4 * length), math.log(1e2 * length),
     )  # fmt: skip
     return np.stack(at(math.exp(h), lowest_of(math.exp(h)), arc), axis=-1)
 
@@ -118,7 +123,7 @@ def hanging_bar(weight: float, axial: float, length: float, arc: np.ndarray) -> 
 def buckled_reach(load: float, critical: float) -> float:
     """Distance of the ends over the length of a pinned strut under `load` beyond the critical one:
     2 E(k)/K(k) - 1 with load/critical = (2 K(k)/π)² (Timoshenko & Gere, section 2.7)."""
-    m = brentq(lambda m: (2 * ellipk(m) / np.pi) ** 2 - load / critical, 0.0, 0.999, xtol=1e-15)
+    m = _root(lambda m: (2 * ellipk(m) / np.pi) ** 2 - load / critical, 0.0, 0.999)
     return 2 * ellipe(m) / ellipk(m) - 1
 
 
