@@ -616,9 +616,11 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
     turn = np.empty((n, 3))
     gaps = np.empty(count + 3)
     shift, last_step, kicks = 0.0, np.inf, 0
-    worst = np.inf
+    worst, known = np.inf, False
     for iteration in range(limit):
-        _state(rod, held, q, lam, x0, w)
+        if not known:
+            _state(rod, held, q, lam, x0, w)
+        known = False
         scale, residual = _assemble(rod, held, lam, w)
         gap = math.sqrt(_conditions(rod, held, lam, w, w.rest))
         push, bear = 0.0, 0.0
@@ -725,6 +727,7 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
                 continue
             return STUCK, iteration, worst
         last_step = largest if share == 1.0 and used <= NEUTRAL * size else np.inf
+        known = share == 1.0  # the last state tried is the next one
         _step(held, q, lam, x0, turn, right, share)
     return LIMIT, limit, worst
 
