@@ -35,8 +35,8 @@ def settle(
     mean = free / 2  # an inner particle is touched by two constraints
     touching = torch.full((nodes - 1, 1), 0.5, dtype=x.dtype)
     touching[0] = touching[-1] = 1.0
-    l = length[:, None]
-    stiffness = weight[:, None] / l**2 + 4
+    unit = length[:, None]
+    stiffness = weight[:, None] / unit**2 + 4
     fall = free * gravity * (0.5 * dt**2) * by_gravity
     for _ in range(steps):
         x = x + fall
@@ -53,8 +53,8 @@ def settle(
                 -2,
             )
             director = 0.5 * (rows * q[:, :, None]).sum(-1)
-            shear = -(edge / l - director) / stiffness
-            pull = shear / l
+            shear = -(edge / unit - director) / stiffness
+            pull = shear / unit
             moved = torch.nn.functional.pad(-pull, (0, 0, 0, 1)) + torch.nn.functional.pad(
                 pull, (0, 0, 1, 0)
             )

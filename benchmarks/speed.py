@@ -219,8 +219,8 @@ def table(data: dict[str, Any]) -> str:
         return f"| {name} | {1e3 * seconds:.1f} | {seconds / ours:.1f} x | {remark} |"
 
     lines = [
-        f"{FRAMES} ropes of 20 nodes, pinned, float64, one thread, shortest of several runs; from a",
-        "cold start to states and the gradient of a loss in six parameters. Written by",
+        f"{FRAMES} ropes of 20 nodes, pinned, float64, one thread, shortest of several runs; from",
+        "a cold start to states and the gradient of a loss in six parameters. Written by",
         "`python -m benchmarks.speed`.",
         "",
         "| contender | [ms] | against ropefit | remark |",
@@ -266,8 +266,8 @@ def table(data: dict[str, Any]) -> str:
     growth = a[str(NODES[-1])]["gradient_s"] / ours
     lines += [
         "",
-        f"From 20 to 400 nodes the time grows {growth:.1f} times. From nothing imported to the first",
-        f"solution, compiled code cached: {data['start_up_s']:.1f} s.",
+        f"From 20 to 400 nodes the time grows {growth:.1f} times. From nothing imported to the",
+        f"first solution, compiled code cached: {data['start_up_s']:.1f} s.",
     ]
     return "\n".join(lines) + "\n"
 

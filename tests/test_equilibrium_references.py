@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.equilibrium import guess_of, planar
 from benchmarks.references import Planar, catenary, elastica, hanging_bar, helix
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.conditions import Conditions
-from tests.rods import DOWN, NOT_HELD, Order, guess_of, planar, solved
+from tests.rods import DOWN, NOT_HELD, Order, solved
 
 SEGMENTS = (40, 80, 160)
 NO_GRAVITY = torch.zeros(3, dtype=torch.float64)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.equilibrium import planar
 from benchmarks.placements import imbalance, placements
 from benchmarks.references import Planar
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import ADVICE, solve, stability
-from tests.rods import DOWN, NOT_HELD, planar, solved
+from tests.rods import DOWN, NOT_HELD, solved
 
 COUNT = 1500
 

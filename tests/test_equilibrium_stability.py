@@ -9,12 +9,13 @@ import torch
 from scipy.optimize import brentq
 from scipy.special import jv
 
+from benchmarks.equilibrium import planar
 from benchmarks.references import Planar, buckled_reach
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve, stability
-from tests.rods import NOT_HELD, Order, planar, solved
+from tests.rods import NOT_HELD, Order, solved
 
 SEGMENTS = (10, 20, 40)
 # Ends of a strut of length 1 m and EI 1 N m², and the load that buckles it (Euler).

@@ -3,12 +3,13 @@
 import numpy as np
 import torch
 
+from benchmarks.equilibrium import planar
 from benchmarks.references import Planar
 from ropefit.rod.strains import Rest
 from ropefit.solvers.chain import Chain
 from ropefit.solvers.compiled import simulate_compiled
 from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State
-from tests.rods import planar, solved
+from tests.rods import solved
 
 SEGMENTS = 8
 HELD = [0, -1]
