@@ -40,6 +40,7 @@ schemas: $(STAMP)
 results: $(STAMP)
 	$(BIN)/python -m benchmarks.losses --write docs/results.md
 	$(BIN)/python -m benchmarks.recordings --write docs/results.md
+	$(BIN)/python -m benchmarks.equilibrium --write docs/results.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
 	$(BIN)/python -m benchmarks.perception --write docs/results.md
 

@@ -398,10 +398,14 @@ def run_all(
     force: bool,
     debug_images: Path | None = None,
 ) -> dict[str, Any]:
-    """preprocess, identify, control, report."""
-    return {
+    """preprocess, identify, diagnose, control, report."""
+    data = {
         "preprocess": preprocess(session, recording, run, of_preprocess, force, debug_images),
         "identify": identify(session, run, of_identify, force),
+    }
+    if data["identify"]["search"] == "least-squares":  # the paper's weights say nothing of a rope
+        data["diagnose"] = diagnose(session, run, {}, None, force)
+    return data | {
         "control": control(session, run, of_control, None, force),
         "report": report(session, run),
     }

@@ -74,7 +74,8 @@ def solve(
     frames, segments = len(conditions.ends), problem.rods.length.shape[1]
     count = problem.frames.node.size
     if start is None:
-        start = _start(problem, conditions, turns)
+        with np.errstate(invalid="ignore"):  # NaN and infinite loads: the status will say so
+            start = _start(problem, conditions, turns)
     q, lam, base = start.q.copy(), np.zeros((frames, count)), start.base.copy()
     known = min(count, start.reaction.shape[1])
     lam[:, :known] = start.reaction[:, :known]

@@ -59,9 +59,7 @@ class _Settle(torch.autograd.Function):
         g = _adjoint(problem, ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
         rods = problem.rods
         by_rod = [g.length, g.supple, g.stiff, g.rest, g.load, g.moment]
-        summed = [np.zeros((len(rods.length), *item.shape[1:])) for item in by_rod]
-        for total, item in zip(summed, by_rod, strict=True):
-            np.add.at(total, rods.of, item)
+        summed = [_sum_of_ropes(item, rods.of, len(rods.length)) for item in by_rod]
         ends = np.zeros((len(g.anchor), 2, 3))
         ends[:, 0] = g.anchor
         if far:
@@ -77,6 +75,15 @@ class _Settle(torch.autograd.Function):
             for shape, item in zip(ctx.shapes, [*summed, *rest], strict=True)
         ]
         return None, None, None, *out
+
+
+def _sum_of_ropes(item: np.ndarray, of: np.ndarray, ropes: int) -> np.ndarray:
+    """(R, ...) sums of an array (F, ...) over the frames that show each rope."""
+    if ropes == 1:
+        return item.sum(axis=0, keepdims=True)
+    total = np.zeros((ropes, *item.shape[1:]))
+    np.add.at(total, of, item)
+    return total
 
 
 def _adjoint(problem: Problem, s: Solution, gx: np.ndarray, gq: np.ndarray) -> kernels.Pull:

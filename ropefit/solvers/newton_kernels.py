@@ -30,6 +30,10 @@ kernel = njit(cache=True, nogil=True, error_model="numpy")
 CONVERGED, LIMIT, STUCK, NOT_FINITE, UNSTABLE = range(5)
 TURN_LIMIT = 1.2  # rad: largest turn of a segment in one step
 REACH = 1e-5  # rad: a last full step below it leaves an error of its square
+# Of the largest entry of the Hessian: what a rope is indifferent to (a buckled strut may turn about
+# the line through its ends) has an eigenvalue of either sign in rounding.
+NEUTRAL = 1e-9
+NEAR = 1e-3  # of the largest moment: a residual below it may be that of such a state
 
 
 class Rod(NamedTuple):
@@ -262,6 +266,8 @@ def _assemble(rod, held, lam, w):
             continue
         p, m = w.p[j], w.m[j]
         scale = max(scale, m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
+        # Rounding in a frame costs this much, also where nothing is bent.
+        scale = max(scale, 1e-8 * max(k[0], k[1], k[2]) ** 2)
         c0 = 0.5 * (p[2] * m[2] - p[3] * m[1])
         c1 = 0.5 * (p[3] * m[0] - p[1] * m[2])
         c2 = 0.5 * (p[1] * m[1] - p[2] * m[0])
@@ -421,10 +427,17 @@ def _factor(w, shift, mass, length):
             m20 -= o[0, 2] * t00 + o[1, 2] * t10 + o[2, 2] * t20
             m21 -= o[0, 2] * t01 + o[1, 2] * t11 + o[2, 2] * t21
             m22 -= o[0, 2] * t02 + o[1, 2] * t12 + o[2, 2] * t22
-        c00, c01, c02 = m11 * m22 - m12 * m21, m02 * m21 - m01 * m22, m01 * m12 - m02 * m11
-        c10, c11, c12 = m12 * m20 - m10 * m22, m00 * m22 - m02 * m20, m02 * m10 - m00 * m12
-        c20, c21, c22 = m10 * m21 - m11 * m20, m01 * m20 - m00 * m21, m00 * m11 - m01 * m10
-        det = m00 * c00 + m01 * c10 + m02 * c20
+        nudge = 1e-14 * (abs(m00) + abs(m11) + abs(m22)) + 1e-200
+        while True:
+            c00, c01, c02 = m11 * m22 - m12 * m21, m02 * m21 - m01 * m22, m01 * m12 - m02 * m11
+            c10, c11, c12 = m12 * m20 - m10 * m22, m00 * m22 - m02 * m20, m02 * m10 - m00 * m12
+            c20, c21, c22 = m10 * m21 - m11 * m20, m01 * m20 - m00 * m21, m00 * m11 - m01 * m10
+            det = m00 * c00 + m01 * c10 + m02 * c20
+            if not abs(det) < 1e-250:
+                break
+            # Exactly singular, as straight struts can be: the same matrix but for rounding.
+            m00, m11, m22 = m00 + nudge, m11 + nudge, m22 + nudge
+            nudge *= 16
         minor = c22
         if m00 < 0:
             negative += 1
@@ -556,6 +569,10 @@ def _unstable_directions(w, held, negative, schur):
     size = count + 3 if held.free else count
     if size == 0:
         return negative
+    for s in range(size):
+        for t in range(size):
+            if not math.isfinite(schur[s, t]):
+                return 1
     values = np.linalg.eigvalsh(np.ascontiguousarray(schur[:size, :size]))
     found = negative
     for s in range(size):
@@ -599,9 +616,11 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
     turn = np.empty((n, 3))
     gaps = np.empty(count + 3)
     shift, last_step, kicks = 0.0, np.inf, 0
-    worst = np.inf
+    worst, known = np.inf, False
     for iteration in range(limit):
-        _state(rod, held, q, lam, x0, w)
+        if not known:
+            _state(rod, held, q, lam, x0, w)
+        known = False
         scale, residual = _assemble(rod, held, lam, w)
         gap = math.sqrt(_conditions(rod, held, lam, w, w.rest))
         push, bear = 0.0, 0.0
@@ -615,6 +634,14 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
             return NOT_FINITE, iteration, worst
         _corner(rod, held, w)
         descent = _system(rod, held, w, 0.0, 0.0, schur)
+        used, size = 0.0, 0.0
+        if descent > 0:
+            for i in range(n):
+                for a in range(3):
+                    size = max(size, abs(w.diagonal[i, a, a]))
+            if worst < NEAR:
+                used = NEUTRAL * size
+                descent = _system(rod, held, w, used, 0.0, schur)
         if worst < tolerance and (last_step < REACH or worst < 1e-3 * tolerance):
             if descent <= 0:
                 return CONVERGED, iteration, worst
@@ -625,18 +652,15 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
             _kick(rod, held, q, w, schur)
             continue
         # Make the energy convex along the supports.
-        used = 0.0
         if descent > 0:
-            size = 0.0
-            for i in range(n):
-                for a in range(3):
-                    size = max(size, abs(w.diagonal[i, a, a]))
-            used = max(1e-4 * size, shift / 4)
+            # Near an equilibrium no more than needed, or what costs next to nothing to turn would
+            # be turned slowly.
+            used = 16 * used if used > 0 and shift == 0 else max(1e-4 * size, shift / 4)
             tries = 0
             while _system(rod, held, w, used, 0.0, schur) > 0 and tries < 20:
                 used *= 4
                 tries += 1
-            shift = used
+            shift = 0.0 if worst < NEAR else used
         for s in range(count + 3):
             total = -w.rest[s]
             if s < count:
@@ -662,7 +686,7 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
         for s in range(count):
             next_lam[s] = lam[s] + right[s, 0]
         share = 1.0 if largest < TURN_LIMIT else TURN_LIMIT / largest
-        if largest < 1e-3 and used == 0.0:
+        if largest < 1e-3 and used <= NEUTRAL * size:
             _step(held, q, lam, x0, turn, right, share)
             last_step = largest
             continue
@@ -698,11 +722,12 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
                 break
             share *= 0.5
         if not accepted:
-            if used > 0 and shift < 1e12:
-                shift *= 16
+            if used > NEUTRAL * size and shift < 1e12:
+                shift = 16 * used
                 continue
             return STUCK, iteration, worst
-        last_step = largest if share == 1.0 and used == 0.0 else np.inf
+        last_step = largest if share == 1.0 and used <= NEUTRAL * size else np.inf
+        known = share == 1.0  # the last state tried is the next one
         _step(held, q, lam, x0, turn, right, share)
     return LIMIT, limit, worst
 

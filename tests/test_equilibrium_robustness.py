@@ -1,0 +1,165 @@
+"""Any placement, any start: a state is in equilibrium, or its status says that it is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.equilibrium import planar
+from benchmarks.placements import imbalance, placements
+from benchmarks.references import Planar
+from ropefit.rod.rod import build, uniform
+from ropefit.solvers import newton_kernels as kernels
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import ADVICE, solve, stability
+from tests.rods import DOWN, NOT_HELD, solved
+
+COUNT = 1500
+
+
+@pytest.mark.parametrize("clamped", [False, True], ids=["pinned", "clamped"])
+def test_random_placements(clamped):
+    p = placements(COUNT, clamped, seed=1)
+    solution = solve(p.rod, p.conditions)
+    assert (~solution.converged).sum() <= COUNT // 1000
+    off = imbalance(p, solution)
+    assert off[solution.converged].max() < 1e-8
+    assert stability(p.rod, p.conditions, solution)[solution.converged].min() > 0
+    assert np.median(solution.iterations) <= 6
+    # The judge can tell: the same states with one node's frame a little off.
+    q = solution.q.copy()
+    q[:, 7, 1] += 1e-5
+    moved = replace(solution, q=q / np.linalg.norm(q, axis=-1, keepdims=True))
+    assert (imbalance(p, moved) > 1e-8).mean() > 0.99
+
+
+def test_unconverged_is_marked():
+    """Fewer iterations than it takes: the status of just those frames says so, and the residual
+    is what the judge finds."""
+    p = placements(300, True, seed=2)
+    whole = solve(p.rod, p.conditions)
+    cut = solve(p.rod, p.conditions, limit=5)
+    short = whole.iterations >= 5
+    assert 20 < short.sum() < 280
+    assert np.array_equal(cut.status == kernels.LIMIT, short)
+    assert np.array_equal(cut.converged, ~short)
+    assert imbalance(p, cut)[cut.converged].max() < 1e-8
+    assert cut.residual[short].min() > 1e-14
+
+
+def hanging(apart: float, **properties) -> tuple:
+    rod = build(
+        uniform(length=1.0, segments=20, bend=1e-3, density=1.0, **properties), DOWN, (False, False)
+    )
+    ends = torch.zeros(1, 2, 3, dtype=torch.float64)
+    ends[0, 1, 0] = apart
+    return rod, Conditions(ends, NOT_HELD)
+
+
+@pytest.mark.parametrize("apart", [1.001, 1.2, 5.0])
+def test_ends_too_far_apart(apart):
+    """No rope that does not stretch can be there; one that stretches can."""
+    solution = solve(*hanging(apart))
+    assert solution.status[0] in (kernels.STUCK, kernels.LIMIT, kernels.NOT_FINITE)
+    assert ADVICE[int(solution.status[0])] != "converged"
+    stretched = solved(*hanging(apart, axial=100.0))
+    assert np.linalg.norm(np.diff(stretched.x[0], axis=0), axis=1).sum() > apart
+
+
+@pytest.mark.parametrize("apart", [1e-9, 1e-4, 0.9999, 0.999999])
+def test_nearly_closed_and_nearly_taut(apart):
+    rod, conditions = hanging(apart)
+    solution = solved(rod, conditions)
+    length = np.linalg.norm(np.diff(solution.x[0], axis=0), axis=1)
+    assert np.abs(length - rod.length.numpy()).max() < 1e-12
+    assert np.linalg.norm(solution.x[0, -1] - [apart, 0, 0]) < 1e-9
+
+
+@pytest.mark.parametrize("where", ["load", "stiff", "length", "supple", "rest", "moment"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_rods_that_are_no_numbers(where, value):
+    """Only the frames that show such a rope are marked."""
+    rod, conditions = hanging(0.6)
+    item = getattr(rod, where).clone()
+    item[1 if where == "moment" else 3] = value
+    broken = rod._replace(**{where: item})
+    ropes = type(rod)(*(torch.stack([a, b]) for a, b in zip(rod, broken, strict=True)))
+    two = Conditions(conditions.ends.repeat(2, 1, 1), conditions.clamp.repeat(2, 1, 1))
+    solution = solve(ropes, two)
+    assert solution.converged.tolist() == [True, False]
+    alone = solved(rod, conditions)
+    assert np.array_equal(solution.x[0], alone.x[0])
+
+
+def test_starts_that_are_no_numbers():
+    rod, conditions = hanging(0.6)
+    start = solved(rod, conditions)
+    q = start.q.copy()
+    q[0, 3] = np.nan
+    assert solve(rod, conditions, start=replace(start, q=q)).status[0] == kernels.NOT_FINITE
+
+
+def test_support_that_is_no_number():
+    rod, conditions = hanging(0.6)
+    up = torch.tensor([[[0.0, 0.0, 1.0]]], dtype=torch.float64)
+    one = torch.ones(1, 1, dtype=torch.float64)
+    for offset, direction in ((torch.nan, 1.0), (0.0, torch.nan)):
+        held = replace(
+            conditions, node=np.array([9]), direction=direction * up, offset=offset * one,
+            compliance=0 * one,
+        )  # fmt: skip
+        assert not solve(rod, held).converged.any()
+
+
+def test_wrong_number_of_ropes():
+    rod, conditions = hanging(0.6)
+    two = type(rod)(*(torch.stack([item, item]) for item in rod))
+    three = Conditions(conditions.ends.repeat(3, 1, 1), conditions.clamp.repeat(3, 1, 1))
+    with pytest.raises(ValueError, match="2 ropes for 3 frames"):
+        solve(two, three)
+
+
+def test_both_ends_free_falls():
+    """Nothing holds it: no equilibrium, and said so."""
+    rod, conditions = hanging(0.6)
+    loose = replace(conditions, ends=torch.full_like(conditions.ends, torch.nan))
+    assert not solve(rod, loose).converged.any()
+
+
+def test_threads_change_nothing():
+    p = placements(100, True, seed=4)
+    before = torch.get_num_threads()
+    found = []
+    try:
+        for threads in (1, 2, 3):
+            torch.set_num_threads(threads)
+            s = solve(p.rod, p.conditions)
+            found.append((s.q, s.x, s.reaction, s.iterations, stability(p.rod, p.conditions, s)))
+    finally:
+        torch.set_num_threads(before)
+    for other in found[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
+
+
+def test_continuation_through_a_sweep():
+    """Each frame started from the one before, out to nearly taut and back: few iterations, and
+    where there is one state only, the one that a catenary start finds."""
+    apart = np.concatenate([np.linspace(0.3, 0.99, 40), np.linspace(0.99, 0.3, 40)])
+    last, way = None, []
+    for value in apart:
+        case = Planar(1.0, 5e-3, 1.0, far=(value, 0.05), first=-1.2, last=0.9)
+        last = solved(*planar(case, 20), start=last)
+        assert np.abs(last.x - solved(*planar(case, 20)).x).max() < 1e-8
+        way.append(last)
+    assert np.median([s.iterations[0] for s in way[1:]]) <= 5
+    assert np.abs(way[0].x - way[-1].x).max() < 1e-8
+
+
+def test_start_is_left_alone():
+    rod, conditions = hanging(0.6)
+    start = solved(rod, conditions)
+    kept = start.copy()
+    solve(*hanging(0.9), start=start)
+    for name in ("q", "x", "reaction", "base", "status"):
+        assert np.array_equal(getattr(start, name), getattr(kept, name))
