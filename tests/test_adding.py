@@ -103,3 +103,49 @@ def test_every_format_and_option_is_described() -> None:
         assert f"## `{name}`" in page
         for option in kind.options.model_fields:
             assert f"`{option}`" in page, f"{option} of {name}"
+
+
+TRY_JET = """
+import numpy as np, torch
+from ropefit.inference.diagnosis.columns import Responses
+from ropefit.inference.diagnosis.evidence import Projection, Scorer
+from ropefit.inference.diagnosis.families import families
+from ropefit.inference.forward import Forward
+from ropefit.inference.least_squares import Noise, fit
+from ropefit.inference.stations import Data
+from ropefit.inference.terms import ROPE, rope_term
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import bare
+
+import ropefit_jet
+
+gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+ends = torch.zeros(6, 2, 3, dtype=torch.float64)
+ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
+rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
+setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), torch.tensor([0.5, -1.5, 0.0]))
+blown = ropefit_jet.Jet().apply(setup, torch.tensor([0.0, 0.004, 0.0, 0.5]))
+x = Forward(blown, []).at(np.empty(0)).seen
+share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
+points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
+data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
+noise = Noise(marker=0.0005)
+found = fit(Forward(setup, [rope_term("EI", "", 3e-4, 1e-6, 1e-2, ROPE["EI"])]), data, noise, 40)
+responses, project = Responses(found, data, 40), Projection(found)
+best = max(
+    (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in families(setup)),
+    key=lambda s: s.log_factor,
+)
+print(best.family.name, *best.family.places[best.best], *best.sizes)
+"""
+
+
+def test_adding_an_effect(tmp_path: Path) -> None:
+    package("adding-an-effect.md", tmp_path)
+    (tmp_path / "try_jet.py").write_text(TRY_JET)
+    run = python(tmp_path, "try_jet.py")
+    assert run.returncode == 0, run.stderr
+    name, place, *force = run.stdout.split()
+    assert name == "jet"
+    assert float(place) == pytest.approx(0.5, abs=0.03)
+    assert [float(v) for v in force] == pytest.approx([0, 0.004, 0], abs=4e-4)

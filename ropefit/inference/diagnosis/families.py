@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from ropefit.effects import CATALOGUE, Effect, Obstacle, SupportPlane
+from ropefit.effects import Effect, Obstacle, SupportPlane
 from ropefit.inference.forward import Term
+from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 
 POINTS = 25  # places of a point effect along the rope
@@ -75,11 +75,14 @@ class Family:
         )  # fmt: skip
 
 
-def families(setup: Setup, catalogue: Sequence[type[Effect]] = CATALOGUE) -> list[Family]:
-    """Every effect that can occur in a setup, but contact, which has no small beginnings."""
+def families(setup: Setup) -> list[Family]:
+    """Every effect that can occur in a setup, but contact, which has no small beginnings.
+
+    Effects of installed add-ons are among them, see docs/adding-an-effect.md.
+    """
     length = float(setup.properties.length.sum())
     out = []
-    for kind in catalogue:
+    for kind in concrete(Effect, "ropefit.effects"):
         if kind in CONTACT:
             continue
         for end in (0, 1) if kind.locus == "end" else (0,):

@@ -4,6 +4,7 @@ is more than noise (DIAGNOSIS, section 3)."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -33,13 +34,28 @@ class Latent:
         return np.max([self._evidence(residuals, size) for size in SIZES], axis=0)
 
     def _evidence(self, z: np.ndarray, size: float) -> np.ndarray:
-        total = np.zeros(z.shape[1])
-        for rows, modes in self.parts:
-            left, strength, _ = np.linalg.svd(modes * size, full_matrices=False)
-            share = strength**2 / (1 + strength**2)
-            total += 0.5 * (share[:, None] * (left.T @ z[rows]) ** 2).sum(0)
-            total -= 0.5 * np.log1p(strength**2).sum()
-        return total
+        """The noise's size is taken from what no force moves, so that noise a little larger than
+        thought is no force."""
+        explained, cost, inside, rank = 0.0, 0.0, 0.0, 0
+        for rows, (left, strength) in zip((r for r, _ in self.parts), self.modes, strict=True):
+            square = (left.T @ z[rows]) ** 2
+            s2 = (size * strength) ** 2
+            explained = explained + 0.5 * ((s2 / (1 + s2))[:, None] * square).sum(0)
+            cost += 0.5 * float(np.log1p(s2).sum())
+            inside = inside + square.sum(0)
+            rank += left.shape[1]
+        outside = ((z**2).sum(0) - inside) / max(len(z) - rank, 1)
+        return explained / np.maximum(outside, 1e-12) - cost
+
+    @cached_property
+    def modes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Left singular vectors and values of each frame's modes that show at all."""
+        out = []
+        for _, matrix in self.parts:
+            left, strength, _ = np.linalg.svd(matrix, full_matrices=False)
+            kept = strength > 0.03 / max(SIZES)
+            out.append((left[:, kept], strength[kept]))
+        return out
 
 
 def latent_force(found: Fit, project: Projection) -> Latent:

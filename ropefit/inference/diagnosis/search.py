@@ -20,6 +20,7 @@ from ropefit.inference.least_squares import Fit, Noise, fit
 from ropefit.inference.stations import Data
 
 LEAST = 5.0  # nats: no effect is believed on less
+MARGIN = 10.0  # nats over a clean recording's 99 % that make a latent force real
 REPLICATES = 100
 MOST_EFFECTS = 3
 LEADERS = 6
@@ -88,7 +89,7 @@ def search(
             # The upper end of a Gumbel law through the replicates.
             spread = np.sqrt(6) / np.pi * highest.std()
             threshold = max(LEAST, float(highest.mean() + spread * (-np.log(0.01) - 0.5772)))
-            clean = float(np.quantile(latent.null(null), 0.99)) + LEAST
+            clean = float(np.quantile(latent.null(null), 0.99)) + MARGIN
             first_scan = scan
             for s in scorers:
                 size = s.detectable(threshold)
