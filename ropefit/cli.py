@@ -324,6 +324,26 @@ def report(
 
 
 @app.command()
+def export(
+    to: Annotated[str, typer.Option("--to", help="mujoco, mujoco3, newton, pyelastica or json.")],
+    out: Annotated[Path, typer.Option("--out", help="File to write.")],
+    run: Run = Path("run"),
+    mass: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(help="Mass of the whole rope [kg], if the recording does not say it."),
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """The identified rope, with what was left out, as text for a simulator."""
+    with _session(json, quiet, debug) as session:
+        from ropefit.commands import export
+
+        session.result(export(session, run, to, out, mass))
+
+
+@app.command()
 def inspect(
     path: Annotated[Path, typer.Argument(help="An artifact or a run directory.")],
     json: Json = False,

@@ -379,6 +379,25 @@ def _spread(metres: np.ndarray, pixels: np.ndarray) -> list[str]:
     return [f"{value:.3g}" for value in values]
 
 
+def export(
+    session: Session, run: Path, target: str, out: Path, mass: float | None
+) -> dict[str, Any]:
+    """observations.h5, model.h5, diagnosis.h5 if there -> text for a simulator."""
+    from ropefit.stages.export import export_run, write_export
+
+    existing_run(run)
+    o, model = load(run, Observations)[0], load(run, Model)[0]
+    there = (run / Diagnosis.file_name).exists()
+    diagnosis = load(run, Diagnosis)[0] if there else None
+    result, notes = export_run(o, model, diagnosis, target, mass)
+    files = write_export(result, out)
+    session.say(f"export: {', '.join(files)} written for {target}")
+    for note in notes:
+        session.say(f"note: {note}")
+    effects = [c.name for c in diagnosis.causes.values()] if diagnosis else []
+    return {"stage": "export", "files": files, "effects": effects, "notes": notes}
+
+
 def report(session: Session, run: Path) -> dict[str, Any]:
     """Everything in the run -> report.html."""
     from ropefit.stages.report import write_report

@@ -92,6 +92,10 @@ def gain_camera(setup: Setup, v: Tensor) -> Setup:
     return setup._replace(seen=setup.seen._replace(gain=setup.seen.gain + v[0]))
 
 
+def shift_along_rays(setup: Setup, v: Tensor) -> Setup:
+    return setup._replace(seen=setup.seen._replace(depth=setup.seen.depth + v[0]))
+
+
 def scale_all(setup: Setup, v: Tensor) -> Setup:
     """Coordinates, those of the ends too, are 1 + v times the true ones."""
     seen = setup.seen
@@ -145,11 +149,12 @@ def turn_clamp(end: int) -> Apply:
     return apply
 
 
-def calibration(setup: Setup, priors: Priors, shared: bool) -> list[Term]:
+def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0) -> list[Term]:
     """All calibration errors as nuisances.
 
     shared: data and ends come from the same sensor, whose errors then turn and shift both alike
-    (the rest of it is the error of gravity).
+    (the rest of it is the error of gravity). surface [m]: one sigma of how far the points lie in
+    front of the rope's axis, besides what preprocess corrected.
     """
     d, m = DEGREE, "m"
     terms = []
@@ -163,6 +168,8 @@ def calibration(setup: Setup, priors: Priors, shared: bool) -> list[Term]:
             ),
             nuisance("depth_gain", ["gain"], ["1"], gain_camera, [priors.depth_gain]),
         ]  # fmt: skip
+    if surface > 0:
+        terms.append(nuisance("surface", ["depth"], [m], shift_along_rays, [surface]))
     terms += [
         nuisance("scale", ["scale"], ["1"], scale_all, [priors.scale]),
         nuisance("gravity", ["x", "y"], ["rad"] * 2, tilt_gravity, [priors.gravity * d] * 2),

@@ -30,7 +30,7 @@ from ropefit.stages.identify_equilibrium import (
     started_setup,
     unit_scale,
 )
-from ropefit.stages.rope_setup import base_setup, data_in_space, refinement
+from ropefit.stages.rope_setup import base_setup, data_in_space, refinement, surface_sd
 from ropefit.stages.stage import Context, Stage, StageSettings
 
 BINS = 40  # stations of a frame
@@ -113,7 +113,9 @@ def _with_prior(term: Term, sd: float) -> Term:
 def _nominal(
     setup: Setup, terms: list[Term], data, noise: Noise, bins: int, o: Observations
 ) -> Fit:
-    forward = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)])
+    forward = Forward(
+        setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))]
+    )
     start = forward.start()
     forward.last = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
     try:

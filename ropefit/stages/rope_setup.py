@@ -12,6 +12,7 @@ from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
 
 FINEST = 80  # segments, about: their error is below what averaged points show
+UNKNOWN_SURFACE = 0.003  # m: half of how thick a rope of unknown diameter may be
 LIKELY_STIFFNESS = 3e-4  # EI over weight per length and length cubed: where a fit starts
 
 
@@ -61,3 +62,10 @@ def data_in_space(o: Observations) -> Data:
     points[mask] = o.points + back
     share[mask] = o.point_arc / o.length
     return Data(points, share, mask, o.source == "markers", o.view.pose[:3, 3].copy())
+
+
+def surface_sd(o: Observations) -> float:
+    """[m] one sigma of what is left of the way from the visible surface to the axis."""
+    if o.source == "markers":
+        return 0.0
+    return 0.075 * o.diameter if o.diameter else UNKNOWN_SURFACE

@@ -1,10 +1,9 @@
-"""The smooth force that would explain what is left, frame by frame: where it acts, and whether it
-is more than noise (DIAGNOSIS, section 3)."""
+"""The smooth force that would explain what is left, slow from frame to frame: where it acts, and
+whether it is more than noise (DIAGNOSIS, section 3)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +13,9 @@ from ropefit.inference.least_squares import Fit, sensitivity
 
 KNOTS = 10
 SMOOTH = 0.15  # of the length: over which the force changes
-SIZES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # weights of the rope per length of the rope
+TIMES = 6  # knots over the recording: physics follows the motion, noise does not
+SLOW = 0.25  # of the recording: over which the force changes
+SIZES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # weights of the rope per length
 
 
 @dataclass
@@ -27,71 +28,66 @@ class Latent:
     sd: np.ndarray
     evidence: float
     threshold: float
-    parts: list[tuple[np.ndarray, np.ndarray]]  # rows and modes (m, r) of each frame
+    modes: np.ndarray  # (M D, r) orthonormal in what nominal and calibration leave
+    strength: np.ndarray  # (r,)
 
     def null(self, residuals: np.ndarray) -> np.ndarray:
         """(R,) evidence of residuals (M D, R)."""
-        return np.max([self._evidence(residuals, size) for size in SIZES], axis=0)
+        return np.max([self.at(residuals, size) for size in SIZES], axis=0)
 
-    def _evidence(self, z: np.ndarray, size: float) -> np.ndarray:
-        """The noise's size is taken from what no force moves, so that noise a little larger than
-        thought is no force."""
-        explained, cost, inside, rank = 0.0, 0.0, 0.0, 0
-        for rows, (left, strength) in zip((r for r, _ in self.parts), self.modes, strict=True):
-            square = (left.T @ z[rows]) ** 2
-            s2 = (size * strength) ** 2
-            explained = explained + 0.5 * ((s2 / (1 + s2))[:, None] * square).sum(0)
-            cost += 0.5 * float(np.log1p(s2).sum())
-            inside = inside + square.sum(0)
-            rank += left.shape[1]
-        outside = ((z**2).sum(0) - inside) / max(len(z) - rank, 1)
-        return explained / np.maximum(outside, 1e-12) - cost
+    def at(self, z: np.ndarray, size: float) -> np.ndarray:
+        """(R,) log Bayes factor of a force of this size for residuals z (M D, R).
 
-    @cached_property
-    def modes(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Left singular vectors and values of each frame's modes that show at all."""
-        out = []
-        for _, matrix in self.parts:
-            left, strength, _ = np.linalg.svd(matrix, full_matrices=False)
-            kept = strength > 0.03 / max(SIZES)
-            out.append((left[:, kept], strength[kept]))
-        return out
+        The noise's own size is taken from what no such force moves, so that noise a little larger
+        than thought is no force.
+        """
+        square = (self.modes.T @ z) ** 2
+        s2 = (size * self.strength) ** 2
+        outside = ((z**2).sum(0) - square.sum(0)) / max(len(z) - len(s2), 1)
+        share = (s2 / (1 + s2))[:, None]
+        return 0.5 * (share * square).sum(0) / np.maximum(outside, 1e-12) - 0.5 * np.log1p(s2).sum()
 
 
 def latent_force(found: Fit, project: Projection) -> Latent:
-    """The posterior of a force per length, smooth along the rope and free from frame to frame."""
+    """The posterior of a force per length, smooth along the rope and slow over the recording."""
     s, point, setup = found.stations, found.point, found.point.setup
     frames, nodes = point.seen.shape[:2]
     arc = setup.arc.detach().numpy()
     length = arc[-1]
     knots = np.linspace(0, 1, KNOTS)
     hats = np.maximum(0, 1 - np.abs(arc[:, None] / length - knots) * (KNOTS - 1))  # (K, KNOTS)
-    per_node = hats * (length / (nodes - 1))
     p = setup.properties
     weight = float((p.density * p.length).sum() * setup.gravity.norm()) / length
-    apart = np.abs(knots[:, None] - knots)
-    prior = np.linalg.cholesky(np.exp(-apart / SMOOTH) + 1e-9 * np.eye(KNOTS))
     load = np.zeros((frames, KNOTS * 3, nodes, 3))
     for k in range(KNOTS):
         for a in range(3):
-            load[:, 3 * k + a, :, a] = per_node[:, k] * weight
-    dx = loads_to_nodes(point, load)
-    whitened = sensitivity(dx, s, s, found.whitener)
-    mixing = np.kron(prior, np.eye(3))
-    rows_of = np.repeat(s.frame, s.residual.shape[1])
-    parts = []
-    for t in range(frames):
-        rows = np.flatnonzero(rows_of == t)
-        parts.append((rows, whitened[rows] @ mixing))
-    latent = Latent(knots, np.zeros((frames, KNOTS, 3)), np.zeros((frames, KNOTS, 3)), 0, 0, parts)
-    z = found.z[:, None]
-    scores = [float(latent._evidence(z, size)[0]) for size in SIZES]
+            load[:, 3 * k + a, :, a] = hats[:, k] * (length / (nodes - 1)) * weight
+    whitened = sensitivity(loads_to_nodes(point, load), s, s, found.whitener)
+    times = np.linspace(0, 1, TIMES)
+    over = np.linspace(0, 1, frames)
+    when = np.maximum(0, 1 - np.abs(over[:, None] - times) * (TIMES - 1))  # (F, TIMES)
+    of = when[np.repeat(s.frame, s.residual.shape[1])]
+    columns = (of[:, :, None] * whitened[:, None, :]).reshape(len(of), -1)
+    mixing = np.kron(_root(times, SLOW), np.kron(_root(knots, SMOOTH), np.eye(3)))
+    columns = columns @ mixing
+    modes, strength, right = np.linalg.svd(project(columns), full_matrices=False)
+    kept = strength > 0.03 / max(SIZES)
+    modes, strength, right = modes[:, kept], strength[kept], right[kept]
+    latent = Latent(knots, np.empty(0), np.empty(0), 0.0, 0.0, modes, strength)
+    scores = [float(latent.at(found.z[:, None], size)[0]) for size in SIZES]
     best = int(np.argmax(scores))
     latent.evidence, size = scores[best], SIZES[best]
-    for t, (rows, modes) in enumerate(parts):
-        m = modes * size
-        covariance = np.linalg.inv(m.T @ m + np.eye(m.shape[1]))
-        mean = mixing @ (covariance @ (m.T @ found.z[rows])) * size * weight
-        sd = np.sqrt(np.diag(mixing @ covariance @ mixing.T)) * size * weight
-        latent.force[t], latent.sd[t] = mean.reshape(KNOTS, 3), sd.reshape(KNOTS, 3)
+    shrink = size * strength / (1 + (size * strength) ** 2)
+    mean = right.T @ (shrink * (modes.T @ found.z)) * size * weight
+    covariance = np.eye(right.shape[1]) - (right.T * (size * strength * shrink)) @ right
+    root = mixing @ np.linalg.cholesky(covariance + 1e-9 * np.eye(len(covariance)))
+    sd = np.sqrt((root**2).sum(1)) * size * weight
+    latent.force = np.einsum("fj,jka->fka", when, (mixing @ mean).reshape(TIMES, KNOTS, 3))
+    latent.sd = np.einsum("fj,jka->fka", when, sd.reshape(TIMES, KNOTS, 3))
     return latent
+
+
+def _root(at: np.ndarray, scale: float) -> np.ndarray:
+    """Cholesky factor of an exponential correlation over places (n,)."""
+    apart = np.abs(at[:, None] - at)
+    return np.linalg.cholesky(np.exp(-apart / scale) + 1e-9 * np.eye(len(at)))

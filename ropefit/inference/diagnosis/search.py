@@ -25,7 +25,7 @@ REPLICATES = 100
 MOST_EFFECTS = 3
 LEADERS = 6
 SET_NATS = 3.0
-SAME_SIGNAL = 0.98  # of what the best one explains
+SAME_SIGNAL, SAME_NATS = 0.98, 10.0  # of what the best one explains, and so little behind
 AGREEING = 0.8  # share of the held-out blocks that must gain
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
@@ -103,7 +103,7 @@ def search(
         winner = _winner(rivals, threshold, refused)
         if winner is None:
             break
-        same = _equivalents(winner, rivals)
+        same = _equivalents(winner, rivals, current.cost)
         winner, same = _measurement_first(winner, same)
         p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
@@ -169,28 +169,25 @@ def _winner(rivals: list[Rival], threshold: float, refused: list[str]) -> Rival 
         if rival.evidence < threshold:
             return None
         agreeing = float((rival.gains > 0).mean())
-        k = rival.family.size
-        size, spread = np.linalg.norm(rival.values()[:k]), np.linalg.norm(rival.sd()[:k])
         if agreeing < AGREEING or rival.gains.sum() < 0:
             refused.append(f"{rival.family.name}: held-out frames do not support it")
-        elif rival.family.effect.linear and size < (1.96 if k == 1 else 1.0) * spread:
-            refused.append(f"{rival.family.name}: its size may be zero")
         else:
             return rival
     return None
 
 
-def _equivalents(winner: Rival, rivals: list[Rival]) -> list[Rival]:
-    """Rivals within reach of the best, or that explain nearly all that it does."""
+def _equivalents(winner: Rival, rivals: list[Rival], before: float) -> list[Rival]:
+    """Rivals within reach of the best, or that explain nearly all that it does, and hardly worse.
+
+    before: χ² of the model without any of them.
+    """
     out = []
-    begin = max(r.fit.cost for r in rivals)
     for rival in rivals:
         if rival is winner or rival.family.name == winner.family.name:
             continue
-        near = rival.evidence > winner.evidence - SET_NATS
-        shared = begin - rival.fit.cost
-        alike = shared > SAME_SIGNAL * (begin - winner.fit.cost) and near
-        if near or alike:
+        behind = winner.evidence - rival.evidence
+        share = (before - rival.fit.cost) / max(before - winner.fit.cost, 1e-9)
+        if behind < SET_NATS or (share > SAME_SIGNAL and behind < SAME_NATS):
             out.append(rival)
     return out
 
