@@ -49,7 +49,7 @@ class Observations(Artifact):
     """Ordered points, segments, plane, ends and noise of every usable frame."""
 
     schema_name: ClassVar[str] = "ropefit-observations"
-    schema_version: ClassVar[int] = 1
+    schema_version: ClassVar[int] = 2
     file_name: ClassVar[str] = "observations.h5"
 
     recording: str
