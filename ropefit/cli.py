@@ -166,8 +166,13 @@ def identify(
     ] = None,
     start: Annotated[
         Optional[list[str]],  # noqa: UP045
+        typer.Option(help="NAME=VALUE: where a parameter starts (stays, if not free); repeatable."),
+    ] = None,
+    from_run: Annotated[
+        Optional[Path],  # noqa: UP045
         typer.Option(
-            help="NAME=VALUE: where a parameter starts (stays, if not free); repeatable."
+            "--from",
+            help="Run whose parameters are kept (equilibrium); those of --free are fitted still.",
         ),
     ] = None,
     groups: Annotated[
@@ -216,7 +221,7 @@ def identify(
             "holdout": holdout,
             "most_frames": most_frames,
         }
-        session.result(identify(session, run, settings, force))
+        session.result(identify(session, run, settings, from_run, force))
 
 
 @app.command()

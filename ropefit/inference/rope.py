@@ -7,6 +7,7 @@ A Rope holds what does not change during a fit (frames, rest shape, held particl
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -79,6 +80,8 @@ class Rope:
     control_node: int
     held_nodes: tuple[int, ...]
     two_sided: bool
+
+    step: ClassVar[float] = 1e-6  # of central differences: near divergence the answer is curved
 
     @property
     def names(self) -> tuple[str, ...]:

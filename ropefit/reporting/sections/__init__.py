@@ -2,6 +2,7 @@
 
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.control import ControlSection
+from ropefit.reporting.sections.equilibrium import EquilibriumSection
 from ropefit.reporting.sections.observations import ObservationsSection
 from ropefit.reporting.sections.overlay import OverlaySection
 from ropefit.reporting.sections.parameters import ParametersSection
@@ -16,6 +17,7 @@ SECTIONS: tuple[Section, ...] = (
     ResidualSection(),
     ParametersSection(),
     SolverSection(),
+    EquilibriumSection(),
     ControlSection(),
     ObservationsSection(),
     ProvenanceSection(),
