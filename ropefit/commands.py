@@ -110,7 +110,7 @@ def identify(
     if from_run is not None:
         other = load(existing_run(from_run), Model)
         objects = {"from": other[0], "from_path": str(from_run)}
-        external = {"from": other[1]}
+        external = {"--from": other[1]}
     outcome = _stage(session, stage.STAGE, run, chosen, force, objects, external)
     return tell_identified(session, outcome)
 

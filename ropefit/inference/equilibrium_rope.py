@@ -77,7 +77,7 @@ class EquilibriumRope:
         s = self.setup
         shapes = [values.shape[:-1], s.ends.shape[:1]]
         shapes += [item.shape[:-1] for item in (move, frame) if item is not None]
-        shape = torch.broadcast_shapes(*shapes)
+        shape = np.broadcast_shapes(*shapes)
         flat = values.expand(*shape, len(NAMES)).reshape(-1, len(NAMES))
         ends = s.ends.expand(*shape, 2, 3).reshape(-1, 2, 3)
         clamp = s.clamp.expand(*shape, 2, 4).reshape(-1, 2, 4)

@@ -109,7 +109,7 @@ class Rope:
             first = torch.zeros(q.shape[-2], 1, dtype=torch.bool)
             first[0] = True
             q = torch.where(first, frame[..., None, :], q)
-        shape = torch.broadcast_shapes(eta.shape[:-1], x.shape[:-2], q.shape[:-2])
+        shape = np.broadcast_shapes(eta.shape[:-1], x.shape[:-2], q.shape[:-2])
         start, solver = (
             State(x.expand(*shape, -1, -1), q.expand(*shape, -1, -1)),
             SOLVERS[self.solver],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -78,7 +79,7 @@ def uniform(
         _tensor(density),
     ]
     curvature = _tensor(curvature)
-    shape = torch.broadcast_shapes(*(v.shape for v in values), curvature.shape[:-1])
+    shape = np.broadcast_shapes(*(v.shape for v in values), curvature.shape[:-1])
     spread = [v.expand(shape)[..., None].expand(*shape, segments) for v in values]
     length_, axial_, shear_, bend_, twist_, density_ = spread
     rest = curvature.expand(*shape, 3)[..., None, :].expand(*shape, segments, 3)
@@ -136,7 +137,7 @@ def _at_nodes(value: Tensor, dim: int = -1) -> Tensor:
 
 def _with_give(soft: Tensor, give: Tensor) -> Tensor:
     extra = torch.stack([give[..., 0], give[..., 0], give[..., 1]], dim=-1)  # (..., 2, 3)
-    shape = torch.broadcast_shapes(soft.shape[:-2], extra.shape[:-2])
+    shape = np.broadcast_shapes(soft.shape[:-2], extra.shape[:-2])
     soft, extra = soft.expand(*shape, *soft.shape[-2:]), extra.expand(*shape, 2, 3)
     first, last = soft[..., :1, :] + extra[..., :1, :], soft[..., -1:, :] + extra[..., 1:, :]
     return torch.cat([first, soft[..., 1:-1, :], last], dim=-2)

@@ -50,7 +50,7 @@ def simulate_compiled(
     not positive definite, is NaN in result and gradient; the other ropes do not notice.
     """
     nodes = start.x.shape[-2]
-    shape = torch.broadcast_shapes(
+    shape = np.broadcast_shapes(
         start.x.shape[:-2], start.q.shape[:-2], *(weight.shape[:-2] for weight in eta)
     )
     x = start.x.expand(*shape, nodes, 3).reshape(-1, nodes, 3)

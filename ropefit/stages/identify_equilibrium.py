@@ -173,8 +173,16 @@ def nominal_fit(
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
     last = _nearer_branch(best, data, bins)
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
+    return calibrated_fit(full, best.point.u, data, noise, bins, evaluations)
+
+
+def calibrated_fit(
+    full: Forward, rope: np.ndarray, data: Data, noise: Noise, bins: int, evaluations: int
+) -> tuple[Fit, Noise]:
+    """Fit rope and calibration together, from search variables `rope` of the first terms; measure
+    what is left of noise, and fit once more under it."""
     start = full.start()
-    start[: best.point.u.size] = best.point.u
+    start[: rope.size] = rope
     first = fit(full, data, noise, bins, start, evaluations)
     noise = estimate(first.stations, noise.marker)
     return fit(full, data, noise, bins, first.point.u, evaluations), noise
