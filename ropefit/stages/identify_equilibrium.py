@@ -23,7 +23,7 @@ from ropefit.stages.equilibrium_model import Part, describe_group, fitted_model
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
 from ropefit.stages.frozen import frozen_values
 from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.rope_setup import base_setup, data_in_space, frames_of, refinement
+from ropefit.stages.rope_setup import base_setup, data_in_space, frames_of, segments_of
 from ropefit.stages.scene import node_at
 from ropefit.stages.stage import Context
 
@@ -33,7 +33,7 @@ SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from wh
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
-    setup = base_setup(o, refinement(len(o.node_arc)) * (len(o.node_arc) - 1))
+    setup = base_setup(o, segments_of(o))
     data, scale = data_in_space(o), unit_scale(o)
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)

@@ -28,7 +28,7 @@ from ropefit.stages.identify_equilibrium import (
 )
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.restore import with_values
-from ropefit.stages.rope_setup import base_setup, data_in_space, frames_of, refinement
+from ropefit.stages.rope_setup import base_setup, data_in_space, frames_of, segments_of
 from ropefit.stages.scene import build_scene
 from ropefit.stages.search import describe, run_search
 from ropefit.stages.stage import Context
@@ -36,11 +36,12 @@ from ropefit.stages.stage import Context
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
-    node, every = held_node(o, settings.control_at), refinement(len(o.node_arc))
+    node = held_node(o, settings.control_at)
     scale = unit_scale(o)
     given = given_values(o, settings, context)
-    setup = started_setup(base_setup(o, every * (len(o.node_arc) - 1)), given, scale)
+    setup = started_setup(base_setup(o, segments_of(o)), given, scale)
     free = free_names(settings, o)
+    every = setup.segments // (len(o.node_arc) - 1)
     rope = EquilibriumRope(setup, every, node, tied="GJ" not in {*free, *given})
     known = ranges(setup)
     known = {
