@@ -28,7 +28,7 @@ from ropefit.rod.setup import Setup, bare
 from ropefit.stages.identify_equilibrium import calibrated_fit
 
 FRAMES, NODES = 24, 20
-COARSE, FINE = 76, 304  # segments of the fit's rod and of the truth's
+COARSE, FINE = 152, 608  # segments of the fit's rod and of the truth's
 DENSITY, GRAVITY = 0.06, (0.0, 0.0, -9.81)
 EYE = (0.4, -1.6, 0.3)
 POINTS, MARKERS = 240, 21

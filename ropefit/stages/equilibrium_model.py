@@ -78,9 +78,9 @@ def describe_group(
     names = [t.name for t in found.forward.terms if not t.nuisance]
     covariance = found.covariance[:count, :count]
     root = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    size = np.maximum(np.linalg.norm(found.jacobian, axis=0), 1e-300)
-    singular = np.linalg.svd(found.jacobian / size, compute_uv=False)
-    condition = float(singular[0] / singular[-1]) if singular.size and singular[-1] > 0 else None
+    # Of the rope's own parameters, calibration errors taken into account.
+    values = np.linalg.eigvalsh(covariance / np.outer(root, root)) if count else np.ones(1)
+    condition = float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else None
     return ParameterGroup(
         frames=frames,
         parameters=parameters,
