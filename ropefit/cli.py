@@ -3,11 +3,34 @@ command."""
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
+
+from ropefit.cli_options import (
+    ControlAt,
+    Debug,
+    DebugImages,
+    Force,
+    Json,
+    Loss,
+    LossOption,
+    Mask,
+    Nodes,
+    OptionalFloat,
+    OptionalPath,
+    Project,
+    ProjectChoice,
+    Quiet,
+    RecordingPath,
+    Roi,
+    RopeColor,
+    Run,
+    SearchOption,
+    Solver,
+    SolverOption,
+)
 
 app = typer.Typer(
     name="ropefit",
@@ -17,77 +40,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-class Solver(StrEnum):
-    """The paper's solvers, or the rod in equilibrium."""
-
-    jacobi = "jacobi"
-    thomas = "thomas"
-    equilibrium = "equilibrium"
-
-
-class Search(StrEnum):
-    """How the parameters are searched."""
-
-    gradient = "gradient"
-    grid = "grid"
-    least_squares = "least-squares"
-
-
-class ProjectChoice(StrEnum):
-    """Whether points are projected onto the plane of gravity and the two ends."""
-
-    auto = "auto"
-    yes = "yes"
-    no = "no"
-
-
-Loss = StrEnum("Loss", [(f"OBJ{i}", f"OBJ{i}") for i in range(1, 10)])
-
-OptionalPath = Optional[Path]  # noqa: UP045 (typer reads these)
-OptionalFloat = Optional[float]  # noqa: UP045
-Run = Annotated[Path, typer.Option("--run", help="Run directory.", show_default=True)]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
-Force = Annotated[bool, typer.Option("--force", help="Compute even what is up to date.")]
-RecordingPath = Annotated[
-    Optional[Path],  # noqa: UP045 (typer reads it)
-    typer.Argument(help="Recording directory; the packaged sample if none is given."),
-]
-Nodes = Annotated[int, typer.Option(help="K: particles of the rope.")]
-Project = Annotated[
-    ProjectChoice, typer.Option(help="Project points onto the plane of gravity and the two ends.")
-]
-RopeColor = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option("--color", help="The rope's colour in the pictures: r,g,b of 0..255, or #rrggbb."),
-]
-Roi = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option(help="Part of the pictures that holds the rope: u,v,width,height [px]."),
-]
-Mask = Annotated[
-    Optional[Path],  # noqa: UP045
-    typer.Option(help="Folder of masks, one image a frame, rope where not black."),
-]
-DebugImages = Annotated[
-    Optional[Path],  # noqa: UP045
-    typer.Option(help="Folder to write every intermediate picture into."),
-]
-SolverOption = Annotated[
-    Solver, typer.Option(help="The paper's solvers, or the rod in equilibrium.")
-]
-LossOption = Annotated[Loss, typer.Option(help="Loss to fit.")]  # type: ignore[valid-type]
-SearchOption = Annotated[
-    Optional[Search],  # noqa: UP045
-    typer.Option(help="How to search; least-squares for equilibrium, else gradient, if not given."),
-]
-ControlAt = Annotated[
-    Optional[float],  # noqa: UP045
-    typer.Option(help="Arc length of the control point [m]; end 0 if not given."),
-]
 
 
 def _version(show: bool) -> None:
@@ -202,6 +154,13 @@ def identify(
         Optional[list[str]],  # noqa: UP045
         typer.Option(help="NAME=VALUE: where a parameter starts (stays, if not free); repeatable."),
     ] = None,
+    from_run: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--from",
+            help="Run whose parameters are kept (equilibrium); those of --free are fitted still.",
+        ),
+    ] = None,
     groups: Annotated[
         str, typer.Option(help="Parameter sets: one, tension, or frame ranges like 0-17,18-35.")
     ] = "one",
@@ -248,7 +207,7 @@ def identify(
             "holdout": holdout,
             "most_frames": most_frames,
         }
-        session.result(identify(session, run, settings, force))
+        session.result(identify(session, run, settings, from_run, force))
 
 
 @app.command()

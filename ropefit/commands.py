@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, Model, Observations
+from ropefit.commands_diagnose import tell_diagnosed
+from ropefit.commands_identify import tell_identified
 from ropefit.console import Session
 from ropefit.errors import BadInput, StageFailed, WrongUsage
 from ropefit.stages.run_directory import existing_run, new_run
@@ -110,108 +112,26 @@ def preprocess(
     return data
 
 
-def identify(session: Session, run: Path, settings: dict[str, Any], force: bool) -> dict[str, Any]:
-    """observations.h5 -> model.h5."""
+def identify(
+    session: Session,
+    run: Path,
+    settings: dict[str, Any],
+    from_run: Path | None,
+    force: bool,
+) -> dict[str, Any]:
+    """observations.h5, and another run's model.h5 if it is given -> model.h5."""
     from ropefit.stages import identify as stage
 
-    chosen = stage.IdentifySettings(**settings)
-    outcome = _stage(session, stage.STAGE, existing_run(run), chosen, force)
-    model: Model = outcome.artifact
-    m = model.nominal
-    rows = []
-    for name, group in m.groups.items():
-        for key, p in group.parameters.items():
-            interval = f"{p.ci95[0]:.4g} .. {p.ci95[1]:.4g}" if p.ci95 else "-"
-            if p.below is not None:
-                interval = f"below {p.below:.4g}"
-            partners = f" with {', '.join(p.trades_with)}" if p.trades_with else ""
-            label = f"{name} {key}" if len(m.groups) > 1 else key
-            label += "" if p.unit == "1" else f" [{p.unit}]"
-            rows.append(
-                [label, f"{p.initial:.4g}", f"{p.value:.4g}", interval, p.verdict + partners]
-            )
-    session.table(
-        f"{model.recording}: {m.solver}, {m.loss}, {m.search}",
-        ["parameter", "before", "after", "95 % interval", "verdict"],
-        rows,
-    )
-    heldout = "none held out" if m.rms_heldout is None else f"held out {m.rms_heldout * 1e3:.3g} mm"
-    session.say(
-        f"point-to-line rms: fitted frames {m.rms_fit * 1e3:.3g} mm, {heldout}, "
-        f"before {np.sqrt(np.mean(m.rms_initial**2)) * 1e3:.3g} mm"
-    )
-    _say_how_it_settled(session, m)
-    for group in m.groups.values():
-        if not group.converged:
-            session.say(f"warning: the search did not converge ({group.stop_reason})")
-    return {
-        "stage": "identify",
-        "artifact": str(outcome.path),
-        "computed": outcome.computed,
-        "solver": m.solver,
-        "loss": m.loss,
-        "search": m.search,
-        "groups": {
-            name: {
-                "frames": group.frames,
-                "parameters": {key: p.model_dump() for key, p in group.parameters.items()},
-                "loss_before": group.loss_before,
-                "loss_after": group.loss_after,
-                "converged": group.converged,
-                "stop_reason": group.stop_reason,
-            }
-            for name, group in m.groups.items()
-        },
-        "rms_fit_m": m.rms_fit,
-        "rms_heldout_m": m.rms_heldout,
-        "solver_converged": m.solver_converged,
-        **_settled(m),
-    }
-
-
-def _say_how_it_settled(session: Session, m: FittedModel) -> None:
-    if m.iterated and not m.solver_converged:
-        session.say(
-            f"the solver has not converged: iterated twice as long, particles move by "
-            f"{np.median(m.iterated.drift):.2%} of the length; the weights belong to "
-            f"{m.iterated.steps} x {m.iterated.iterations} iterations and are not properties of "
-            "the rope"
-        )
-    if m.balance is None:
-        return
-    b = m.balance
-    if not b.mass_known:
-        session.say(
-            "the mass is not known: shapes fix rigidities over the weight per length only; bending "
-            f"length (EI/w)^(1/3) = {b.bending_length:.4g} m"
-        )
-    lost = int((~b.converged).sum())
-    if lost:
-        session.say(f"warning: {lost} of {len(b.converged)} frames reach no equilibrium (marked)")
-    twice = int(np.isfinite(b.other).sum())
-    if twice:
-        session.say(f"{twice} of {len(b.other)} frames have a second stable equilibrium")
-
-
-def _settled(m: FittedModel) -> dict[str, Any]:
-    """How the states were found, for --json."""
-    if m.iterated:
-        return {
-            "drift": float(np.median(m.iterated.drift)),
-            "length_error": float(np.mean(np.abs(m.iterated.length_error[:, -1]))),
-        }
-    assert m.balance is not None
-    b = m.balance
-    return {
-        "frames_converged": int(b.converged.sum()),
-        "smallest_eigenvalue_N": b.stability,
-        "other_equilibrium_m": b.other,
-        "mass_known": b.mass_known,
-        "bending_length_m": b.bending_length,
-        "calibration": {name: item.model_dump() for name, item in b.calibration.items()},
-        "noise_correlated_m": b.correlated_noise,
-        "noise_correlation_length_m": b.correlation_length,
-    }
+    chosen = stage.IdentifySettings(**settings, from_run=from_run is not None)
+    existing_run(run)
+    objects: dict[str, Any] = {}
+    external: dict[str, str] = {}
+    if from_run is not None:
+        other = load(existing_run(from_run), Model)
+        objects = {"from": other[0], "from_path": str(from_run)}
+        external = {"--from": other[1]}
+    outcome = _stage(session, stage.STAGE, run, chosen, force, objects, external)
+    return tell_identified(session, outcome)
 
 
 def diagnose(
@@ -230,88 +150,7 @@ def diagnose(
         objects["nominal"], external["nominal"] = load(existing_run(nominal), Model)
     chosen = stage.DiagnoseSettings(**settings, nominal=nominal is not None)
     outcome = _stage(session, stage.STAGE, existing_run(run), chosen, force, objects, external)
-    d: Diagnosis = outcome.artifact
-    _tell_diagnosis(session, d)
-    return {
-        "stage": "diagnose",
-        "artifact": str(outcome.path),
-        "computed": outcome.computed,
-        "verdict": d.verdict,
-        "effects": [
-            {
-                "name": c.name,
-                "kind": c.kind,
-                "arc_length_m": c.arc_length,
-                "frames": c.frames,
-                "parameters": {key: size.model_dump() for key, size in c.parameters.items()},
-                "equivalent_to": c.equivalent_to,
-                "evidence": {
-                    "heldout_log_likelihood_gain": float(c.heldout_gain.sum()),
-                    "log_bayes_factor": c.log_evidence,
-                    "p_value": c.p_value,
-                },
-                "description": c.sentence,
-            }
-            for c in d.causes.values()
-        ],
-        "mismatch": [
-            {
-                "arc_length_m": r.arc_length,
-                "frames": r.frames,
-                "rms_m": r.rms,
-                "direction": r.direction,
-            }
-            for r in d.mismatch
-        ],
-        "heldout": {
-            "rms_before_m": d.rms_before,
-            "rms_after_m": d.rms_after,
-            "noise_m": d.noise_white,
-        },
-        "detectable": {key: item.model_dump() for key, item in d.detectable.items()},
-        "next_motion": {"separates": d.separates, "description": d.motion},
-        "refused": d.refused,
-        "latent_force": {"log_evidence": d.force_evidence, "threshold": d.force_threshold},
-    }
-
-
-def _tell_diagnosis(session: Session, d: Diagnosis) -> None:
-    if d.verdict == "none":
-        session.say("nothing was left out: what the nominal model does not explain is noise")
-    elif d.verdict == "unknown":
-        session.say(
-            "something was left out that no effect of the catalogue explains; see the latent force "
-            "in the report"
-        )
-    rows = []
-    for c in d.causes.values():
-        where = "-" if c.arc_length is None else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"
-        key, size = next(iter(c.parameters.items()))
-        rows.append(
-            [
-                c.name,
-                where,
-                f"{key} {size.value:.3g} ({size.ci95[0]:.3g} .. {size.ci95[1]:.3g}) {size.unit}",
-                ", ".join(c.equivalent_to) or "-",
-                f"{c.log_evidence:.1f}",
-            ]
-        )
-    if rows:
-        session.table(
-            f"{d.recording}: left out",
-            ["what", "where [m]", "size (95 %)", "or as well", "nats"],
-            rows,
-        )
-        for c in d.causes.values():
-            session.say(c.sentence)
-    session.say(
-        f"held-out frames: rms {d.rms_before * 1e3:.3g} mm before, {d.rms_after * 1e3:.3g} mm "
-        f"after; noise of a point {d.noise_white * 1e3:.3g} mm"
-    )
-    for reason in d.refused:
-        session.say(f"not believed: {reason}")
-    if d.motion:
-        session.say(f"to tell {' from '.join(d.separates)}: {d.motion}")
+    return tell_diagnosed(session, outcome)
 
 
 def control(
@@ -420,7 +259,7 @@ def run_all(
     """preprocess, identify, diagnose, control, report."""
     data = {
         "preprocess": preprocess(session, recording, run, of_preprocess, force, debug_images),
-        "identify": identify(session, run, of_identify, force),
+        "identify": identify(session, run, of_identify, None, force),
     }
     if data["identify"]["search"] == "least-squares":  # the paper's weights say nothing of a rope
         data["diagnose"] = diagnose(session, run, {}, None, force)

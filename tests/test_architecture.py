@@ -10,13 +10,16 @@ PACKAGE = ROOT / "ropefit"
 FLOORS = [
     {"__main__"},
     {"cli"},
+    {"cli_options"},
     {"commands"},
+    {"commands_identify", "commands_diagnose"},
     {"console"},
     {"system"},
     {"stages"},
     {"reporting"},
     {"exporters"},
     {"inference"},
+    {"effects"},
     {"losses", "solvers"},
     {"rod"},
     {"perception"},
@@ -26,8 +29,12 @@ FLOORS = [
     {"plugins"},
     {"errors"},
 ]
-# Compiled loops and their derivatives stay together: numba's cache watches one file only.
-LONG = {"ropefit/solvers/kernels.py": 500, "ropefit/solvers/newton_kernels.py": 1300}
+# The compiled loops and their derivative stay together: the compiler's cache sees one file only.
+LONG = {
+    "ropefit/solvers/kernels.py": 500,
+    "ropefit/solvers/newton_kernels.py": 1300,
+    "ropefit/cli.py": 380,  # the options of every command, nothing else
+}
 HEAVY = {"torch", "open3d", "cv2", "numpy", "scipy", "h5py", "numba", "plotly", "pydantic"}
 
 
@@ -80,6 +87,7 @@ def test_every_module_is_imported_somewhere():
             for name in [alias.name for alias in node.names]
         }
     entry = {"ropefit", "ropefit.__main__", "ropefit.system", "ropefit.artifacts.export"}
+    entry.add("ropefit.rod.energy")  # the physics as it is meant; the solvers' tests hold to it
     for path in sources():
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
         assert name in used | entry, f"{name} is imported by nobody"

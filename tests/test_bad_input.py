@@ -75,7 +75,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.mktemp("made")
     marker_recording(base / "recording", frames=4)
     run = ["--run", str(base / "run"), "--quiet"]
-    fast = ["--steps", "2", "--iterations", "2", "--evaluations", "1"]
+    fast = ["--solver", "thomas", "--steps", "2", "--iterations", "2", "--evaluations", "1"]
     for command in (
         ["preprocess", str(base / "recording"), "--nodes", "6", *run],
         ["identify", *fast, *run],

@@ -13,7 +13,18 @@ import pytest
 
 from tests.conftest import ROOT, SAMPLES
 
-SMALL = ("--steps", "10", "--iterations", "10", "--evaluations", "8", "--free", "eta_x_G,eta_q_B")
+SMALL = (
+    "--solver",
+    "thomas",
+    "--steps",
+    "10",
+    "--iterations",
+    "10",
+    "--evaluations",
+    "8",
+    "--free",
+    "eta_x_G,eta_q_B",
+)
 
 
 def test_help_answers_at_once():
@@ -41,7 +52,7 @@ def test_stages_one_by_one_on_the_cloud_sample(ropefit, tmp_path):
     first = ropefit.json("preprocess", SAMPLES / "cloud")
     assert (first["frames"], first["dropped"]) == (36, [])
     assert 0.0005 < first["noise_m"] < 0.003
-    found = ropefit.json("identify", "--solver", "thomas", "--loss", "OBJ1", *SMALL)
+    found = ropefit.json("identify", "--loss", "OBJ1", *SMALL)
     assert found["rms_heldout_m"] < 0.02
     assert set(found["groups"]["group_0"]["parameters"]) >= {"eta_x_G", "eta_SOR"}
     control = ropefit.json("control", "--loss", "OBJ4", "--key", "0.5", "--evaluations", "20")
@@ -52,7 +63,7 @@ def test_stages_one_by_one_on_the_cloud_sample(ropefit, tmp_path):
     assert "sample-cloud" in page
     assert len(page) < 12e6
 
-    again = ropefit.json("identify", "--solver", "thomas", "--loss", "OBJ1", *SMALL)
+    again = ropefit.json("identify", "--loss", "OBJ1", *SMALL)
     assert not again["computed"]
     ropefit("preprocess", SAMPLES / "cloud", "--nodes", "16")
     stale = ropefit("control", "--loss", "OBJ1", code=1).stderr

@@ -10,9 +10,12 @@ import plotly.graph_objects as go
 import pytest
 
 from ropefit.artifacts import (
+    Balance,
+    Calibration,
     Control,
     DroppedFrame,
     FittedModel,
+    Iterated,
     Model,
     Observations,
     Parameter,
@@ -141,9 +144,6 @@ def fitted(heldout=True, converged=True):
         solver="thomas",
         loss="OBJ1",
         search="gradient",
-        steps=10,
-        iterations=30,
-        dt=0.1,
         control_node=0,
         fixed_nodes=[0],
         two_sided=False,
@@ -156,16 +156,94 @@ def fitted(heldout=True, converged=True):
         rms=np.full(F, 0.0012),
         rms_initial=np.full(F, 0.01),
         rms_px=np.full(F, 0.7),
-        iteration=np.array([1, 10, 100, 300]),
-        distance_violation=np.full((F, samples), 1e-4),
-        length_error=np.full((F, samples), -1e-4),
-        drift=np.full(F, 1e-4 if converged else 0.02),
-        drift_allowed=1e-3,
+        iterated=Iterated(
+            steps=10,
+            iterations=30,
+            dt=0.1,
+            iteration=np.array([1, 10, 100, 300]),
+            distance_violation=np.full((F, samples), 1e-4),
+            length_error=np.full((F, samples), -1e-4),
+            drift=np.full(F, 1e-4 if converged else 0.02),
+            drift_allowed=1e-3,
+        ),
         solver_converged=converged,
         trace=np.array([2.0, 1.0, 0.5]),
         rms_fit=0.0012,
         rms_heldout=0.0013 if heldout else None,
     )
+
+
+def balanced(mass_known=True, lost=False, below=False):
+    """A fit of the equilibrium model."""
+    f = fitted()
+    group = f.groups["group_0"]
+    verdict = {"verdict": "flat direction", "below": 4e-5} if below else {"verdict": "determined"}
+    bend = Parameter(
+        meaning="bending rigidity", unit="N m^2" if mass_known else "m^3", initial=1e-4, value=7e-4,
+        lower=1e-8, upper=1.0, free=True, ci95=None if below else (6.9e-4, 7.1e-4), **verdict,
+    )  # fmt: skip
+    group = group.model_copy(
+        update={
+            "parameters": {"EI": bend},
+            "free_names": ["EI"],
+            "correlation": np.eye(1),
+            "loss_unit": "chi-square",
+        }
+    )
+    converged = np.ones(F, dtype=bool)
+    converged[3] = not lost
+    other = np.full(F, np.nan)
+    other[[5, 6]] = 0.12
+    return f.model_copy(
+        update={
+            "solver": "equilibrium",
+            "search": "least-squares",
+            "iterated": None,
+            "groups": {"group_0": group},
+            "solver_converged": not lost,
+            "balance": Balance(
+                segments=80,
+                newton=np.full(F, 4),
+                residual=np.full(F, 1e-11),
+                converged=converged,
+                stability=np.where(converged, 0.01, np.nan),
+                other=other,
+                mass_known=mass_known,
+                bending_length=0.113,
+                calibration={
+                    "end_0_x": Calibration(unit="m", prior=0.0015, value=0.006, sd=0.0002),
+                    "scale": Calibration(unit="1", prior=0.003, value=0.001, sd=0.0005),
+                },
+                correlated_noise=0.0004,
+                correlation_length=0.06,
+            ),
+        }
+    )
+
+
+def test_an_equilibrium_model_is_told_in_units_with_limits_and_calibration():
+    def page(**kind):
+        made = model().model_copy(update={"models": {"nominal": balanced(**kind)}})
+        return render_report(RunContents(observations(), made))
+
+    full = page()
+    assert titles(full) == [title for title in IN_ORDER if title != "Control"]
+    assert "(EI) is 7.000·10⁻⁴ N·m² (95 % interval 6.900·10⁻⁴ to 7.100·10⁻⁴)" in full
+    assert "In 2 frames (15–16) a second stable equilibrium exists" in full
+    row = re.search(r"<tr><td[^>]*>end 0 x</td>.*?</tr>", full, re.S).group()
+    for cell in (">1.5<", ">6.0<", ">0.20<", ">mm<", "far outside"):
+        assert cell in row
+    assert "χ²" in full
+    assert "loss (m)" not in full
+    assert "ratios" not in full
+    unknown = page(mass_known=False)
+    assert "shapes alone fix only ratios" in unknown
+    assert "113 mm" in unknown or "0.113 m" in unknown
+    assert "is below 4.00·10⁻⁵ N·m²" in page(below=True)
+    lost = page(lost=True)
+    assert "1 frame of 9 reached no equilibrium (13)" in lost
+    assert "not converged" in json.dumps(figures(lost))
+    assert "reached no equilibrium" not in full
 
 
 def model(**kind):

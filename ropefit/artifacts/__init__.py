@@ -4,7 +4,15 @@ from ropefit.artifacts.base import Artifact, Part, Provenance
 from ropefit.artifacts.checkpoint import Checkpoint
 from ropefit.artifacts.control import Control
 from ropefit.artifacts.diagnosis import Diagnosis
-from ropefit.artifacts.model import FittedModel, Iterated, Model, Parameter, ParameterGroup
+from ropefit.artifacts.model import (
+    Balance,
+    Calibration,
+    FittedModel,
+    Iterated,
+    Model,
+    Parameter,
+    ParameterGroup,
+)
 from ropefit.artifacts.observations import DroppedFrame, Observations, View
 from ropefit.artifacts.store import content_sha256, identity, read, write
 
@@ -13,6 +21,8 @@ ARTIFACTS: tuple[type[Artifact], ...] = (Observations, Model, Diagnosis, Control
 __all__ = [
     "ARTIFACTS",
     "Artifact",
+    "Balance",
+    "Calibration",
     "Checkpoint",
     "Control",
     "Diagnosis",

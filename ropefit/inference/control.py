@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ropefit.inference import minimise
+from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.minimise import Search
 from ropefit.inference.rope import Rope
 from ropefit.inference.uncertainty import sandwich
@@ -30,7 +31,7 @@ class Gripper:
     (with `turns`) a rotation vector [rad] of the first segment's frame.
     """
 
-    rope: Rope
+    rope: Rope | EquilibriumRope
     eta: Tensor
     residuals: Compare
     scale: float
@@ -85,7 +86,7 @@ class Gripper:
         Points are grouped into `clusters` stretches, which count as independent. NaN where the
         data do not determine it.
         """
-        n, step = self.unknowns, 1e-6
+        n, step = self.unknowns, self.rope.step
         rows = torch.arange(len(u))
         moves = torch.zeros(2 * n + 1, 1, n, dtype=u.dtype)
         for k in range(n):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.rod.rod import Properties
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.implicit import settle
 from ropefit.solvers.xpbd import State
 
@@ -24,14 +27,22 @@ MEANING = {
 
 @dataclass(frozen=True)
 class EquilibriumRope:
-    """F frames of a setup; nodes are every `every`-th node of its rod.
+    """F frames of a setup; nodes are every `every`-th node of its rod, as the sensor reports them.
 
-    control_node: 0 or the last node, in observation nodes. Compare `inference.rope.Rope`.
+    control_node: 0 or the last node, in observation nodes. tied: the twist rigidity follows the
+    bending rigidity at their ratio in the setup, whatever its value. recorded (F, 2, 3) [m]: the
+    ends as the recording tells them, where the setup has them corrected. near: states whose branch
+    is followed; else the one that a catenary leads to. Compare `inference.rope.Rope`.
     """
 
     setup: Setup
     every: int
     control_node: int
+    tied: bool = False
+    recorded: Tensor | None = None
+    near: Solution | None = None
+
+    step: ClassVar[float] = 1e-4  # of central differences: the answer is smooth
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -39,17 +50,22 @@ class EquilibriumRope:
 
     @property
     def start(self) -> State:
-        """Where the control point and the first frame are, for searches that move them."""
+        """Where the recording has the control point, and the first frame, for searches that move
+        them. What lies between is zero."""
         frames, nodes = len(self.setup.ends), self.setup.segments // self.every + 1
+        ends = self.setup.ends if self.recorded is None else self.recorded
         x = torch.zeros(frames, nodes, 3, dtype=torch.float64)
-        x[:, 0], x[:, -1] = self.setup.ends[:, 0], self.setup.ends[:, 1]
+        x[:, 0], x[:, -1] = ends[:, 0], ends[:, 1]
         q = torch.zeros(frames, nodes - 1, 4, dtype=torch.float64)
         q[:, 0] = self.setup.clamp[:, 0]
         return State(x, q)
 
     def frames(self, index: Tensor) -> EquilibriumRope:
         """The same rope in some of its frames."""
-        return replace(self, setup=self.setup.frames(index))
+        setup = self.setup.frames(index)
+        recorded = None if self.recorded is None else self.recorded[index]
+        near = None if self.near is None else self.near.frames(index.numpy())
+        return replace(self, setup=setup, recorded=recorded, near=near)
 
     def settle(
         self, values: Tensor, move: Tensor | None = None, frame: Tensor | None = None
@@ -61,7 +77,7 @@ class EquilibriumRope:
         s = self.setup
         shapes = [values.shape[:-1], s.ends.shape[:1]]
         shapes += [item.shape[:-1] for item in (move, frame) if item is not None]
-        shape = torch.broadcast_shapes(*shapes)
+        shape = np.broadcast_shapes(*shapes)
         flat = values.expand(*shape, len(NAMES)).reshape(-1, len(NAMES))
         ends = s.ends.expand(*shape, 2, 3).reshape(-1, 2, 3)
         clamp = s.clamp.expand(*shape, 2, 4).reshape(-1, 2, 4)
@@ -84,14 +100,25 @@ class EquilibriumRope:
         )
         ratio = flat[:, :1] / s.properties.bend
         length = s.properties.length * (flat[:, 3:] / s.properties.length.sum())
+        twist = s.properties.twist * ratio if self.tied else flat[:, 1:2].expand(-1, s.segments)
         rows = rows._replace(
             bend=s.properties.bend * ratio,
-            twist=flat[:, 1:2].expand(-1, s.segments),
+            twist=twist,
             axial=flat[:, 2:3].expand(-1, s.segments),
             length=length,
         )
-        state, _ = settle(s._replace(properties=rows).rod(), Conditions(ends, clamp))
-        x, q = state
+        rod, held = s._replace(properties=rows).rod(), Conditions(ends, clamp)
+        start = None
+        if self.near is not None:
+            start = self.near.frames(np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1))
+        solution = solve(rod, held, start)
+        again = ~solution.converged
+        if start is not None and again.any():
+            fresh = solve(rod, held)
+            for name in Solution.__dataclass_fields__:
+                getattr(solution, name)[again] = getattr(fresh, name)[again]
+        x, q = settle(rod, held, solution=solution)[0]
+        x = s.seen(x)
         nodes = s.segments // self.every + 1
         x = x[:, :: self.every].reshape(*shape, nodes, 3)
         q = q[:, self.every // 2 :: self.every].reshape(*shape, nodes - 1, 4)

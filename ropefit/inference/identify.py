@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ropefit.inference import minimise
+from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.minimise import Search
 from ropefit.inference.parameters import Space
 from ropefit.inference.rope import Rope
@@ -22,14 +23,16 @@ SCREEN, SCREEN_FRAMES = 128, 6
 STARTS = 3
 RACE = 8  # steps after which only the best start of a group goes on
 CHUNK = 40_000  # particles simulated at once in a grid search; bounds its memory
+WIDTH = {"length": np.log(1.03)}  # how far around the start is screened, on a log scale
 Report = Callable[[Search], None]
+AnyRope = Rope | EquilibriumRope
 
 
 @dataclass(frozen=True)
 class Task:
     """Fit `objective` of `rope` to `scene`; group (F,) says which parameter set each frame uses."""
 
-    rope: Rope
+    rope: AnyRope
     scene: Scene
     objective: Objective
     space: Space
@@ -102,13 +105,18 @@ def _screened_starts(task: Task) -> Tensor:
         for mine in (torch.nonzero(task.group == g)[:, 0] for g in range(task.groups))
     ]
     start = task.space.to_search(np.tile(task.space.start, (task.groups, 1)))
-    width = [np.log(50.0) if "_G" in name else np.log(4.0) for name in task.space.free_names]
+    width = [_width(name) for name in task.space.free_names]
     points = torch.quasirandom.SobolEngine(m, scramble=False).draw(SCREEN, dtype=torch.float64)
     u = start[:, None, :] + torch.tensor(width, dtype=torch.float64) * (2 * points - 1)
     u = torch.cat([start[:, None, :], u], dim=1)
     losses = _grid_losses(task.frames(torch.cat(few)), u)
     order = losses.nan_to_num(torch.inf, torch.inf).argsort(dim=1)
     return torch.gather(u, 1, order[:, :STARTS, None].expand(-1, -1, m)).reshape(-1, m)
+
+
+def _width(name: str) -> float:
+    wide = "_G" in name or name in ("EI", "GJ", "EA")
+    return WIDTH.get(name, np.log(50.0) if wide else np.log(4.0))
 
 
 def grid_search(
@@ -143,8 +151,12 @@ def grid_search(
     offsets = torch.tensor(
         list(itertools.product(np.linspace(-1, 1, levels), repeat=m)), dtype=torch.float64
     )
-    for index in range(int(search.calm[0]), rounds):
-        u = search.u[:, None, :] + np.log(10.0) * 0.5**index * offsets
+    # A decade to each side, or the whole range of what has a narrow one.
+    index = list(task.space.free)
+    half = 0.5 * np.log(task.space.upper[index] / task.space.lower[index])
+    offsets = offsets * torch.from_numpy(np.minimum(half, np.log(10.0)))
+    for round_ in range(int(search.calm[0]), rounds):
+        u = search.u[:, None, :] + 0.5**round_ * offsets
         losses = _grid_losses(task, u).nan_to_num(torch.inf, torch.inf)
         best = _best_stable(task, u, losses)
         value = losses[torch.arange(groups), best]
@@ -198,7 +210,7 @@ def uncertainty(task: Task, values: np.ndarray, floor: float, length: float) -> 
     values (n,); central differences of the residual vectors, in one batch.
     """
     m, frames = len(task.space.free), len(task.group)
-    step = 1e-6  # small: near the limit of stability the answer is curved, and losses have kinks
+    step = task.rope.step
     candidates = np.tile(values, (2 * m + 1, 1))
     for k, index in enumerate(task.space.free):
         candidates[2 * k + 1, index] *= np.exp(step)

@@ -168,9 +168,16 @@ def fit(
 
     with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
         result = optimize.least_squares(
-            residual, u, slope, bounds=(low, high), x_scale="jac", max_nfev=evaluations,
-            ftol=tolerance, xtol=1e-9, gtol=1e-10,
-        )  # fmt: skip
+            residual,
+            u,
+            slope,  # type: ignore[arg-type]
+            bounds=(low, high),
+            x_scale="jac",
+            max_nfev=evaluations,
+            ftol=tolerance,
+            xtol=1e-9,
+            gtol=1e-10,
+        )
     point, now, z = evaluate(result.x)
     jacobian = sensitivity(forward.jacobian(point), now, stations, whitener)
     freedom = max(len(z) - int((~held).sum()), 1)

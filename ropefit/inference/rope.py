@@ -7,6 +7,7 @@ A Rope holds what does not change during a fit (frames, rest shape, held particl
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -80,6 +81,8 @@ class Rope:
     held_nodes: tuple[int, ...]
     two_sided: bool
 
+    step: ClassVar[float] = 1e-6  # of central differences: near divergence the answer is curved
+
     @property
     def names(self) -> tuple[str, ...]:
         return eta_names(self.two_sided)
@@ -106,7 +109,7 @@ class Rope:
             first = torch.zeros(q.shape[-2], 1, dtype=torch.bool)
             first[0] = True
             q = torch.where(first, frame[..., None, :], q)
-        shape = torch.broadcast_shapes(eta.shape[:-1], x.shape[:-2], q.shape[:-2])
+        shape = np.broadcast_shapes(eta.shape[:-1], x.shape[:-2], q.shape[:-2])
         start, solver = (
             State(x.expand(*shape, -1, -1), q.expand(*shape, -1, -1)),
             SOLVERS[self.solver],

@@ -97,6 +97,11 @@ def symbol(name: str) -> Markup:
     )
 
 
+def unit_text(unit: str) -> str:
+    """A unit with its powers set: 'N m^2' becomes 'N·m²'."""
+    return unit.replace("^2", "²").replace("^3", "³").replace(" ", "·")
+
+
 def slug(title: str) -> str:
     """A title as an anchor."""
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")

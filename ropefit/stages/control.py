@@ -3,6 +3,7 @@ shape."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,17 @@ from ropefit.artifacts import Control, FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
+from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.minimise import Search
 from ropefit.inference.rope import Rope, eta_names
 from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
 from ropefit.solvers.xpbd import Settings
+from ropefit.stages.restore import restored_rope
 from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole, rope_of
 from ropefit.stages.stage import Context, Stage, StageSettings
 from ropefit.stages.targets import Targets
 
+REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 STARTS = 6  # recorded poses from which shape control tries to set out
 
 
@@ -50,12 +54,10 @@ def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, co
     turns = bool(settings.turn)
     _check_turn(turns, node)
     guess = control_guess(o, node)
-    rope = _rope(o, model, guess, turns)
+    rope, values = _rope(o, model, guess, turns)
     scene = build_scene(o)
     objective = OBJECTIVES[settings.loss]
-    gripper = Gripper(
-        rope, _eta(o, model), to_observations(objective, scene), 0.1 * o.length, turns
-    )
+    gripper = Gripper(rope, values, to_observations(objective, scene), 0.1 * o.length, turns)
     search = _run(gripper, settings, context)
     x, q = _settle(gripper, search.u)
     noise = float(np.median(o.noise))
@@ -100,9 +102,10 @@ def _shape(
     # Every target from every start; the rope's other ends stay where that frame had them.
     frame = np.tile(starts, cases)
     case = np.repeat(np.arange(cases), len(starts))
-    whole = _rope(o, model, recorded, turns).frames(torch.from_numpy(frame))
+    rope, values = _rope(o, model, recorded, turns)
+    whole = rope.frames(torch.from_numpy(frame))
     compare = to_targets(targets.arc[case], targets.points[case], o.length)
-    gripper = Gripper(whole, _eta(o, model)[frame], compare, 0.1 * o.length, turns)
+    gripper = Gripper(whole, values[frame], compare, 0.1 * o.length, turns)
     with torch.no_grad():
         rows = torch.arange(len(frame))
         zero = torch.zeros(len(frame), gripper.unknowns, dtype=torch.float64)
@@ -169,19 +172,40 @@ def control_guess(o: Observations, node: int) -> np.ndarray:
     return out
 
 
-def _rope(o: Observations, model: FittedModel, position: np.ndarray, turns: bool) -> Rope:
+def _rope(
+    o: Observations, model: FittedModel, position: np.ndarray, turns: bool
+) -> tuple[Rope | EquilibriumRope, torch.Tensor]:
+    """The fitted rope with its control point at `position` (F, 3) [m], and the values (F, n) of
+    each frame."""
     position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
     if o.end_kind[0] == "free" and model.control_node == 0:
         raise BadInput("end 0 is free: there is no control point to estimate")
-    return rope_of(
+    if model.iterated is None:
+        return restored_rope(o, model, _within_reach(o, model, position), turns)
+    it = model.iterated
+    rope = rope_of(
         o,
         solver=model.solver,
-        settings=Settings(model.steps, model.iterations, model.dt, *model.compliance),
+        settings=Settings(it.steps, it.iterations, it.dt, *it.compliance),
         control_node=model.control_node,
         two_sided=model.two_sided,
         control_position=position,
         hold_frame=turns,
     )
+    return rope, _eta(o, model)
+
+
+def _within_reach(o: Observations, model: FittedModel, position: np.ndarray) -> np.ndarray:
+    """(F, 2, 3) [m] the ends, the control point at `position`, but no farther off than the rope is
+    long."""
+    ends, end = o.end_position.copy(), 0 if model.control_node == 0 else 1
+    ends[:, end] = position
+    arm = ends[:, end] - ends[:, 1 - end]
+    fitted = [g.parameters["length"].value for g in model.groups.values()]
+    far = np.linalg.norm(arm, axis=1, keepdims=True) / (REACH * min(fitted))
+    shorter = ends[:, 1 - end] + arm / np.fmax(far, 1.0)
+    ends[:, end] = np.where(np.isfinite(arm), shorter, position)
+    return ends
 
 
 def _eta(o: Observations, model: FittedModel) -> torch.Tensor:
@@ -202,7 +226,7 @@ def _run(gripper: Gripper, settings: ControlSettings, context: Context) -> Searc
 
     search = gripper.search(settings.evaluations, report)
     if (search.status == minimise.DIVERGED).all():
-        raise NotConverged("the solver diverges from every start; identify with smaller weights")
+        raise NotConverged("the solver fails from every start; identify again")
     missed = int((~search.converged).sum())
     if missed:
         context.say(f"warning: {missed} of {len(search.u)} searches did not converge (marked)")
@@ -213,14 +237,17 @@ def _settle(gripper: Gripper, u: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
     with torch.no_grad():
         state = gripper.state(u, torch.arange(len(u)))
     if not torch.isfinite(state.x).all():
-        raise NotConverged("the solver diverges in some frames; identify with smaller weights")
+        advice = "identify with smaller weights"
+        if isinstance(gripper.rope, EquilibriumRope):
+            advice = "look at the ends and the length of the rope"
+        raise NotConverged(f"the solver fails in some frames; {advice}")
     return state.x.numpy(), state.q.numpy()
 
 
 def _common(
     o: Observations, model: FittedModel, gripper: Gripper, search: Search, x, q, turns: bool
 ) -> dict[str, Any]:
-    length = np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1)
+    length = _length(gripper, search.u, x)
     empty = np.full((len(x), 4), np.nan)
     notes = []
     if not model.solver_converged:
@@ -238,6 +265,13 @@ def _common(
         "length": o.length,
         "notes": notes,
     }
+
+
+def _length(gripper: Gripper, u: torch.Tensor, x: np.ndarray) -> np.ndarray:
+    """(F,) [m] lengths of ropes x (F, K, 3), by every node of the rod where x has only some."""
+    if isinstance(gripper.rope, EquilibriumRope):
+        x = _settle(replace(gripper, rope=replace(gripper.rope, every=1)), u)[0]
+    return np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1)
 
 
 def _deviations(

@@ -5,12 +5,18 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ropefit.artifacts import FittedModel, Observations, Parameter, ParameterGroup
-from ropefit.artifacts.model import Balance, Calibration
+from ropefit.artifacts import (
+    Balance,
+    Calibration,
+    FittedModel,
+    Observations,
+    Parameter,
+    ParameterGroup,
+)
 from ropefit.errors import NotConverged
 from ropefit.inference.equilibrium_rope import MEANING, NAMES, ranges
 from ropefit.inference.evaluate import agreement
-from ropefit.inference.forward import Forward, Point
+from ropefit.inference.forward import Forward, Point, Term
 from ropefit.inference.least_squares import Fit, Noise
 from ropefit.inference.limits import Limits
 from ropefit.inference.stations import Data, match, offsets
@@ -20,6 +26,14 @@ from ropefit.solvers.equilibrium import stability
 from ropefit.stages.scene import build_scene
 
 Part = tuple[Fit, Noise, Point, dict[str, Limits]]
+
+
+def meanings(o: Observations) -> dict[str, str]:
+    """What each parameter is; without the mass, ratios to the weight."""
+    return {
+        name: text + ("" if o.mass or name == "length" else " over the weight per length")
+        for name, text in MEANING.items()
+    }
 
 
 def describe_group(
@@ -47,8 +61,7 @@ def describe_group(
             interval = None if t.interval is None else tuple(factor * v for v in t.interval)
             below = None if t.below is None else factor * t.below
         parameters[name] = Parameter(
-            meaning=MEANING[name]
-            + ("" if o.mass or name == "length" else " over the weight per length"),
+            meaning=meanings(o)[name],
             unit=unit,
             initial=factor * initial if np.isfinite(initial) else factor * value,
             value=factor * value,
@@ -64,9 +77,9 @@ def describe_group(
     names = [t.name for t in found.forward.terms if not t.nuisance]
     covariance = found.covariance[:count, :count]
     root = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    size = np.maximum(np.linalg.norm(found.jacobian, axis=0), 1e-300)
-    singular = np.linalg.svd(found.jacobian / size, compute_uv=False)
-    condition = float(singular[0] / singular[-1]) if singular.size and singular[-1] > 0 else None
+    # Of the rope's own parameters, calibration errors taken into account.
+    values = np.linalg.eigvalsh(covariance / np.outer(root, root)) if count else np.ones(1)
+    condition = float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else None
     return ParameterGroup(
         frames=frames,
         parameters=parameters,
@@ -85,29 +98,77 @@ def describe_group(
 def fitted_model(
     o: Observations,
     loss: str,
-    setup: Setup,
+    node: int,
     started: Setup,
     data: Data,
     parts: list[tuple[np.ndarray, Part]],
     groups: dict[str, ParameterGroup],
     out: np.ndarray,
     train: np.ndarray,
-    every: int,
+) -> FittedModel:
+    """A model artifact of least-squares fits.
+
+    parts: (frames' indices, fit) of each group; the rest as in `model_of`. Raises NotConverged.
+    """
+    found, noise, _, _ = parts[0][1]
+    model = model_of(
+        o, loss, "least-squares", node, started, data, [(mine, p[2]) for mine, p in parts],
+        groups, out, train, np.array(found.trace),
+    )  # fmt: skip
+    calibration, place, sd = {}, 0, found.sd()
+    for term in found.forward.terms:
+        for k, axis in enumerate(term.names if term.nuisance else ()):
+            calibration[calibration_name(term, axis)] = Calibration(
+                unit=term.units[k],
+                prior=float(term.prior[k]),
+                value=float(found.point.u[place + k] * term.scale[k]),
+                sd=float(sd[place + k] * term.scale[k]),
+            )
+        place += term.size
+    assert model.balance is not None
+    balance = model.balance.model_copy(
+        update={
+            "calibration": calibration,
+            "correlated_noise": noise.correlated,
+            "correlation_length": noise.length * o.length,
+        }
+    )
+    return model.model_copy(update={"balance": balance})
+
+
+def calibration_name(term: Term, axis: str) -> str:
+    """The name under which one value of a calibration error is told."""
+    return term.name if term.size == 1 else f"{term.name}_{axis}"
+
+
+def model_of(
+    o: Observations,
+    loss: str,
+    search: str,
+    node: int,
+    started: Setup,
+    data: Data,
+    points: list[tuple[np.ndarray, Point]],
+    groups: dict[str, ParameterGroup],
+    out: np.ndarray,
+    train: np.ndarray,
+    trace: np.ndarray,
 ) -> FittedModel:
     """A model artifact: states of all frames as the sensor reports them, and how they were found.
 
-    parts: (frames' indices, fit) of each group; out (F,) held out; every: nodes of the rod between
-    two of the observations. Raises NotConverged.
+    node: the control point; started: where the fit set out; points: (frames' indices, states) of
+    each group; out (F,) held out; train: indices of the frames of the fit; trace: the loss on its
+    way. Raises NotConverged.
     """
     frames, nodes = len(o.frames), len(o.node_arc)
-    bins = nodes - 1
+    every = started.segments // (nodes - 1)
     x, q = np.zeros((frames, nodes, 3)), np.zeros((frames, nodes - 1, 4))
     first, residual = x.copy(), np.full((frames, nodes), np.nan)
     rms, rms_initial = np.zeros(frames), np.zeros(frames)
     newton, worst = np.zeros(frames, dtype=np.int64), np.zeros(frames)
     ok = np.zeros(frames, dtype=bool)
     stable, other = np.full(frames, np.nan), np.full(frames, np.nan)
-    for mine, (_, _, point, _) in parts:
+    for mine, point in points:
         solution = point.solution
         ok[mine], newton[mine] = solution.converged, solution.iterations
         worst[mine] = solution.residual
@@ -124,29 +185,16 @@ def fitted_model(
         rms_initial[mine] = _rms(mine_data, np.nan_to_num(before.solution.x))
         stable[mine] = stability(point.rod, point.conditions, solution)
         other[mine] = other_states(point.rod, point.conditions, solution)[1]
-        residual[mine] = _at_nodes(mine_data, seen, bins)
+        residual[mine] = _at_nodes(mine_data, seen, nodes - 1)
     stable[~ok] = np.nan
-    found, noise, point, _ = parts[0][1]
-    p = point.setup.properties
-    weight = float(p.density.mean() * point.setup.gravity.norm())
-    calibration_ = {}
-    place, sd = 0, found.sd()
-    for term in found.forward.terms:
-        if term.nuisance:
-            for k, axis in enumerate(term.names):
-                name = term.name if len(term.names) == 1 else f"{term.name}_{axis}"
-                u = found.point.u[place + k]
-                calibration_[name] = Calibration(
-                    unit=term.units[k], prior=float(term.prior[k]),
-                    value=float(u * term.scale[k]), sd=float(sd[place + k] * term.scale[k]),
-                )  # fmt: skip
-        place += term.size
-    pixels = agreement(torch.from_numpy(x), build_scene(o)).rms_px
+    setup = points[0][1].setup
+    p = setup.properties
+    weight = float(p.density.mean() * setup.gravity.norm())
     return FittedModel(
         solver="equilibrium",
         loss=loss,
-        search="least-squares",
-        control_node=0,
+        search=search,
+        control_node=node,
         fixed_nodes=[
             n for n, kind in zip((0, nodes - 1), o.end_kind, strict=True) if kind != "free"
         ],
@@ -159,10 +207,10 @@ def fitted_model(
         residual=residual,
         rms=rms,
         rms_initial=rms_initial,
-        rms_px=pixels,
+        rms_px=agreement(torch.from_numpy(x), build_scene(o)).rms_px,
         solver_converged=bool(ok.all()),
         balance=Balance(
-            segments=setup.segments,
+            segments=started.segments,
             newton=newton,
             residual=np.nan_to_num(worst, posinf=1e300),
             converged=ok,
@@ -170,11 +218,8 @@ def fitted_model(
             other=other,
             mass_known=bool(o.mass),
             bending_length=float((p.bend.mean() / weight) ** (1 / 3)),
-            calibration=calibration_,
-            correlated_noise=noise.correlated,
-            correlation_length=noise.length * o.length,
         ),
-        trace=np.array(found.trace),
+        trace=trace,
         rms_fit=float(np.sqrt(np.mean(rms[train] ** 2))),
         rms_heldout=float(np.sqrt(np.mean(rms[out] ** 2))) if out.any() else None,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,34 +21,25 @@ from ropefit.solvers.branches import follow, other_states
 from ropefit.solvers.equilibrium import Solution
 from ropefit.stages.equilibrium_model import Part, describe_group, fitted_model
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
-from ropefit.stages.rope_setup import base_setup, data_in_space, refinement
+from ropefit.stages.frozen import frozen_values
+from ropefit.stages.identify_settings import IdentifySettings
+from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
+from ropefit.stages.scene import node_at
 from ropefit.stages.stage import Context
 
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 
 
-class Settings(Protocol):
-    """What this stage uses of the settings of identify."""
-
-    loss: str
-    groups: str
-    free: list[str] | None
-    start: dict[str, float]
-    holdout: float
-    most_frames: int
-    evaluations: int
-
-
-def compute(o: Observations, settings: Settings, context: Context) -> dict[str, Any]:
+def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
-    every = refinement(len(o.node_arc))
-    setup = base_setup(o, every * (len(o.node_arc) - 1))
+    node = held_node(o, settings.control_at)
+    setup = base_setup(o, segments_of(o))
     data, scale = data_in_space(o), unit_scale(o)
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
     train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
-    free = free_names(settings.free, o)
-    started = started_setup(setup, settings.start, scale)
+    free = free_names(settings, o)
+    started = started_setup(setup, given_values(o, settings, context), scale)
     parts, groups = [], {}
     for number in range(int(group.max()) + 1):
         mine = np.flatnonzero(group == number)
@@ -60,7 +51,7 @@ def compute(o: Observations, settings: Settings, context: Context) -> dict[str, 
         groups[f"group_{number}"] = describe_group(part, o.frames[mine], free, scale, o)
         parts.append((mine, part))
     context.progress(0.9, "stability")
-    model = fitted_model(o, settings.loss, setup, started, data, parts, groups, out, train, every)
+    model = fitted_model(o, settings.loss, node, started, data, parts, groups, out, train)
     if not out.any():
         context.say("too few frames to hold any out: the fit is judged on its own frames")
     return {
@@ -71,8 +62,32 @@ def compute(o: Observations, settings: Settings, context: Context) -> dict[str, 
     }
 
 
-def free_names(free: list[str] | None, o: Observations) -> list[str]:
+def held_node(o: Observations, control_at: float | None) -> int:
+    """The control point as a node: an end. Raises WrongUsage for a place inside."""
+    node = node_at(o, control_at)
+    if 0 < node < len(o.node_arc) - 1:
+        raise WrongUsage(
+            f"--control-at {control_at:g}: the equilibrium rope is held at its ends only; give 0 "
+            f"or {o.length:g}, or --solver thomas"
+        )
+    return node
+
+
+def given_values(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, float]:
+    """Where parameters start or stay, as told: another run's, then the user's. Raises
+    WrongUsage."""
+    if not settings.from_run:
+        return settings.start
+    return (
+        frozen_values(context.external["from"], context.external["from_path"], o) | settings.start
+    )
+
+
+def free_names(settings: IdentifySettings, o: Observations) -> list[str]:
     """The parameters that are fitted. Raises WrongUsage."""
+    free = settings.free
+    if free is None and settings.from_run:
+        return []
     if free is None:
         return ["EI"] + (["length"] if o.length_source == "estimated" else [])
     for name in free:
@@ -160,8 +175,16 @@ def nominal_fit(
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
     last = nearer_branch(best, data, bins)
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
+    return calibrated_fit(full, best.point.u, data, noise, bins, evaluations)
+
+
+def calibrated_fit(
+    full: Forward, rope: np.ndarray, data: Data, noise: Noise, bins: int, evaluations: int
+) -> tuple[Fit, Noise]:
+    """Fit rope and calibration together, from search variables `rope` of the first terms; measure
+    what is left of noise, and fit once more under it."""
     start = full.start()
-    start[: best.point.u.size] = best.point.u
+    start[: rope.size] = rope
     first = fit(full, data, noise, bins, start, evaluations)
     noise = estimate(first.stations, noise.marker)
     return fit(full, data, noise, bins, first.point.u, evaluations), noise
@@ -185,7 +208,12 @@ def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
 
 
 def _fit_group(
-    setup: Setup, data: Data, inside: np.ndarray, free: list[str], o: Observations, settings
+    setup: Setup,
+    data: Data,
+    inside: np.ndarray,
+    free: list[str],
+    o: Observations,
+    settings: IdentifySettings,
 ) -> Part:
     """Fit on the training frames (mask `inside`), then settle all of the group's frames."""
     few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)

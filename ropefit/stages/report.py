@@ -22,10 +22,14 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     from ropefit.reporting.report import RunContents, render_report
 
     observations, _ = load(directory, Observations)
-    parts = (Model, Control, Diagnosis)
-    run = RunContents(observations, *(_if_there(directory, kind) for kind in parts))
-    there = (run.model, run.control, run.diagnosis)
-    missing = [kind.file_name for kind, v in zip(parts, there, strict=True) if v is None]
+    run = RunContents(
+        observations,
+        _if_there(directory, Model),
+        _if_there(directory, Control),
+        _if_there(directory, Diagnosis),
+    )
+    parts = ((Model, run.model), (Control, run.control), (Diagnosis, run.diagnosis))
+    missing = [kind.file_name for kind, part in parts if part is None]
     if missing:
         say(f"the report has no part on {' and '.join(missing)}: not in this run")
     path = directory / REPORT

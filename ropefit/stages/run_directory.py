@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ropefit.artifacts import Control, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, Model, Observations
 from ropefit.errors import StageFailed, WrongUsage
 
 PRODUCERS = {
     Observations.file_name: "ropefit preprocess RECORDING",
     Model.file_name: "ropefit identify",
+    Diagnosis.file_name: "ropefit diagnose",
     Control.file_name: "ropefit control",
 }
 REPORT = "report.html"

@@ -14,7 +14,7 @@ from ropefit.inference.diagnosis.contact import proposals
 from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import families
 from ropefit.inference.diagnosis.latent import Latent, latent_force
-from ropefit.inference.diagnosis.weigh import Rival, fit_rival
+from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, Noise, fit
 from ropefit.inference.stations import Data
@@ -22,7 +22,7 @@ from ropefit.inference.stations import Data
 LEAST = 5.0  # nats: no effect is believed on less
 MARGIN = 10.0  # nats over a clean recording's 99 % that make a latent force real
 REPLICATES = 100
-MOST_EFFECTS = 3
+MOST_EFFECTS = 2  # more would explain anything: then it is unknown
 LEADERS = 6
 SET_NATS = 3.0
 SAME_SIGNAL, SAME_NATS = 0.98, 10.0  # of what the best one explains, and so little behind
@@ -74,7 +74,7 @@ def search(
     nominal = fit(start, data, noise, bins, nominal.point.u, 20, tolerance=1e-5)
     current, accepted, refused = nominal, [], []
     threshold, clean, first_scan, detectable, units = LEAST, 0.0, [], {}, {}
-    latent = None
+    latent, crowded = None, False
     for round_ in range(MOST_EFFECTS + 1):
         progress(0.2 + 0.2 * round_, "scan")
         columns = _columns(current, data, bins)
@@ -97,10 +97,11 @@ def search(
                 units[s.family.name] = s.family.effect.quantities[0].unit
         latent.threshold = clean
         if round_ == MOST_EFFECTS:
+            crowded = scan[0].log_factor > 3 * threshold
             break
         progress(0.25 + 0.2 * round_, "fits of the leaders")
         rivals = _rivals(current, scan, data, noise, bins, threshold)
-        winner = _winner(rivals, threshold, refused)
+        winner = _winner(rivals, threshold, heldout_rms(current)[0], refused)
         if winner is None:
             break
         same = _equivalents(winner, rivals, current.cost)
@@ -110,7 +111,7 @@ def search(
         current = winner.fit
         current.forward.last = current.point.solution
     assert latent is not None
-    verdict = "found" if accepted else "none"
+    verdict = "unknown" if crowded else "found" if accepted else "none"
     if latent.evidence > latent.threshold:
         left = float(current.z @ current.z) - len(current.z)
         was = max(float(nominal.z @ nominal.z) - len(nominal.z), 1e-9)
@@ -163,13 +164,14 @@ def _rivals(
     return sorted(out.values(), key=lambda r: -r.evidence)
 
 
-def _winner(rivals: list[Rival], threshold: float, refused: list[str]) -> Rival | None:
-    """The strongest rival that passes every gate."""
+def _winner(rivals: list[Rival], threshold: float, rms: float, refused: list[str]) -> Rival | None:
+    """The strongest rival that passes every gate. rms [m]: of held-out blocks without it."""
     for rival in rivals:
         if rival.evidence < threshold:
             return None
         agreeing = float((rival.gains > 0).mean())
-        if agreeing < AGREEING or rival.gains.sum() < 0:
+        worse = heldout_rms(rival.fit)[0] > 1.01 * rms
+        if agreeing < AGREEING or rival.gains.sum() < 0 or worse:
             refused.append(f"{rival.family.name}: held-out frames do not support it")
         else:
             return rival

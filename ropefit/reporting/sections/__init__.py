@@ -3,6 +3,7 @@
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.control import ControlSection
 from ropefit.reporting.sections.diagnosis import DiagnosisSection
+from ropefit.reporting.sections.equilibrium import EquilibriumSection
 from ropefit.reporting.sections.observations import ObservationsSection
 from ropefit.reporting.sections.overlay import OverlaySection
 from ropefit.reporting.sections.parameters import ParametersSection
@@ -19,6 +20,7 @@ SECTIONS: tuple[Section, ...] = (
     DiagnosisSection(),
     ParametersSection(),
     SolverSection(),
+    EquilibriumSection(),
     ControlSection(),
     ObservationsSection(),
     PicturesSection(),

@@ -7,12 +7,13 @@ from html import escape
 import numpy as np
 from markupsafe import Markup
 
-from ropefit.artifacts import FittedModel, Parameter, ParameterGroup
+from ropefit.artifacts import Balance, FittedModel, Parameter, ParameterGroup
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import AFTER, DIVERGING, Figure, axis, heat, line, plane
 from ropefit.reporting.html import facts, heading, pair, paragraph, plot, table
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.words import digits_of, given, listed, number, ranges, symbol
+from ropefit.reporting.sections.equilibrium import mass_note
+from ropefit.reporting.words import digits_of, given, listed, number, ranges, symbol, unit_text
 
 VERDICTS = {
     "determined": "the data fix the value to within its interval",
@@ -22,11 +23,13 @@ VERDICTS = {
     "at bound": "the search ended at the edge of its range",
     "fixed": "was not fitted",
 }
+READABLE = {"m": (1e3, "mm"), "rad": (180 / np.pi, "°"), "1": (100.0, "%"), "s": (1e3, "ms")}
+FAR_OUT = 3.0  # prior sd beyond which a fitted error of the set-up is pointed at
 SHOW_VALUES = {"texttemplate": "%{z:.2f}", "textfont": {"color": "ink"}, "hoverinfo": "skip"}
 
 
 class ParametersSection(Section):
-    """Per group a table and the correlations; the loss on its way down."""
+    """Per group a table and the correlations; calibration errors; the loss on its way down."""
 
     title = "Parameters"
 
@@ -37,12 +40,14 @@ class ParametersSection(Section):
         f = run.fitted
         assert f is not None
         body, loss = Markup(""), _loss(f)
-        if not f.solver_converged:
+        if f.iterated and not f.solver_converged:
             body += paragraph(
                 "The solver has not converged: these values belong to "
-                f"{f.steps} × {f.iterations} iterations and would differ at another count. "
-                "The intervals do not include that."
+                f"{f.iterated.steps} × {f.iterated.iterations} iterations and would differ at "
+                "another count. The intervals do not include that."
             )
+        if f.balance and not f.balance.mass_known:
+            body += paragraph(mass_note(f.balance))
         many = len(f.groups) > 1
         for count, group in enumerate(f.groups.values(), start=1):
             body += _group(group, f"Group {count} of {len(f.groups)}" if many else "")
@@ -51,7 +56,10 @@ class ParametersSection(Section):
                 body += plot(correlation) if correlation else Markup("")
             else:
                 body += pair(correlation, loss) if correlation else plot(loss)
-        return body + (plot(loss) if many else Markup(""))
+        body += plot(loss) if many else Markup("")
+        if f.balance and f.balance.calibration:
+            body += _calibration(f.balance, many)
+        return body
 
 
 def _group(group: ParameterGroup, name: str) -> Markup:
@@ -60,11 +68,13 @@ def _group(group: ParameterGroup, name: str) -> Markup:
     head = ["parameter", "before", "after", "95 % interval", "verdict", "trades with", "meaning"]
     if not any(p.trades_with for _, p in ordered):
         rows, head = [row[:5] + row[6:] for row in rows], head[:5] + head[6:]
+    unit = " m" if group.loss_unit == "m" else ""
+    before, after = number(group.loss_before), number(group.loss_after) + unit
     used = {p.verdict for _, p in ordered}
     told = ". ".join(f"{k.capitalize()}: {v}" for k, v in VERDICTS.items() if k in used) + "."
     numbers = {
         "Frames": ranges(group.frames),
-        "Loss, before → after": f"{number(group.loss_before)} → {number(group.loss_after)} m",
+        f"{'Loss' if unit else 'χ²'}, before → after": f"{before} → {after}",
         "Evaluations": str(group.evaluations),
         "Search": ("converged: " if group.converged else "not converged: ") + group.stop_reason,
         "Condition number": number(group.condition) if group.condition else "singular",
@@ -84,15 +94,17 @@ def _in_order(group: ParameterGroup) -> list[tuple[str, Parameter]]:
 
 
 def _row(name: str, p: Parameter) -> list[object]:
-    unit = "" if p.unit == "1" else f" {p.unit}"
+    unit = "" if p.unit == "1" else f" {unit_text(p.unit)}"
     digits = digits_of(p.ci95)
     interval = "none" if p.free else "–"
     if p.ci95 is not None:
         interval = f"{number(p.ci95[0], digits)} … {number(p.ci95[1], digits)}{unit}"
+    elif p.below is not None:
+        interval = f"below {number(p.below)}{unit}"
     kind = {"determined": "good", "fixed": ""}.get(p.verdict, "warn")
     return [
         Markup('<span title="{}">{}</span>').format(name, symbol(name)),
-        given(p.initial, unit.strip()),
+        given(p.initial, unit.strip()) if abs(p.initial) >= 1e-3 else number(p.initial) + unit,
         f"{number(p.value, digits)}{unit}",
         interval,
         Markup('<span class="verdict {}">{}</span>').format(kind, p.verdict),
@@ -127,10 +139,42 @@ def _correlation(group: ParameterGroup) -> Figure | None:
 
 def _loss(f: FittedModel) -> Figure:
     step = np.arange(len(f.trace))
-    y = axis("loss (m)", **({"type": "log"} if f.trace.min() > 0 else {}))
+    squares = next(iter(f.groups.values())).loss_unit == "chi-square"
+    scale = {"type": "log"} if f.trace.min() > 0 else {}
+    y = axis("χ² (1)" if squares else "loss (m)", **scale)
+    told = f"{f.loss} on its way down ({f.search} search), summed over the frames of the fit."
+    if squares:
+        told = (
+            "Squared residuals over their noise and squared calibration errors over their priors, "
+            "summed, in the last fit." + (" First group." if len(f.groups) > 1 else "")
+        )
     return Figure(
         "Loss during the search",
         [line(step, f.trace, "loss", AFTER, mode="lines+markers", marker={"size": 4})],
         plane(axis("step of the search"), y),
-        f"{f.loss} on its way down ({f.search} search), summed over the frames of the fit.",
+        told,
+    )
+
+
+def _calibration(b: Balance, many: bool) -> Markup:
+    """The errors of the set-up that were fitted along with the rope."""
+    rows = []
+    for name, item in b.calibration.items():
+        factor, unit = READABLE.get(item.unit, (1.0, item.unit))
+        sizes = [number(factor * v, 2) for v in (item.prior, item.value, item.sd)]
+        off = abs(item.value) > FAR_OUT * item.prior
+        kind = Markup('<span class="verdict warn">{}</span>').format("far outside") if off else ""
+        rows.append([name.replace("_", " "), *sizes, unit, kind])
+    head = ["error of the set-up", "prior ±", "fitted", "± sd", "unit", ""]
+    if not any(row[5] for row in rows):
+        rows, head = [row[:5] for row in rows], head[:5]
+    return (
+        heading("Calibration" + (", first group" if many else ""))
+        + paragraph(
+            "Camera, gravity and ends are measured too. Their errors were fitted along with the "
+            "rope, held to what is usual for such a set-up (prior, one standard deviation); the "
+            "intervals above include them.",
+            "note",
+        )
+        + table(head, rows, (1, 2, 3))
     )

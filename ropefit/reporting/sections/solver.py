@@ -1,11 +1,11 @@
-"""Did the solver arrive? Whatever it did not finish is no property of the rope."""
+"""Did a solver of the paper arrive? Whatever it did not finish is no property of the rope."""
 
 from __future__ import annotations
 
 import numpy as np
 from markupsafe import Markup
 
-from ropefit.artifacts import FittedModel
+from ropefit.artifacts import FittedModel, Iterated
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
     AFTER,
@@ -29,37 +29,39 @@ class SolverSection(Section):
     title = "Solver"
 
     def applies(self, run: RunContents) -> bool:
-        return run.fitted is not None
+        return run.fitted is not None and run.fitted.iterated is not None
 
     def render(self, run: RunContents) -> Markup:
         f = run.fitted
         assert f is not None
+        assert f.iterated is not None
+        it = f.iterated
         length, frames = run.observations.length, run.observations.frames
-        final = f.length_error[:, -1]
+        final = it.length_error[:, -1]
         settings = {
             "Solver": f.solver,
-            "Iterations": f"{f.steps} steps × {f.iterations}",
-            "Time step": given(f.dt, "s"),
+            "Iterations": f"{it.steps} steps × {it.iterations}",
+            "Time step": given(it.dt, "s"),
             Markup("Largest |C<sup>D</sup>| at the end"): millimetres(
-                float(f.distance_violation[:, -1].max())
+                float(it.distance_violation[:, -1].max())
             ),
             "Largest error of length": percent(float(np.abs(final).max())),
         }
         return (
-            paragraph(_verdict(f, length))
+            paragraph(_verdict(f, it, length))
             + facts(settings)
-            + pair(_violation(f), _length(f))
-            + pair(_drift(f, frames), _length_by_frame(f, frames))
+            + pair(_violation(it), _length(it))
+            + pair(_drift(it, frames), _length_by_frame(it, frames))
         )
 
 
-def _verdict(f: FittedModel, length: float) -> str:
-    total = f.steps * f.iterations
-    drift = float(np.median(f.drift))
+def _verdict(f: FittedModel, it: Iterated, length: float) -> str:
+    total = it.steps * it.iterations
+    drift = float(np.median(it.drift))
     told = (
         f"with {2 * total} iterations instead of {total} the rope would move by {percent(drift)} "
         f"of its length in the median frame ({millimetres(drift * length)}) and by "
-        f"{percent(float(f.drift.max()))} in the worst"
+        f"{percent(float(it.drift.max()))} in the worst"
     )
     if f.solver_converged:
         return f"Converged: {told}."
@@ -73,13 +75,13 @@ def _verdict(f: FittedModel, length: float) -> str:
     )
 
 
-def _violation(f: FittedModel) -> Figure:
-    middle, worst = np.median(f.distance_violation, axis=0), f.distance_violation.max(axis=0)
+def _violation(it: Iterated) -> Figure:
+    middle, worst = np.median(it.distance_violation, axis=0), it.distance_violation.max(axis=0)
     return Figure(
         "Largest distance constraint over the iterations",
         [
-            line(f.iteration, 1e3 * middle, "median frame", AFTER),
-            line(f.iteration, 1e3 * worst, "worst frame", BEFORE),
+            line(it.iteration, 1e3 * middle, "median frame", AFTER),
+            line(it.iteration, 1e3 * worst, "worst frame", BEFORE),
         ],
         plane(
             axis("iteration", type="log", dtick=1),
@@ -89,35 +91,35 @@ def _violation(f: FittedModel) -> Figure:
     )
 
 
-def _length(f: FittedModel) -> Figure:
-    last = int(np.argmax(np.abs(f.length_error[:, -1])))
+def _length(it: Iterated) -> Figure:
+    last = int(np.argmax(np.abs(it.length_error[:, -1])))
     return Figure(
         "Relative rope length over the iterations",
         [
-            line(f.iteration, 100 * np.median(f.length_error, axis=0), "median frame", AFTER),
-            line(f.iteration, 100 * f.length_error[last], "worst frame", BEFORE),
+            line(it.iteration, 100 * np.median(it.length_error, axis=0), "median frame", AFTER),
+            line(it.iteration, 100 * it.length_error[last], "worst frame", BEFORE),
         ],
         plane(axis("iteration", type="log", dtick=1), axis("length beyond rest length (%)")),
         "Rope length against rest length. Worst: the frame farthest off at the end.",
     )
 
 
-def _drift(f: FittedModel, frames: np.ndarray) -> Figure:
+def _drift(it: Iterated, frames: np.ndarray) -> Figure:
     shown = evenly(len(frames), MOST_POINTS)
     return Figure(
         "Move of the rope if iterated twice as long, in every frame",
-        [line(frames[shown], 100 * f.drift[shown], "drift", AFTER)],
+        [line(frames[shown], 100 * it.drift[shown], "drift", AFTER)],
         plane(axis("frame"), axis("drift (% of length)", rangemode="tozero")),
         "Largest move of any particle if iterated twice as long."
         + thinned(len(frames), MOST_POINTS),
     )
 
 
-def _length_by_frame(f: FittedModel, frames: np.ndarray) -> Figure:
+def _length_by_frame(it: Iterated, frames: np.ndarray) -> Figure:
     shown = evenly(len(frames), MOST_POINTS)
     return Figure(
         "Error of the rope length in every frame",
-        [line(frames[shown], 100 * f.length_error[shown, -1], "error of length", AFTER)],
+        [line(frames[shown], 100 * it.length_error[shown, -1], "error of length", AFTER)],
         plane(axis("frame"), axis("length beyond rest length (%)")),
         "Error of the simulated rope’s length at the last iteration."
         + thinned(len(frames), MOST_POINTS),

@@ -5,11 +5,22 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ropefit.artifacts import FittedModel, Observations
+from ropefit.artifacts import Balance, FittedModel, Observations, Parameter, ParameterGroup
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.html import bullets, facts, paragraph
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.words import given, listed, metres, millimetres, number, plural, symbol
+from ropefit.reporting.sections.equilibrium import metres_or_less
+from ropefit.reporting.words import (
+    digits_of,
+    given,
+    listed,
+    metres,
+    millimetres,
+    number,
+    plural,
+    symbol,
+    unit_text,
+)
 
 SENSOR = {"clouds": "a point cloud sensor", "rgbd": "a depth camera", "markers": "motion capture"}
 AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
@@ -95,10 +106,13 @@ def _fit(o: Observations, f: FittedModel) -> str:
 
 
 def _trust(f: FittedModel, length: float) -> Markup:
+    if f.balance:
+        return _trust_equilibrium(f, f.balance)
+    assert f.iterated is not None
     if f.solver_converged:
         solver = "The solver converged, so the shape does not depend on the iteration count"
     else:
-        moved = millimetres(float(np.median(f.drift)) * length)
+        moved = millimetres(float(np.median(f.iterated.drift)) * length)
         solver = (
             f"The solver has not converged (iterated twice as long, the rope would move by {moved})"
             ", so the numbers depend on the iteration count and are not properties of the rope"
@@ -119,6 +133,40 @@ def _trust(f: FittedModel, length: float) -> Markup:
     return Markup("{}; {}.").format(solver, known)
 
 
+def _trust_equilibrium(f: FittedModel, b: Balance) -> Markup:
+    lost = int((~b.converged).sum())
+    solver = "The rope is in equilibrium in every frame"
+    if lost:
+        solver = f"{plural(lost, 'frame')} of {len(b.converged)} found no equilibrium"
+    told = [_value(name, p) for group in f.groups.values() for name, p in _free(group)]
+    if len(f.groups) > 1:
+        told = [f"{len(f.groups)} parameter sets were fitted, see below"]
+    known = Markup("; {}").format(listed(told)) if told else Markup("; nothing was fitted")
+    rest = ""
+    if not b.mass_known:
+        rest = (
+            " Without the rope’s mass, shapes alone fix only ratios to its weight; the bending "
+            f"length (EI/w)^⅓ is {metres_or_less(b.bending_length)}."
+        )
+    return Markup("{}{}.{}").format(solver, known, rest)
+
+
+def _free(group: ParameterGroup) -> list[tuple[str, Parameter]]:
+    return [(name, p) for name, p in group.parameters.items() if p.free]
+
+
+def _value(name: str, p: Parameter) -> str:
+    unit = unit_text(p.unit)
+    what = f"the {p.meaning} ({name})"
+    if p.below is not None:
+        return f"{what} is below {number(p.below)} {unit} (95 %): less makes no visible difference"
+    if p.ci95 is None:
+        return f"{what} is not determined ({p.verdict})"
+    digits = digits_of(p.ci95, 3)
+    low, high = (number(value, digits) for value in p.ci95)
+    return f"{what} is {number(p.value, digits)} {unit} (95 % interval {low} to {high})"
+
+
 def _sort(f: FittedModel) -> tuple[list[str], list[str]]:
     """Names of free parameters determined in every group, and of the others."""
     names = {n: [] for g in f.groups.values() for n in g.parameters if g.parameters[n].free}
@@ -130,13 +178,16 @@ def _sort(f: FittedModel) -> tuple[list[str], list[str]]:
 
 def _key_numbers(o: Observations, f: FittedModel) -> dict[str, str]:
     determined, not_determined = _sort(f)
+    solver = "converged" if f.solver_converged else "not converged"
+    if f.balance:
+        solver = f"{int(f.balance.converged.sum())} of {len(o.frames)} in equilibrium"
     unseen = millimetres(f.rms_heldout) if f.rms_heldout is not None else "none held out"
     return {
         "Before the fit": millimetres(rms(f.rms_initial)),
         "After, fitted frames": millimetres(f.rms_fit),
         "After, unseen frames": unseen,
         "Noise of a point": millimetres(float(np.median(o.noise))),
-        "Solver": "converged" if f.solver_converged else "not converged",
+        "Solver": solver,
         "Determined": f"{len(determined)} of {len(determined) + len(not_determined)}",
     }
 

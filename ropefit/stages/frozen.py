@@ -1,0 +1,35 @@
+"""Parameters that another run found, for a rope that is recorded again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.artifacts import Model, Observations
+from ropefit.errors import WrongUsage
+
+
+def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]:
+    """Another run's parameters in the units in which those of `o` are told.
+
+    Ratios to the weight are carried over where one of the two does not know its mass. The length is
+    taken only where it was fitted there or is estimated here. Raises WrongUsage.
+    """
+    m = model.nominal
+    if m.balance is None:
+        raise WrongUsage(
+            f"--from {where}: its model is one of the {m.solver} solver, whose weights are no "
+            "properties of the rope; identify it with --solver equilibrium"
+        )
+    if len(m.groups) != 1:
+        raise WrongUsage(
+            f"--from {where}: it has {len(m.groups)} parameter sets; identify it with --groups one"
+        )
+    (group,) = m.groups.values()
+    known = group.parameters
+    weight = known["EI"].value / m.balance.bending_length**3 if m.balance.mass_known else 1.0
+    here = o.mass / o.length * float(np.linalg.norm(o.gravity)) if o.mass else 1.0
+    factor = 1.0 if m.balance.mass_known and o.mass else here / weight
+    out = {name: factor * known[name].value for name in ("EI", "GJ", "EA") if name in known}
+    if known["length"].free or o.length_source == "estimated":
+        out["length"] = known["length"].value
+    return out

@@ -1,0 +1,86 @@
+"""identify by a loss of the paper, searched by gradient or grid, with the rope in equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ropefit.artifacts import Checkpoint, Observations
+from ropefit.errors import NotConverged
+from ropefit.inference import minimise
+from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope, ranges
+from ropefit.inference.forward import Forward
+from ropefit.inference.identify import Task
+from ropefit.inference.parameters import Space
+from ropefit.losses.objectives import OBJECTIVES
+from ropefit.stages.equilibrium_model import meanings, model_of
+from ropefit.stages.frames import group_frames, held_out, spread_evenly
+from ropefit.stages.identify_equilibrium import (
+    free_names,
+    given_values,
+    held_node,
+    started_setup,
+    unit_scale,
+)
+from ropefit.stages.identify_settings import IdentifySettings
+from ropefit.stages.restore import with_values
+from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
+from ropefit.stages.scene import build_scene
+from ropefit.stages.search import describe, run_search
+from ropefit.stages.stage import Context
+
+
+def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
+    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    node = held_node(o, settings.control_at)
+    scale = unit_scale(o)
+    given = given_values(o, settings, context)
+    setup = started_setup(base_setup(o, segments_of(o)), given, scale)
+    free = free_names(settings, o)
+    every = setup.segments // (len(o.node_arc) - 1)
+    rope = EquilibriumRope(setup, every, node, tied="GJ" not in {*free, *given})
+    known = ranges(setup)
+    known = {
+        name: (1e3 * low if name in free and not np.isfinite(start) else start, low, high)
+        for name, (start, low, high) in known.items()
+    }
+    space = Space.of(NAMES, free, {}, known)
+    group = group_frames(o, settings.groups)
+    out = held_out(len(group), settings.holdout)
+    train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
+    full = Task(rope, build_scene(o), OBJECTIVES[settings.loss], space, torch.from_numpy(group))
+    task = full.frames(torch.from_numpy(train))
+    search = run_search(task, settings, context)
+    if (search.status == minimise.DIVERGED).any():
+        raise NotConverged("no equilibrium at the start; look at the ends and the length")
+    values = space.to_values(search.u).detach().numpy()
+    if rope.tied:
+        ratio = float(setup.properties.twist[0] / setup.properties.bend[0])
+        values[:, NAMES.index("GJ")] = ratio * values[:, NAMES.index("EI")]
+    context.progress(0.95, "uncertainty and stability")
+    groups, points = {}, []
+    for number in range(task.groups):
+        mine = torch.nonzero(task.group == number)[:, 0]
+        part = task.frames(mine)
+        part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
+        groups[f"group_{number}"] = describe(
+            part, values[number], search, number, o, group == number, meanings(o), scale
+        )
+        index = np.flatnonzero(group == number)
+        found = with_values(setup.frames(torch.as_tensor(index)), torch.from_numpy(values[number]))
+        points.append((index, Forward(found, []).at(np.empty(0))))
+    model = model_of(
+        o, settings.loss, settings.how, node, setup, data_in_space(o), points, groups, out, train,
+        torch.stack(search.trace).sum(dim=1).numpy(),
+    )  # fmt: skip
+    Path(context.directory / Checkpoint.file_name).unlink(missing_ok=True)
+    return {
+        "recording": o.recording,
+        "length": o.length,
+        "frames": o.frames,
+        "models": {"nominal": model},
+    }

@@ -1,0 +1,60 @@
+"""What identify is told: model, loss, search, frames."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from ropefit.errors import WrongUsage
+from ropefit.losses.objectives import LossName
+from ropefit.stages.stage import StageSettings
+
+
+class IdentifySettings(StageSettings):
+    """What is fitted, how, to which frames. Distances in m, dt in s.
+
+    from_run: parameters are those of another run's model, apart from the free ones.
+    """
+
+    solver: Literal["jacobi", "thomas", "equilibrium"] = "equilibrium"
+    loss: LossName = "OBJ1"
+    search: Literal["gradient", "grid", "least-squares"] | None = None
+    free: list[str] | None = None
+    start: dict[str, float] = Field(default_factory=dict)
+    from_run: bool = False
+    groups: str = "one"
+    two_sided: bool = False
+    control_at: float | None = None
+    steps: int = Field(default=50, ge=1, le=1000)
+    iterations: int = Field(default=20, ge=1, le=100_000)
+    dt: float = Field(default=0.1, gt=0, le=100)
+    compliance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    evaluations: int = Field(default=60, ge=1)
+    levels: int = Field(default=3, ge=2, le=9)
+    rounds: int = Field(default=3, ge=1, le=20)
+    holdout: float = Field(default=0.2, ge=0, lt=1)
+    most_frames: int = Field(default=60, ge=1)
+
+    @model_validator(mode="after")
+    def _together(self) -> IdentifySettings:
+        if self.solver == "equilibrium":
+            if self.two_sided:
+                raise WrongUsage("--two-sided belongs to the paper's solvers: gravity has one size")
+        elif self.search == "least-squares":
+            raise WrongUsage("--search least-squares needs --solver equilibrium")
+        elif self.from_run:
+            raise WrongUsage("--from needs --solver equilibrium: weights are no rope's properties")
+        return self
+
+    @property
+    def how(self) -> str:
+        """The search, chosen by the solver if not given."""
+        return self.search or ("least-squares" if self.solver == "equilibrium" else "gradient")
+
+    @field_validator("compliance")
+    @classmethod
+    def _positive(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not all(0 <= alpha < 1e12 for alpha in value):
+            raise ValueError("expected three numbers >= 0: shear, bend, distance")
+        return value

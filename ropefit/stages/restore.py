@@ -1,0 +1,93 @@
+"""The equilibrium model of a run, as its artifact has it: setup, values, calibration."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.artifacts import FittedModel, Observations
+from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope
+from ropefit.inference.forward import Forward
+from ropefit.inference.terms import calibration
+from ropefit.rod.setup import Setup
+from ropefit.solvers.branches import other_states
+from ropefit.stages.equilibrium_model import calibration_name
+from ropefit.stages.identify_equilibrium import priors_of, unit_scale
+from ropefit.stages.rope_setup import base_setup
+
+
+def restored_rope(
+    o: Observations, model: FittedModel, ends: np.ndarray, hold_frame: bool
+) -> tuple[EquilibriumRope, Tensor]:
+    """The rope of every frame with ends (F, 2, 3) [m] as a recording would tell them, and its
+    values (F, 4) in the order of NAMES.
+
+    Calibration errors are those of the fit, if it was one fit for all frames. hold_frame: end 0
+    holds its frame although it is not clamped, to begin with the one that it has of itself.
+    """
+    assert model.balance is not None
+    setup = base_setup(o, model.balance.segments)._replace(ends=torch.from_numpy(ends))
+    if len(model.groups) == 1:
+        known = model.balance.calibration
+        for term in calibration(setup, priors_of(o), o.ends_assumed):
+            value = [
+                item.value if (item := known.get(calibration_name(term, axis))) else 0.0
+                for axis in term.names
+            ]
+            setup = term.apply(setup, torch.tensor(value, dtype=torch.float64))
+    every = model.balance.segments // (len(o.node_arc) - 1)
+    rope = EquilibriumRope(setup, every, model.control_node, recorded=torch.from_numpy(ends))
+    values = restored_values(o, model)
+    if np.isfinite(model.balance.other).any():
+        rope = _on_its_branch(rope, values, model)
+    if hold_frame and not setup.clamped[0]:
+        with torch.no_grad():
+            first = rope.settle(values).q[:, 0]
+        clamp = setup.clamp.clone()
+        clamp[:, 0] = first
+        held = setup._replace(clamp=clamp, clamped=(True, setup.clamped[1]))
+        rope = EquilibriumRope(
+            held, every, model.control_node, recorded=rope.recorded, near=rope.near
+        )
+    return rope, values
+
+
+def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) -> EquilibriumRope:
+    """The rope near those of its states that the model is in."""
+    point = Forward(with_values(rope.setup, values[0]), []).at(np.empty(0))
+    found, apart = other_states(point.rod, point.conditions, point.solution)
+    near = point.solution.copy()
+    for t in np.flatnonzero(np.isfinite(apart)):
+        gap = [np.abs(s.x[t, :: rope.every] - model.x[t]).max() for s in (near, found)]
+        if gap[1] < gap[0]:
+            for name in near.__dataclass_fields__:
+                getattr(near, name)[t] = getattr(found, name)[t]
+    return EquilibriumRope(
+        rope.setup, rope.every, rope.control_node, recorded=rope.recorded, near=near
+    )
+
+
+def with_values(setup: Setup, values: Tensor) -> Setup:
+    """The setup with values (4,) in the order of NAMES, the same everywhere."""
+    p = setup.properties
+    bend, twist, axial, length = values
+    p = p._replace(
+        bend=bend.expand_as(p.bend),
+        twist=twist.expand_as(p.twist),
+        axial=axial.expand_as(p.axial),
+        length=p.length * (length / p.length.sum()),
+    )
+    return setup._replace(properties=p)
+
+
+def restored_values(o: Observations, model: FittedModel) -> Tensor:
+    """(F, 4) each frame's values in the order of NAMES, in the units of the setup."""
+    scale = unit_scale(o)
+    out = np.full((len(o.frames), len(NAMES)), np.nan)
+    for group in model.groups.values():
+        out[np.isin(o.frames, group.frames)] = [
+            p.value / scale[name][0] if (p := group.parameters.get(name)) else np.inf
+            for name in NAMES
+        ]
+    return torch.from_numpy(out)

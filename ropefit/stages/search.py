@@ -1,0 +1,151 @@
+"""A gradient or grid search as a stage runs it: with checkpoints, and told with its uncertainty."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ropefit import __version__
+from ropefit.artifacts import (
+    Checkpoint,
+    Observations,
+    Parameter,
+    ParameterGroup,
+    Provenance,
+    read,
+    write,
+)
+from ropefit.errors import RopefitError
+from ropefit.inference import minimise
+from ropefit.inference.identify import Task, gradient_search, grid_search, uncertainty
+from ropefit.inference.minimise import Search
+from ropefit.inference.uncertainty import verdicts
+from ropefit.stages.identify_settings import IdentifySettings
+from ropefit.stages.stage import Context
+
+CHECKPOINT_EVERY = 15.0  # s
+FLAT = np.log(3.0)  # an interval beyond a factor of three up and down determines nothing
+
+
+def run_search(task: Task, settings: IdentifySettings, context: Context) -> Search:
+    """Run or resume the search, saving it every few seconds."""
+    path = context.directory / Checkpoint.file_name
+    resume = _restore(path, context.key)
+    if resume:
+        context.say(f"resumed after {resume.evaluations} evaluations")
+    goal = settings.evaluations if settings.how == "gradient" else settings.rounds
+    saved = time.monotonic()
+
+    def report(search: Search) -> None:
+        nonlocal saved
+        done = search.evaluations if settings.how == "gradient" else int(search.calm[0])
+        context.progress(0.9 * done / goal, f"{settings.loss} {float(search.loss.min()):.4g} m")
+        if time.monotonic() - saved > CHECKPOINT_EVERY:
+            _save(path, context.key, search)
+            saved = time.monotonic()
+
+    if settings.how == "gradient":
+        return gradient_search(task, settings.evaluations, resume, report)
+    return grid_search(task, settings.levels, settings.rounds, resume, report)
+
+
+def _save(path: Path, key: str, search: Search) -> None:
+    provenance = Provenance(stage="identify", package_version=__version__)
+    arrays = {
+        name: getattr(search, name).detach().numpy()
+        for name in ("u", "loss", "gradient", "inverse", "status", "calm")
+    }
+    write(
+        path,
+        Checkpoint(
+            provenance=provenance,
+            key=key,
+            evaluations=search.evaluations,
+            trace=torch.stack(search.trace).numpy(),
+            **arrays,
+        ),
+    )
+
+
+def _restore(path: Path, key: str) -> Search | None:
+    """The saved search, or None if there is none of these inputs and settings."""
+    if not path.exists():
+        return None
+    try:
+        saved, _ = read(path, Checkpoint)
+    except RopefitError:
+        return None
+    if saved.key != key:
+        return None
+    tensors = [
+        torch.tensor(getattr(saved, name))
+        for name in ("u", "loss", "gradient", "inverse", "status", "calm")
+    ]
+    u, loss, gradient, inverse, status, calm = tensors
+    evaluations, trace = saved.evaluations, list(torch.tensor(saved.trace))
+    return Search(u, loss, gradient, inverse, status, calm, evaluations, trace)
+
+
+def describe(
+    task: Task,
+    values: np.ndarray,
+    search: Search,
+    number: int,
+    observations: Observations,
+    member: np.ndarray,
+    meaning: dict[str, str],
+    told: dict[str, tuple[float, str]] | None = None,
+) -> ParameterGroup:
+    """Intervals and verdicts of one group's parameters.
+
+    values (n,); member (F,) bool: the group's frames; told: factor and unit in which each parameter
+    is told, if not as it is.
+    """
+    space = task.space
+    floor = float(np.median(observations.noise))
+    found = uncertainty(task, values, floor, observations.length)
+    judged = verdicts(found, space.at_bound(values), FLAT)
+    with torch.no_grad():
+        start = task.loss(space.to_search(space.start[None]), torch.zeros(1, dtype=torch.int64))
+    parameters = {}
+    for i, name in enumerate(space.names):
+        if not np.isfinite(values[i]):
+            continue  # a rope that does not stretch has no EA to tell
+        factor, unit = (told or {}).get(name, (1.0, "1"))
+        place = space.free.index(i) if i in space.free else None
+        interval, verdict, partners = None, "fixed", []
+        if place is not None and not search.converged[number]:
+            verdict = "not converged"
+        elif place is not None:
+            verdict, partners = judged[place]
+            width = found.half_width[place]
+            if np.isfinite(width) and width < 50:
+                middle = factor * values[i]
+                interval = (middle * np.exp(-width), middle * np.exp(width))
+        parameters[name] = Parameter(
+            meaning=meaning[name],
+            unit=unit,
+            initial=factor * space.start[i],
+            value=factor * values[i],
+            lower=factor * space.lower[i],
+            upper=factor * space.upper[i],
+            free=place is not None,
+            verdict=verdict,
+            ci95=interval,
+            trades_with=[space.free_names[j] for j in partners],
+        )
+    return ParameterGroup(
+        frames=observations.frames[member],
+        parameters=parameters,
+        free_names=space.free_names,
+        correlation=found.correlation,
+        condition=found.condition if np.isfinite(found.condition) else None,
+        loss_before=float(start[0]),
+        loss_after=float(search.loss[number]),
+        evaluations=search.evaluations,
+        converged=bool(search.converged[number]),
+        stop_reason=minimise.REASONS[int(search.status[number])],
+    )

@@ -1,0 +1,293 @@
+"""The least-squares fit of the equilibrium model: recovery, derivatives, stations, noise, limits.
+
+Truth comes from a rod twice as fine as the fit's. Markers, unless a test is about clouds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.inference.forward import Forward
+from ropefit.inference.least_squares import Noise, Whitener, fit
+from ropefit.inference.limits import limits
+from ropefit.inference.noise import estimate
+from ropefit.inference.stations import Data, Stations, match
+from ropefit.inference.terms import ROPE, Priors, calibration, nuisance, rope_term
+from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import Setup, bare
+from ropefit.solvers.branches import other_states
+from ropefit.solvers.start import frames_along
+from tests.ropes import GRAVITY
+
+BINS, SD = 15, 0.0005
+EYE = torch.tensor([0.4, -1.6, 0.2], dtype=torch.float64)
+
+
+def ends(frames: int = 6, near: float = 0.4, far: float = 0.8) -> torch.Tensor:
+    """(F, 2, 3) [m] a motion in space."""
+    t = torch.linspace(0, 1, frames, dtype=torch.float64)
+    out = torch.zeros(frames, 2, 3, dtype=torch.float64)
+    reach, angle = near + (far - near) * t, 0.8 * t
+    out[:, 1, 0], out[:, 1, 1] = reach * torch.cos(angle), reach * torch.sin(angle)
+    out[:, 1, 2] = 0.2 * torch.sin(6 * t)
+    return out
+
+
+def clamps(place: torch.Tensor, turn: float = 0.0) -> torch.Tensor:
+    """(F, 2, 4) both ends along the line between them; end 1 turned about it, frame by frame."""
+    line = torch.stack([place[:, 0], place.mean(1), place[:, 1]], dim=1)
+    q = frames_along(line)[:, :1].expand(-1, 2, -1).clone()
+    spin = turn * torch.linspace(0.3, 1, len(place), dtype=torch.float64)
+    about = torch.stack([0 * spin, 0 * spin, spin], dim=-1)
+    q[:, 1] = multiply(q[:, 1], from_rotation_vector(about))
+    return q
+
+
+def setup(segments: int, held: torch.Tensor, clamp: torch.Tensor | None = None, **rope) -> Setup:
+    """A rope of 1 m and 60 g."""
+    rope = {"length": 1.0, "bend": 1e-3, "density": 0.06} | rope
+    if clamp is None:
+        clamp = torch.full((len(held), 2, 4), torch.nan, dtype=torch.float64)
+    return bare(uniform(segments=segments, **rope), GRAVITY, held, clamp, EYE)
+
+
+def markers(truth: Setup, sd: float = SD, count: int = 16, seed: int = 0) -> Data:
+    """Markers on the settled rope, with white noise."""
+    x = Forward(truth, []).at(np.empty(0)).seen
+    every = truth.segments // (count - 1)
+    points = x[:, ::every] + np.random.default_rng(seed).normal(0, sd, x[:, ::every].shape)
+    share = np.broadcast_to(np.linspace(0, 1, count), points.shape[:2]).copy()
+    return Data(points, share, np.ones(share.shape, bool), True, EYE.numpy())
+
+
+def free(name: str, start: float):
+    return rope_term(name, "", start, 1e-4 * start, 1e4 * start, ROPE[name])
+
+
+def found(base: Setup, data: Data, *names_and_starts, sd: float = SD):
+    forward = Forward(base, [free(*item) for item in names_and_starts])
+    noise = Noise(marker=sd)
+    result = fit(forward, data, noise, BINS)
+    return result, limits(result, data, noise, BINS)
+
+
+def holds(told, truth: float) -> bool:
+    """The truth within twice the interval: one in twenty would miss a single one."""
+    low, high = told.interval
+    return low**2 / told.value < truth < high**2 / told.value
+
+
+def test_bending_rigidity_comes_back_from_either_side():
+    data = markers(setup(60, ends(), bend=8e-4))
+    for start in (1e-4, 6e-3):
+        result, told = found(setup(30, ends()), data, ("EI", start))
+        assert result.converged
+        assert told["EI"].verdict == "determined"
+        assert holds(told["EI"], 8e-4)
+        assert told["EI"].interval[1] / told["EI"].interval[0] < 1.2
+
+
+def test_twist_rigidity_comes_back_when_clamps_twist_the_rope():
+    held = ends(near=0.55, far=0.75)
+    clamp = clamps(held, turn=2.0)
+    truth = setup(300, held, clamp, bend=8e-4, twist=1.2e-3)
+    base = setup(150, held, clamp, bend=8e-4)  # a clamp bends the rope sharply: fine segments
+    _, told = found(base, markers(truth), ("EI", 5e-4), ("GJ", 5e-4))
+    assert told["GJ"].verdict == "determined"
+    assert holds(told["GJ"], 1.2e-3)
+    assert holds(told["EI"], 8e-4)
+
+
+def test_axial_rigidity_comes_back_when_pulled_taut():
+    held = ends(near=0.98, far=1.01)
+    truth = setup(60, held, bend=8e-4, axial=200.0)
+    _, told = found(setup(30, held, bend=8e-4, axial=50.0), markers(truth), ("EA", 50.0))
+    assert told["EA"].verdict == "determined"
+    assert holds(told["EA"], 200.0)
+
+
+def test_length_comes_back_with_the_rigidity():
+    data = markers(setup(60, ends(), bend=8e-4, length=1.015))
+    _, told = found(setup(30, ends()), data, ("EI", 1e-3), ("length", 1.0))
+    assert holds(told["length"], 1.015)
+    assert told["length"].interval[1] / told["length"].interval[0] < 1.01
+    assert holds(told["EI"], 8e-4)
+
+
+def test_twist_rigidity_does_nothing_to_a_pinned_rope():
+    _, told = found(setup(30, ends()), markers(setup(60, ends())), ("EI", 1e-3), ("GJ", 1e-3))
+    assert told["GJ"].verdict == "dead"
+    assert told["GJ"].interval is None
+
+
+@pytest.mark.parametrize("held", ["pinned", "clamped", "free"])
+def test_every_term_has_the_right_derivative(held):
+    """Against central differences of what is seen, for each value of each term."""
+    place = ends(3)
+    clamp = clamps(place, 1.0) if held == "clamped" else None
+    if held == "free":
+        place[:, 1] = torch.nan
+    rope = setup(20, place, clamp, axial=60.0)
+    terms = [free("EI", 1e-3), free("GJ", 7e-4), free("EA", 60.0), free("length", 1.0)]
+    errors = calibration(rope, Priors(), shared=False)
+    assert sum(t.size for t in errors) == {"pinned": 16, "clamped": 22, "free": 13}[held]
+    forward = Forward(rope, [*terms, *errors])
+    low, high = forward.bounds()
+    u = np.random.default_rng(1).normal(0, 0.1, forward.size).clip(low, high)
+    point = forward.at(u)
+    assert point.solution.converged.all()
+    exact = forward.jacobian(point)
+    names = [f"{t.name} {name}" for t in forward.terms for name in t.names]
+    for k, name in enumerate(names):
+        step = np.zeros(forward.size)
+        step[k] = 1e-4
+        sides = [forward.at(u + s * step).seen for s in (1, -1)]
+        measured = (sides[0] - sides[1]) / 2e-4
+        size = max(np.abs(measured).max(), 1e-6)
+        # What the sensor's own small errors change of a change is left out: second order.
+        assert np.abs(exact[k] - measured).max() < 5e-3 * size + 1e-7, name
+
+
+def line(frames: int = 4, nodes: int = 16) -> np.ndarray:
+    """(F, K, 3) [m] the settled rope."""
+    return Forward(setup(nodes - 1, ends(frames)), []).at(np.empty(0)).seen
+
+
+def cloud(x: np.ndarray, count: int, sd: float, seed: int = 0) -> Data:
+    """Points scattered about the curve through nodes x, roughly at their true share."""
+    rng = np.random.default_rng(seed)
+    share = np.sort(rng.uniform(0, 1, (len(x), count)), axis=1)
+    at = share * (x.shape[1] - 1)
+    low = np.minimum(at.astype(int), x.shape[1] - 2)
+    rest, rows = (at - low)[..., None], np.arange(len(x))[:, None]
+    points = (1 - rest) * x[rows, low] + rest * x[rows, low + 1]
+    points += rng.normal(0, sd, points.shape)
+    return Data(points, share, np.ones(share.shape, bool), False, EYE.numpy())
+
+
+@pytest.fixture(scope="module")
+def curve() -> np.ndarray:
+    """(4, 121, 3) [m] a rope so fine that its chords are its curve."""
+    return line(nodes=121)
+
+
+def test_a_known_offset_comes_back_across_the_curve(curve):
+    shift = np.array([0.0, 0.004, 0.0])
+    data = cloud(curve, 600, 0.0005)
+    moved = replace(data, points=data.points + shift)
+    s = match(moved, curve, BINS)
+    assert np.allclose(s.residual, s.basis @ shift, atol=4e-4)
+    assert np.allclose(np.sqrt(s.scatter), 0.0005, rtol=0.1)
+    assert 0.93 * 2400 < s.count.sum() <= 2400  # outliers count less
+
+
+def test_markers_count_in_three_dimensions(curve):
+    data = cloud(curve, 20, 0.0)
+    shift = np.array([0.003, -0.001, 0.002])
+    mask = data.mask.copy()
+    mask[1, 4:9] = False
+    s = match(replace(data, points=data.points + shift, material=True, mask=mask), curve, BINS)
+    assert s.residual.shape == (4 * 20 - 5, 3)
+    assert np.allclose(s.residual, shift, atol=1e-4)
+    assert not np.any((s.frame == 1) & (s.bin >= 4) & (s.bin < 9))
+
+
+def test_what_was_not_seen_gives_no_station(curve):
+    data = cloud(curve, 600, 0.0005)
+    hidden = data.mask & ~((data.share > 0.4) & (data.share < 0.6))
+    s = match(replace(data, mask=hidden), curve, BINS)
+    assert not np.any((s.bin >= 6) & (s.bin < 9))
+    assert len(match(data, curve, BINS).frame) - len(s.frame) == 4 * 3
+
+
+def test_stations_hardly_mind_five_percent_of_outliers(curve):
+    data = cloud(curve, 600, 0.001)
+    rng = np.random.default_rng(5)
+    stray = rng.random(data.share.shape) < 0.05
+    points = data.points.copy()
+    points[stray] += rng.normal(0, 0.02, (int(stray.sum()), 3))
+    clean, dirty = (match(replace(data, points=p), curve, BINS) for p in (data.points, points))
+    rms = [float(np.sqrt((s.residual**2).mean())) for s in (clean, dirty)]
+    assert rms[1] < 1.35 * rms[0]
+    assert np.sqrt(dirty.scatter[0, 0]) < 1.25 * np.sqrt(clean.scatter[0, 0])
+
+
+def planted(correlated: float, length: float, white: float, frames: int = 30) -> Stations:
+    """Stations whose residual is noise of a known kind."""
+    rng = np.random.default_rng(7)
+    share = np.tile((np.arange(BINS) + 0.5) / BINS, frames)
+    apart = np.abs(share[:BINS, None] - share[None, :BINS])
+    factor = np.linalg.cholesky(np.exp(-apart / length) + 1e-12 * np.eye(BINS))
+    residual = correlated * np.einsum("ij,fjd->fid", factor, rng.normal(size=(frames, BINS, 2)))
+    residual = residual.reshape(-1, 2) + rng.normal(0, white, (frames * BINS, 2))
+    many = frames * BINS
+    return Stations(
+        np.repeat(np.arange(frames), BINS), np.tile(np.arange(BINS), frames), share, np.ones(many),
+        residual, np.zeros((many, 2, 3)), np.zeros(many, int), np.zeros((many, 4)),
+        np.full((many, 2), white**2),
+    )  # fmt: skip
+
+
+def test_planted_correlated_noise_is_measured():
+    s = planted(0.0015, 0.12, 0.0005)
+    noise = estimate(s)
+    assert 0.0011 < noise.correlated < 0.002
+    assert noise.length in (0.06, 0.12, 0.25)
+    z = Whitener.of(s, noise)(s.residual)
+    assert 0.85 < z.std() < 1.15
+    assert estimate(planted(0.0, 0.1, 0.0005)).correlated <= 0.25 * 0.00052
+
+
+def test_a_soft_rope_is_told_below_a_limit_not_a_number():
+    held = ends(4, 0.5, 0.7)
+    truth = setup(60, held, bend=1e-8)
+    _, told = found(setup(30, held, bend=1e-5), markers(truth, 0.003), ("EI", 1e-5), sd=0.003)
+    assert told["EI"].interval is None
+    assert told["EI"].verdict == "flat direction"
+    assert 1e-8 < told["EI"].below < 3e-3
+
+
+def test_frames_that_do_not_settle_are_left_out_of_the_fit():
+    """The ends of one frame are farther apart than the rope is long."""
+    data = markers(setup(60, ends(), bend=8e-4))
+    torn = ends()
+    torn[2, 1] *= 3
+    forward = Forward(setup(30, torn), [free("EI", 1e-3)])
+    result = fit(forward, data, Noise(marker=SD), BINS)
+    assert not result.point.solution.converged[2]
+    assert np.isnan(result.point.seen[2]).all()
+    assert not np.any(result.stations.frame == 2)
+    assert abs(np.log(float(forward.terms[0].value(result.point.u)[0]) / 8e-4)) < 0.1
+    torn[:, 1] *= 3
+    with pytest.raises(ArithmeticError, match="no frame"):
+        fit(Forward(setup(30, torn), [free("EI", 1e-3)]), data, Noise(marker=SD), BINS)
+
+
+def test_calibration_errors_are_held_to_their_priors():
+    """An error that the data cannot see stays at zero, with the prior's own uncertainty."""
+    blind = nuisance("nothing", ["a"], ["m"], lambda setup, v: setup, [0.002])
+    forward = Forward(setup(30, ends()), [free("EI", 1e-3), blind])
+    result = fit(forward, markers(setup(60, ends())), Noise(marker=SD), BINS)
+    assert result.point.u[1] == pytest.approx(0, abs=1e-6)
+    assert result.sd()[1] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("arch", [True, False])
+def test_a_second_equilibrium_is_found_where_there_is_one(arch):
+    """An arch held upright falls to one side or to the other; a pinned rope hangs in one way."""
+    held = torch.zeros(1, 2, 3, dtype=torch.float64)
+    held[0, 1, 0] = 0.3
+    up = torch.tensor([[[0, 0, 0], [0, 0, 0.5], [0, 0, 1]]], dtype=torch.float64)
+    clamp = torch.cat([frames_along(up)[:, :1], frames_along(-up)[:, :1]], dim=1)
+    point = Forward(setup(40, held, clamp if arch else None, bend=5e-3), []).at(np.empty(0))
+    assert point.solution.converged.all()
+    apart = other_states(point.rod, point.conditions, point.solution)[1]
+    if arch:
+        assert 0.1 < apart[0] < 1.0
+    else:
+        assert np.isnan(apart[0])
