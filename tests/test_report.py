@@ -235,7 +235,7 @@ def test_an_equilibrium_model_is_told_in_units_with_limits_and_calibration():
         assert cell in row
     assert "χ²" in full
     assert "loss (m)" not in full
-    assert "ratios" not in full
+    assert "fix only ratios" not in full
     unknown = page(mass_known=False)
     assert "shapes alone fix only ratios" in unknown
     assert "113 mm" in unknown or "0.113 m" in unknown

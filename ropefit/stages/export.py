@@ -94,7 +94,7 @@ def write_export(result: ExportResult, out: Path) -> list[str]:
 def _effect(cause: Cause) -> Effect:
     for kind in concrete(Effect, "ropefit.effects"):
         if kind.__name__ == cause.variant:
-            return kind(cause.end or 0)
+            return kind(cause.end or 0)  # pyright: ignore[reportAbstractUsage]
     raise StageFailed(f"the effect {cause.variant} of diagnosis.h5 is not installed here")
 
 

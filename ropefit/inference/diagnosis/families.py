@@ -86,7 +86,7 @@ def families(setup: Setup) -> list[Family]:
         if kind in CONTACT:
             continue
         for end in (0, 1) if kind.locus == "end" else (0,):
-            effect = kind(end)
+            effect = kind(end)  # pyright: ignore[reportAbstractUsage]
             if effect.applies(setup):
                 out.append(Family(effect, _places(effect, length)))
     return out

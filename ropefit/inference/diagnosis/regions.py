@@ -49,7 +49,7 @@ def regions(found: Fit, bins: int) -> list[Mismatch]:
         / np.sqrt(np.maximum(count, 1))[..., None]
     )
     strong = (np.abs(mean).max(-1) > SIGNIFICANT + 0.5) & (seen > 0)
-    labels, many = ndimage.label(strong, kernel)
+    labels, many = ndimage.label(strong, kernel)  # type: ignore[misc]
     out = []
     for k in range(1, many + 1):
         inside = labels == k
