@@ -1,0 +1,71 @@
+"""Recordings in which an effect is concealed, made in memory from a finer rod than is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ropefit.effects import Effect
+from ropefit.inference.forward import Forward
+from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.stations import Data
+from ropefit.inference.terms import Priors, calibration, rope_term, set_bend
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import Setup, bare
+
+EYE = (0.5, -1.6, 0.0)
+EI = 5e-4
+BINS = 30
+
+
+def rope(segments: int, frames: int = 12, bend: float = EI) -> Setup:
+    """A pinned rope of 1 m and 60 g whose end 0 sweeps, lifts and turns."""
+    t = np.linspace(0, 1, frames)
+    moving = np.stack(
+        [
+            0.55 + 0.25 * np.sin(2 * np.pi * t),
+            0.25 * np.sin(4 * np.pi * t + 0.5),
+            0.15 * np.cos(3 * np.pi * t),
+        ],
+        axis=1,
+    )
+    moving *= np.minimum(1, 0.93 / np.linalg.norm(moving, axis=1, keepdims=True))
+    ends = np.stack([moving, np.zeros_like(moving)], axis=1)
+    gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    made = uniform(length=1.0, segments=segments, bend=bend, density=0.06)
+    return bare(made, gravity, torch.tensor(ends), clamp, torch.tensor(EYE, dtype=torch.float64))
+
+
+def recorded(setup: Setup, seed: int = 0, points: int = 240, sd: float = 0.001) -> Data:
+    """Points along the ropes with noise along the ray and one outlier in a hundred."""
+    rng = np.random.default_rng(seed)
+    x = Forward(setup, []).at(np.empty(0)).seen
+    frames, nodes = x.shape[:2]
+    share = np.sort(rng.uniform(size=(frames, points)), axis=1)
+    place = share * (nodes - 1)
+    low = np.minimum(place.astype(int), nodes - 2)
+    part = (place - low)[..., None]
+    row = np.arange(frames)[:, None]
+    on_rope = x[row, low] * (1 - part) + x[row, low + 1] * part
+    ray = on_rope - np.array(EYE)
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    on_rope += ray * sd * rng.normal(size=(frames, points, 1))
+    on_rope += 0.0004 * rng.normal(size=on_rope.shape)
+    wild = rng.uniform(size=(frames, points)) < 0.01
+    on_rope[wild] += 0.02 * rng.normal(size=(int(wild.sum()), 3))
+    share = np.clip(share + 0.003 * rng.normal(size=share.shape), 0, 1)
+    return Data(on_rope, share, np.ones(share.shape, bool), False, np.array(EYE))
+
+
+def with_effect(effect: Effect, values: list[float], segments: int = 144) -> Setup:
+    """The fine rope with an effect of values in SI."""
+    return effect.apply(rope(segments), torch.tensor(values, dtype=torch.float64))
+
+
+def nominal_fit(data: Data, segments: int = 72) -> Fit:
+    """EI and all calibration errors, the effect not known of."""
+    setup = rope(segments, len(data.points), bend=3e-4)
+    terms = [rope_term("EI", "N m^2", 3e-4, 3e-8, 3.0, set_bend)]
+    forward = Forward(setup, [*terms, *calibration(setup, Priors(), False)])
+    return fit(forward, data, Noise(), BINS)

@@ -1,0 +1,85 @@
+"""Every effect of the catalogue: harmless at zero, its derivatives exact."""
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.effects import CATALOGUE, Effect, Obstacle, SupportPlane
+from ropefit.inference.forward import Forward, Term
+from ropefit.rod.setup import Setup
+from tests.concealed import rope
+
+PLACES = {"point": [0.403], "interval": [0.411, 0.207]}
+VALUES = {SupportPlane: [-0.38, 0.01, -0.02], Obstacle: [0.05, 0.02, -0.3, 0.03, 1.4]}
+DRAWN = [(kind, end) for kind in CATALOGUE for end in ((0, 1) if kind.locus == "end" else (0,))]
+
+
+def pinned() -> Setup:
+    """The test rope, with a plane for projections."""
+    setup = rope(40, 4)
+    normal = torch.tensor([[[0.0, 1.0, 0.0]]], dtype=torch.float64).expand(4, 1, 3)
+    return setup._replace(seen=setup.seen._replace(normal=normal))
+
+
+def clamped() -> Setup:
+    """The same with both ends clamped along its own tangents."""
+    setup = pinned()
+    x = Forward(setup, []).at(np.empty(0)).solution.q
+    clamp = torch.from_numpy(np.stack([x[:, 0], x[:, -1]], axis=1))
+    return setup._replace(clamp=clamp, clamped=(True, True))
+
+
+def setup_for(effect: Effect) -> Setup | None:
+    return next((s for s in (pinned(), clamped()) if effect.applies(s)), None)
+
+
+@pytest.mark.parametrize(("kind", "end"), DRAWN)
+def test_nothing_happens_at_zero(kind, end):
+    effect = kind(end)
+    setup = setup_for(effect)
+    if setup is None:
+        pytest.skip("occurs at end 1 only")
+    if kind in VALUES:
+        values = [-5.0, 0, 0] if kind is SupportPlane else [0, 0, -5.0, 0.02, 0]  # far away
+    else:
+        values = [0.0] * len(effect.quantities) + PLACES.get(effect.locus, [])
+    changed = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+    before, after = (Forward(s, []).at(np.empty(0)).seen for s in (setup, changed))
+    assert np.abs(after - before).max() < 1e-7
+
+
+@pytest.mark.parametrize(("kind", "end"), DRAWN)
+def test_derivatives_equal_differences(kind, end):
+    effect = kind(end)
+    setup = setup_for(effect)
+    if setup is None:
+        pytest.skip("occurs at end 1 only")
+    sizes = [0.6 * q.size(setup) for q in effect.quantities]
+    values = np.array(VALUES.get(kind, sizes + PLACES.get(effect.locus, [])))
+    n = len(values)
+    free = np.full(n, np.inf)
+    term = Term(
+        effect.name, effect.names, ("",) * n, effect.apply, values, np.ones(n), -free, free, free
+    )
+    forward = Forward(setup, [term])
+    point = forward.at(np.zeros(n))
+    assert point.solution.converged.all()
+    assert np.abs(point.seen - Forward(setup, []).at(np.empty(0)).seen).max() > 1e-5
+    found = forward.jacobian(point)
+    for k in range(len(effect.quantities)):  # places move in steps of a segment
+        h = 1e-4 * max(abs(values[k]), 1e-2)
+        step = np.eye(n)[k] * h
+        wanted = (forward.at(step).seen - forward.at(-step).seen) / (2 * h)
+        # What the sensor's error does to a change of the rope is left out: second order.
+        assert np.abs(found[k] - wanted).max() < 0.08 * np.abs(wanted).max() + 1e-9
+        if effect.kind == "physics":
+            assert np.abs(found[k] - wanted).max() < 1e-3 * np.abs(wanted).max() + 1e-9
+
+
+def test_every_effect_says_what_it_is():
+    for kind, end in DRAWN:
+        effect = kind(end)
+        told = effect.sentence(dict.fromkeys(effect.names, 0.1))
+        assert not told[0].isupper()
+        assert not told.endswith(".")
+        assert {q.unit for q in effect.quantities}
