@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -87,13 +88,11 @@ def observe(
     out = points + lateral + sensor.noise * rng.standard_normal((len(points), 1)) * ray
     stray = rng.random(len(out)) < sensor.outliers
     out[stray] += sensor.stray * rng.standard_normal((int(stray.sum()), 3))
-    return rng.permutation(out)
+    return out[rng.permutation(len(out))]
 
 
 def mistaken(points: Array, seen: Seen, view: Array) -> Array:
     """Where a camera at `view` (3,) [m] with these mistakes sees points (…, 3) [m]."""
-    from scipy.spatial.transform import Rotation
-
     turn = Rotation.from_rotvec(seen.rotation).as_matrix()
     away = (1 + seen.scale) * (1 + seen.gain) * (points - view) @ turn.T
     ray = away / np.linalg.norm(away, axis=-1, keepdims=True)

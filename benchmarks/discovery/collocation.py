@@ -6,6 +6,7 @@ derivatives, the mesh and the jumps of point loads given, and LAPACK's banded so
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -21,14 +22,17 @@ class Problem(Protocol):
     `frames` says which of the problem's frames the rows of y are.
     """
 
-    mesh: Array  # (N + 1,) arc length [m]
+    @property
+    def mesh(self) -> Array:
+        """(N + 1,) arc length [m]."""
+        ...
 
     def slope(self, y: Array) -> tuple[Array, Array]:
         """f (T, N, n) and its derivative (T, N, n, n) at y (T, N, n), one point in each element."""
         ...
 
     def jump(self, y: Array) -> tuple[Array, dict[int, Array]]:
-        """y (T, N, n) just behind the left nodes; derivatives (T, n, n) of the elements with one."""
+        """y (T, N, n) just behind the left nodes; derivatives (T, n, n) where there is one."""
         ...
 
     def ends(self, frames: NDArray[np.int_], first: Array, last: Array) -> tuple[Array, Array]:
@@ -118,7 +122,7 @@ def solve(problem: Problem, y: Array, tolerance: float = 1e-10, most: int = 25) 
     raise NotConverged(f"{len(left)} frames")
 
 
-def derivatives(problem: Problem, y: Array, changed: list[Problem]) -> Array:
+def derivatives(problem: Problem, y: Array, changed: Sequence[Problem]) -> Array:
     """(T, C, N + 1, n) first-order change of the solution `y` under each changed problem.
 
     The changes must be small and keep the mesh.

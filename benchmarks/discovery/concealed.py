@@ -2,73 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery.elastica import PINNED
+from benchmarks.discovery.concealment import (
+    Concealed,
+    interval,
+    with_field,
+    with_point,
+    with_rod,
+    with_section,
+)
 from benchmarks.discovery.rod_equations import Array, Field, Point, Rod, Section, rotation
 from benchmarks.discovery.setting import Setting, World, moved
 
 CONTACT_HARDNESS = 5e3  # N/m²: a rope of 0.5 N/m sinks in by 0.1 mm
-
-
-@dataclass(frozen=True)
-class Concealed:
-    """One thing that is true and not told; `change` applies it at a size.
-
-    `parameter` and `unit` name the size as the tool would report it (`reported` of the size).
-    """
-
-    name: str
-    kind: str  # physics, measurement, unknown
-    change: Callable[[World, float], World]
-    start: float  # a first guess of the size
-    most: float  # the largest plausible size
-    parameter: str
-    unit: str
-    place: tuple[float, float] | None = None  # m, arc length it acts on
-    reported: Callable[[float], float] = float
-    follows: bool = False  # must be grown from small sizes
-
-
-def with_point(point: Callable[[float], Point]) -> Callable[[World, float], World]:
-    def change(world: World, size: float) -> World:
-        return replace(world, rod=replace(world.rod, points=(*world.rod.points, point(size))))
-
-    return change
-
-
-def with_section(section: Callable[[float], Section]) -> Callable[[World, float], World]:
-    def change(world: World, size: float) -> World:
-        rod = replace(world.rod, sections=(*world.rod.sections, section(size)))
-        return replace(world, rod=rod)
-
-    return change
-
-
-def with_rod(**changes: Callable[[Rod, float], object]) -> Callable[[World, float], World]:
-    def change(world: World, size: float) -> World:
-        new = {name: make(world.rod, size) for name, make in changes.items()}
-        return replace(world, rod=replace(world.rod, **new))  # pyright: ignore[reportArgumentType]
-
-    return change
-
-
-def with_field(field: Callable[[float], Field]) -> Callable[[World, float], World]:
-    def change(world: World, size: float) -> World:
-        return replace(world, rod=replace(world.rod, fields=(*world.rod.fields, field(size))))
-
-    return change
-
-
-def interval(rod: Rod, rng: np.random.Generator, low: float, high: float) -> tuple[float, float]:
-    """A stretch of rope [m] of low to high of its length, away from the ends."""
-    width = rng.uniform(low, high)
-    start = rng.uniform(0.12, 0.88 - width)
-    return start * rod.length, (start + width) * rod.length
 
 
 def point_mass(setting: Setting, rng: np.random.Generator) -> Concealed:
@@ -103,9 +53,7 @@ def kink(setting: Setting, rng: np.random.Generator) -> Concealed:
     turn = rng.uniform(0, 2 * np.pi)
     c, s = float(np.cos(turn)), float(np.sin(turn))
     change = with_point(lambda size: Point(at, turn=(size * c, size * s)))
-    return Concealed(
-        "kink", "physics", change, 0.1, 1.0, "angle", "rad", (at, at), follows=True
-    )
+    return Concealed("kink", "physics", change, 0.1, 1.0, "angle", "rad", (at, at), follows=True)
 
 
 def stiff_section(setting: Setting, rng: np.random.Generator) -> Concealed:
@@ -185,8 +133,8 @@ def tether(setting: Setting, rng: np.random.Generator) -> Concealed:
     middle = setting.states[:, node, :3].mean(axis=0)
     heading, rise = rng.uniform(0, 2 * np.pi), rng.uniform(-0.6, 0.6)
     way = np.array([np.cos(heading) * np.cos(rise), np.sin(heading) * np.cos(rise), np.sin(rise)])
-    anchor = tuple(float(v) for v in middle + rng.uniform(0.15, 0.35) * way)
-    change = with_point(lambda size: Point(at, spring=size, anchor=anchor))
+    x, y, z = (float(v) for v in middle + rng.uniform(0.15, 0.35) * way)
+    change = with_point(lambda size: Point(at, spring=size, anchor=(x, y, z)))
     return Concealed("tether", "physics", change, 0.03, 3.0, "stiffness", "N/m", (at, at))
 
 
@@ -209,22 +157,21 @@ def obstacle(setting: Setting, rng: np.random.Generator) -> Concealed:
     x = setting.states[..., :3]
     bar = 0.02 + 0.5 * setting.diameter
     # Where the rope passes in at least half of the frames.
-    starts = np.sort(x[:, 0, 0])
-    place = float(np.interp(rng.uniform(0.3, 0.7), [0, 1], [np.median(starts), x[0, -1, 0]]))
-    heights = []
-    for frame in x:
-        over = np.flatnonzero(np.diff(np.sign(frame[:, 0] - place)) != 0)
-        heights += [float(frame[i, 2]) for i in over]
-    low = min(heights)
+    place = float(rng.uniform(0.35, 0.65) * (x[0, -1, 0] - np.median(x[:, 0, 0]))
+                  + np.median(x[:, 0, 0]))  # fmt: skip
     heading = rng.uniform(-0.2, 0.2)
     axis = np.array([-np.sin(heading), np.cos(heading), 0.0])
+    across = (x - [place, 0.0, 0.0]) @ np.array([np.cos(heading), np.sin(heading), 0.0])
+    # The bar's axis below all of the rope by its reach: just touching somewhere.
+    near = np.abs(across) < bar
+    low = float((x[..., 2] - np.sqrt(np.maximum(bar**2 - across**2, 0.0)))[near].min())
 
     def field(size: float) -> Field:
-        return Field(np.array([place, 0, low - bar + size]), axis, bar, CONTACT_HARDNESS, "bar")
+        return Field(np.array([place, 0, low + size]), axis, bar, CONTACT_HARDNESS, "bar")
 
     return Concealed(
-        "obstacle", "physics", with_field(field), 0.02, 0.25, "z", "m",
-        reported=lambda size: low - bar + size, follows=True,
+        "obstacle", "physics", with_field(field), 0.01, 0.25, "z", "m",
+        reported=lambda size: low + size, follows=True,
     )  # fmt: skip
 
 
@@ -313,7 +260,7 @@ def nonlinear_bending(setting: Setting, rng: np.random.Generator) -> Concealed:
     moment = float(np.abs(setting.states[..., 10:]).max())
     change = with_rod(softening=lambda _, size: size)
     return Concealed(
-        "nonlinear_bending", "unknown", change, 0.3 / moment**2, 30 / moment**2, "softening",
+        "nonlinear_bending", "unknown", change, 0.3 / moment**2, 300 / moment**2, "softening",
         "1/(N m)^2", follows=True,
     )  # fmt: skip
 
@@ -336,4 +283,3 @@ UNKNOWN = {
 }  # fmt: skip
 NEEDS_CLAMPS = {"intrinsic_curvature", "kink", "end_twist", "follower_force"}
 NEEDS_PINS = {"clamped_end"}
-assert PINNED

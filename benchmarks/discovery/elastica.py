@@ -7,6 +7,8 @@ rod's differential equations at fourth order (`collocation`), started from the c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +105,7 @@ def _mesh(rod: Rod, breaks: list[float], elements: int) -> Array:
     at = np.interp(corners, s, total)
     parts = [
         np.interp(np.linspace(a, b, max(3, round(b - a) + 1))[:-1], total, s)
-        for a, b in zip(at[:-1], at[1:], strict=True)
+        for a, b in pairwise(at)
     ]
     mesh = np.concatenate([*parts, [rod.length]])
     for corner in corners:
@@ -124,7 +126,7 @@ def catenary(rod: Rod, first: Array, last: Array, s: Array) -> tuple[Array, Arra
     width = max(float(np.linalg.norm(level)), 0.02 * rod.length)
     ahead = level / max(float(np.linalg.norm(level)), 1e-12)
     goal = np.sqrt(max(rod.length**2 - rise**2, (1.0005 * width) ** 2)) / width
-    x = brentq(lambda v: np.sinh(v) / v - goal, 1e-4, 60.0)  # half width over the parameter a
+    x: Any = brentq(lambda v: np.sinh(v) / v - goal, 1e-4, 60.0)  # half width over the parameter a
     a = width / (2 * x)
     # Rise over length is the tanh of the middle's distance from the lowest point, over a.
     centre = 0.5 * width - a * np.arctanh(np.clip(rise / rod.length, -0.999999, 0.999999))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.discovery import clouds
-from benchmarks.discovery.collocation import NotConverged
+from benchmarks.discovery.collocation import NotConverged, solve
 from benchmarks.discovery.concealed import (
     MEASUREMENT,
     NEEDS_CLAMPS,
@@ -19,9 +19,17 @@ from benchmarks.discovery.concealed import (
     UNKNOWN,
     Concealed,
 )
-from benchmarks.discovery.elastica import CLAMPED, RodProblem
+from benchmarks.discovery.elastica import CLAMPED, hang, problem
 from benchmarks.discovery.rod_equations import Array, rotation
-from benchmarks.discovery.setting import END_NOISE, TILT_NOISE, Setting, World, draw, grasped, miscalibrated
+from benchmarks.discovery.setting import (
+    END_NOISE,
+    TILT_NOISE,
+    Setting,
+    World,
+    draw,
+    grasped,
+    miscalibrated,
+)
 from benchmarks.discovery.setting import turned as turned_clamps
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
 
@@ -41,23 +49,36 @@ class Sized:
     score: float
 
 
+@dataclass(frozen=True)
+class Made:
+    """A solved case: centrelines (T, n, 3) [m] and their derivatives at arc lengths (n,) [m]."""
+
+    setting: Setting
+    world: World
+    sized: list[Sized]
+    arc_length: Array
+    nodes: Array
+    tangents: Array
+    simulator: str
+
+
 def at_score(
     setting: Setting, scale: Meter, effect: Concealed, wanted: float
 ) -> tuple[Sized, Array]:
     """The effect at the size whose score is `wanted`, within a tenth, and the states there."""
     size, tried = min(effect.start, effect.most), []
-    start, problem = None, setting.problem
+    start = None
     for _ in range(8):
         world = effect.change(setting.world, size)
         try:
-            problem, states = shapes(setting, world, start)
+            goal, states = shapes(setting, world, start)
         except (NotConverged, np.linalg.LinAlgError):
             if start is not None:
                 start = None
                 continue
             size *= 0.3
             continue
-        if problem.mesh is not setting.problem.mesh:
+        if goal.mesh is not setting.problem.mesh:
             raise AssertionError("the mesh must not change")
         score = scale.score(seen_change(setting, scale, world, states))
         tried.append((size, score))
@@ -93,16 +114,12 @@ def breaks_of(effects: list[Concealed]) -> list[float]:
 
 def with_mesh(setting: Setting, effects: list[Concealed]) -> Setting:
     """The setting on a mesh that resolves where the effects act."""
-    from benchmarks.discovery.elastica import hang, problem
-
     places = breaks_of(effects)
     kinds, held = setting.held.kinds, setting.held
     rolling, states = hang(setting.rod, setting.held, breaks=places)
     if kinds[0] == CLAMPED:
         fixed = problem(setting.rod, setting.held, breaks=places)
         # Same frames as the setting's own: solve with the clamps as they were recorded.
-        from benchmarks.discovery.elastica import solve
-
         sign = np.sign((states[:, -1, 3:7] * setting.held.orientations[:, 1]).sum(-1))
         states[..., 3:7] *= sign[:, None, None]
         states = solve(replace(fixed, mesh=rolling.mesh), states)
@@ -113,13 +130,13 @@ def with_mesh(setting: Setting, effects: list[Concealed]) -> Setting:
 
 
 def make(
-    name: str,
     effects: list[str],
     scores: list[float],
     seed: int,
     clamped: bool | None = None,
     calibration: bool = False,
-) -> tuple[Setting, World, list[Sized], RodProblem, Array]:
+    simulator: str = "elastica",
+) -> Made:
     """Draw a setting and effects of these scores; solve it."""
     rng = np.random.default_rng(seed)
     if clamped is None:
@@ -141,22 +158,28 @@ def make(
         world = effect.change(world, found.size)
     if calibration:
         world = miscalibrated(world, rng)
-    problem, states = shapes(setting, world, states)
-    return setting, world, sized, problem, states
+    if simulator == "mujoco":
+        from benchmarks.discovery import mujoco_rope  # only those who have it
+
+        s, nodes = mujoco_rope.shapes(world, setting.diameter)
+        return Made(setting, world, sized, s, nodes, mujoco_rope.tangents(s, nodes), simulator)
+    goal, states = shapes(setting, world, states)
+    direction = rotation(states[..., 3:7])[..., 2]
+    tension = (states[..., 7:10] * direction).sum(-1, keepdims=True)
+    tangents = (1 + world.rod.compliance * tension) * direction
+    return Made(setting, world, sized, goal.mesh, states[..., :3], tangents, simulator)
 
 
 def write(
-    folder: Path, truth_file: Path, name: str, made: tuple, seed: int, group: str
+    folder: Path, truth_file: Path, name: str, made: Made, seed: int, group: str
 ) -> dict[str, Any]:
     """The recording and, elsewhere, its truth."""
-    setting, world, sized, problem, states = made
+    setting, world = made.setting, made.world
     rng = np.random.default_rng([seed, 1])
     radius, sensor = 0.5 * setting.diameter, setting.sensor
     frames = []
-    for y, ends in zip(states, world.held.positions, strict=True):
-        stretch = 1 + world.rod.compliance * (y[:, 7:10] * rotation(y[:, 3:7])[..., 2]).sum(1)
-        tangents = stretch[:, None] * rotation(y[:, 3:7])[..., 2]
-        points = clouds.surface(y[:, :3], tangents, problem.mesh, radius, sensor, rng)
+    for nodes, tangents, ends in zip(made.nodes, made.tangents, world.held.positions, strict=True):
+        points = clouds.surface(nodes, tangents, made.arc_length, radius, sensor, rng)
         frames.append(clouds.observe(points, ends, world.seen, sensor, rng))
     held, orientations = setting.held, None
     positions = held.positions + END_NOISE * rng.standard_normal(held.positions.shape)
@@ -186,8 +209,9 @@ def write(
                 "value": one.effect.reported(one.size),
                 "score": one.score,
             }
-            for one in sized
+            for one in made.sized
         ],
+        "simulator": made.simulator,
         "calibration_errors": bool(any(world.seen.rotation)),
         "clamped": held.kinds[0] == CLAMPED,
         "length_m": rod.length,

@@ -78,8 +78,8 @@ def meter(setting: Setting) -> Meter:
         if held.kinds[0] == CLAMPED:
             changed.append(replace(problem, held=turned(held, small * unit)))
             sizes.append(PRIORS["end_orientation"] / small)
-    moves = derivatives(problem, y, changed)[:, :, index, :3]
-    columns = [size * moves[:, i] for i, size in enumerate(sizes)]
+    moves: Array = derivatives(problem, y, changed)[..., index, :3]
+    columns: list[Array] = [size * moves[:, i] for i, size in enumerate(sizes)]
     seens = [Seen(scale=float(np.hypot(PRIORS["scale"], PRIORS["depth_gain"])))]
     for axis in np.eye(3):
         seens.append(Seen(rotation=tuple(PRIORS["camera_rotation"] * axis)))
