@@ -3,7 +3,8 @@
     python -m benchmarks.discovery [--cases small|standard|full] [--shard I/N] [--out DIR]
                                    [--json FILE] [--write docs/results.md]
 
-Finished cases are kept in DIR and not run again; shards share DIR. `--make` only makes recordings.
+Cases with an answer are kept in DIR and not run again; shards share DIR. `--make` only makes the
+recordings, `--score-only` scores what all shards have finished.
 """
 
 from __future__ import annotations
@@ -65,6 +66,8 @@ def one(case: Case, out: Path, make_only: bool, score_only: bool) -> dict[str, A
     stored = results / f"{case.name}.json"
     if score_only and not stored.exists():
         return None
+    if score_only:
+        return judged(falsified.read(truths / f"{case.name}.json"), falsified.read(stored))
     start = time.perf_counter()
     why = generate(case, recordings, truths)
     if why is not None:

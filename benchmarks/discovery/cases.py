@@ -57,7 +57,7 @@ def listed(size: str, seed: int = 5) -> list[Case]:
                     "mujoco" if own else "elastica", **more)  # fmt: skip
         cases.append(case)
 
-    counts = {"small": (2, 0, 1, 1, 1), "standard": (20, 10, 2, 4, 2), "full": (300, 20, 2, 10, 4)}
+    counts = {"small": (2, 1, 1, 1, 1), "standard": (20, 10, 2, 4, 2), "full": (300, 20, 2, 10, 4)}
     clean, pairs, decoys, coarse, unknown = counts[size]
     for i in range(clean):
         add("clean", 3 * i if size == "small" else i)

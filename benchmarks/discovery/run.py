@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +57,15 @@ def diagnose(
     return out
 
 
-def kept(path: Path, work) -> dict[str, Any]:
-    """The result in a file, or else of `work()`, which is then kept there; whole or not at all."""
+def kept(path: Path, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """The result in a file, or else of `work()`, which is then kept there; whole or not at all.
+
+    A result without an answer is not final: the work is done again.
+    """
     if path.exists():
-        return json.loads(path.read_text())
+        result = json.loads(path.read_text())
+        if result["answer"] is not None:
+            return result
     result = work()
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(f".{os.getpid()}.part")

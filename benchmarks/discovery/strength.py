@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.discovery.clouds import Seen, mistaken
@@ -30,7 +31,7 @@ def shapes(setting: Setting, world: World, start: Array | None = None) -> tuple[
 class Meter:
     """Whitened observation of small changes, and what the nuisances may do."""
 
-    index: Array  # (P,) nearest mesh nodes of the stations
+    index: NDArray[np.int_]  # (P,) nearest mesh nodes of the stations
     basis: Array  # (T, P, 2, 3) directions across the rope over the noise [1/m]
     nuisances: Array  # (T * P * 2, C) whitened, times prior sd
     points: Array  # (T, P, 3) m
