@@ -117,3 +117,20 @@ def test_a_finer_mesh_changes_nothing():
         curve = CubicHermiteSpline(solved.mesh, y[0, :, :3], rotation(y[0, :, 3:7])[..., 2])
         shapes.append(curve(np.linspace(0, 1, 50)))
     np.testing.assert_allclose(*shapes, atol=2e-5)
+
+
+def test_mujoco_agrees_on_a_rope_with_a_mass():
+    """Two simulators with nothing in common; 0.3 mm on a rope that the mass moves by 8 mm."""
+    pytest.importorskip("mujoco")
+    from benchmarks.discovery import mujoco_rope
+    from benchmarks.discovery.setting import World
+
+    rod = Rod(1.0, 0.05, 1e-3 * WEIGHT, 8e-4 * WEIGHT)
+    held = pinned([-0.6, 0.1, 0.1], [0.0, 0.0, 0.0])
+    solved, y = hang(rod, held, breaks=[0.4])
+    heavy = replace(rod, points=(Point(0.4, mass=0.005),))
+    z = follow(lambda part: replace(solved, rod=heavy if part == 1.0 else rod), y)
+    s, nodes = mujoco_rope.shapes(World(heavy, held), 0.008)
+    curve = CubicHermiteSpline(solved.mesh, z[0, :, :3], rotation(z[0, :, 3:7])[..., 2])
+    assert np.linalg.norm(z[0, :, :3] - y[0, :, :3], axis=1).max() > 0.005
+    assert np.linalg.norm(nodes[0] - curve(s), axis=1).max() < 0.0003

@@ -42,11 +42,21 @@ class Implausible(RuntimeError):
 
 @dataclass(frozen=True)
 class Sized:
-    """A concealed effect at its size, with the score that it has on its own."""
+    """A concealed effect at its size, with the score that it has on its own.
+
+    `frames` are those whose shape it moves by 0.1 mm somewhere: a contact acts in few.
+    """
 
     effect: Concealed
     size: float
     score: float
+    frames: list[int]
+
+
+def moved_frames(setting: Setting, states: Array) -> list[int]:
+    """Frames with a shape (of T, N + 1, 13) that differs from the setting's."""
+    change = np.linalg.norm(states[..., :3] - setting.states[..., :3], axis=-1).max(axis=1)
+    return np.flatnonzero(change > 1e-4).tolist()
 
 
 @dataclass(frozen=True)
@@ -83,7 +93,7 @@ def at_score(
         score = scale.score(seen_change(setting, scale, world, states))
         tried.append((size, score))
         if abs(np.log(max(score, 1e-9) / wanted)) < 0.1:
-            return Sized(effect, size, score), states
+            return Sized(effect, size, score, moved_frames(setting, states)), states
         # A power law through the last two sizes; proportional at first.
         power = 1.0
         if len(tried) > 1 and tried[-1][0] != tried[-2][0]:
@@ -104,7 +114,9 @@ def as_drawn(
     size = min(factor * effect.start, effect.most)
     world = effect.change(setting.world, size)
     _, states = shapes(setting, world)
-    return Sized(effect, size, scale.score(seen_change(setting, scale, world, states))), states
+    score = scale.score(seen_change(setting, scale, world, states))
+    frames = list(range(len(states)))
+    return Sized(effect, size, score, frames), states
 
 
 def breaks_of(effects: list[Concealed]) -> list[float]:
@@ -208,6 +220,7 @@ def write(
                 "unit": one.effect.unit,
                 "value": one.effect.reported(one.size),
                 "score": one.score,
+                "frames": one.frames,
             }
             for one in made.sized
         ],
