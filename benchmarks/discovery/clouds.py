@@ -33,7 +33,8 @@ class Seen:
     """How wrongly the camera sees: what a calibration leaves over, or a concealed mistake.
 
     Points p become v + (1 + scale) R (p - v) + translation, then `depth` further along their ray;
-    `flat` is the lost share of the offset from the vertical plane through the ends.
+    `flat` is the lost share of the offset from the vertical plane through the ends; with
+    `ends_too` the scale is that of the recorded ends as well.
     """
 
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad, rotation vector about v
@@ -42,6 +43,7 @@ class Seen:
     gain: float = 0.0  # distance along rays: factor less one
     depth: float = 0.0  # m
     flat: float = 0.0
+    ends_too: bool = False
 
 
 def surface(

@@ -176,10 +176,12 @@ def obstacle(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def scale_error(setting: Setting, rng: np.random.Generator) -> Concealed:
-    sign = float(rng.choice([-1, 1]))
+    """Of the camera alone, or (every second time) of the measured ends as well."""
+    sign, whole = float(rng.choice([-1, 1])), bool(rng.random() < 0.5)
 
     def change(world: World, size: float) -> World:
-        return replace(world, seen=replace(world.seen, scale=world.seen.scale + sign * size))
+        scale = world.seen.scale + sign * size
+        return replace(world, seen=replace(world.seen, scale=scale, ends_too=whole))
 
     return Concealed(
         "scale_error", "measurement", change, 0.02, 0.06, "factor", "1", None,

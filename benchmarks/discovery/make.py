@@ -195,6 +195,9 @@ def write(
         frames.append(clouds.observe(points, ends, world.seen, sensor, rng))
     held, orientations = setting.held, None
     positions = held.positions + END_NOISE * rng.standard_normal(held.positions.shape)
+    if world.seen.ends_too:
+        view = np.asarray(sensor.viewpoint)
+        positions = view + (1 + world.seen.scale) * (positions - view)
     if held.kinds[0] == CLAMPED:
         parts = [
             turned_clamps(

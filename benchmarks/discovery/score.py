@@ -12,6 +12,9 @@ from benchmarks.discovery.concealed import MEASUREMENT
 VISIBLE, WEAK = 12.0, 6.0
 SOLVER = {"under_converged", "too_coarse"}
 PLACE = 0.03  # of the length
+# Where a plane or a bar lies can be told in many ways: only that there is one is scored.
+NO_SIZE = {"support_plane", "obstacle"}
+FACTORS = {"log_factor": lambda v: abs(float(np.log(v))), "scale": lambda v: v - 1}
 
 
 def names_of(effect: dict[str, Any]) -> set[str]:
@@ -63,23 +66,35 @@ def _place_and_size(truth: dict[str, Any], effects: list[dict[str, Any]]) -> dic
             off = abs(np.mean(where) - np.mean(said)) / truth["length_m"]
             error.append(float(off))
             place.append(bool(off <= PLACE))
-        found = same_quantity(true, match.get("parameters", {}))
+        found, value = same_quantity(true, match.get("parameters", {}))
         if found and found.get("ci95"):
             low, high = sorted(found["ci95"])
-            values = [true["value"]]
+            values = [value]
             if low <= high <= 0:  # a direction's sign is a matter of convention
-                values.append(-true["value"])
+                values.append(-value)
             size.append(any(low <= value <= high for value in values))
     return {"place": place, "place_error": error, "size": size}
 
 
-def same_quantity(true: dict[str, Any], parameters: dict[str, Any]) -> dict[str, Any] | None:
-    """The reported parameter of the true one's name, or the only one of its unit."""
+def same_quantity(
+    true: dict[str, Any], parameters: dict[str, Any]
+) -> tuple[dict[str, Any] | None, float]:
+    """The reported parameter of the true one's name, or the only one of its unit; its true value.
+
+    Factors may also be reported as their logarithm or as what they add to one.
+    """
+    value = float(true["value"])
+    if true["name"] in NO_SIZE:
+        return None, value
     if true["parameter"] in parameters:
-        return parameters[true["parameter"]]
+        return parameters[true["parameter"]], value
+    if true["parameter"] == "factor":
+        for name, convert in FACTORS.items():
+            if name in parameters:
+                return parameters[name], convert(value)
     unit = _plain(true["unit"])
     same = [p for p in parameters.values() if _plain(p.get("unit", "")) == unit]
-    return same[0] if len(same) == 1 else None
+    return (same[0] if len(same) == 1 else None), value
 
 
 def _plain(unit: str) -> str:
