@@ -1,0 +1,1 @@
+"""Recordings with concealed effects, made by simulators that are not ropefit's."""

@@ -1,0 +1,86 @@
+"""Blind benchmark of `ropefit diagnose` on recordings with concealed effects.
+
+    python -m benchmarks.discovery [--cases small|standard|full] [--shard I/N] [--out DIR]
+                                   [--json FILE] [--write docs/results.md]
+
+Cases with an answer are kept in DIR and not run again; shards share DIR. `--make` only makes the
+recordings, `--score-only` scores what all shards have finished.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.discovery import falsified
+from benchmarks.discovery.cases import Case, generate, listed
+from benchmarks.discovery.run import diagnose, kept
+from benchmarks.discovery.score import judged, rows
+from benchmarks.discovery.table import markdown
+from benchmarks.document import parser, publish
+
+
+def main() -> None:
+    """Make, run, score, print."""
+    arguments = parser(__doc__)
+    root = Path(__file__).parents[2]
+    arguments.add_argument("--cases", choices=["small", "standard", "full"], default="standard")
+    arguments.add_argument("--shard", default="1/1", help="I/N: every N-th case from the I-th")
+    arguments.add_argument("--out", type=Path, default=Path("discovery"), help="results' folder")
+    arguments.add_argument("--seed", type=int, default=5)
+    arguments.add_argument("--make", action="store_true", help="only make the recordings")
+    arguments.add_argument("--score-only", action="store_true", help="only what is finished")
+    arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
+    options = arguments.parse_args()
+    shard, shards = (int(part) for part in options.shard.split("/"))
+    if not 1 <= shard <= shards:
+        arguments.error("--shard I/N with 1 <= I <= N")
+    # What one seed makes is not another's.
+    out = options.out / f"seed-{options.seed}"
+    cases = listed(options.cases, options.seed)[shard - 1 :: shards]
+    judgements, impossible = [], {}
+    for case in cases:
+        found = one(case, out, options.make, options.score_only)
+        if isinstance(found, str):
+            impossible[case.name] = found
+        elif found is not None:
+            judgements.append(found)
+    if options.make:
+        for name, why in impossible.items():
+            print(f"{name}: not made: {why}")
+        return
+    text = markdown(judgements, impossible, options.cases)
+    data: dict[str, Any] = {
+        "rows": rows(judgements), "cases": judgements, "impossible": impossible,
+    }  # fmt: skip
+    publish(options, "discovery", text, data)
+    if options.real.is_dir() and shard == 1 and not options.score_only:
+        text, data["real"] = falsified.table(options.real, options.out)
+        publish(options, "discovery-real", text, data)
+
+
+def one(case: Case, out: Path, make_only: bool, score_only: bool) -> dict[str, Any] | str | None:
+    """A case's judgement; a sentence if it could not be made; None if there is nothing to judge."""
+    recordings, truths, results = out / "recordings", out / "truth", out / "results"
+    stored = results / f"{case.name}.json"
+    if score_only and not stored.exists():
+        return None
+    if score_only:
+        return judged(falsified.read(truths / f"{case.name}.json"), falsified.read(stored))
+    start = time.perf_counter()
+    why = generate(case, recordings, truths)
+    if why is not None:
+        return why
+    print(f"{case.name}: made in {time.perf_counter() - start:.0f} s", flush=True)
+    if make_only:
+        return None
+    result = kept(
+        stored,
+        lambda: diagnose(recordings / case.name, out / "runs" / case.name, case.preprocess),
+    )
+    return judged(falsified.read(truths / f"{case.name}.json"), result)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""The list of cases, from one seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.discovery import make
+from benchmarks.discovery.collocation import NotConverged
+from benchmarks.discovery.concealed import (
+    MEASUREMENT,
+    NEEDS_CLAMPS,
+    NEEDS_PINS,
+    PHYSICS,
+    UNKNOWN,
+)
+
+SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
+# Effects that MuJoCo's rope can have as well: about half of their recordings are made by it.
+IN_MUJOCO = (
+    "point_mass", "mass_section", "stiff_section", "soft_section", "distributed_load", "tether",
+    "support_plane", "obstacle",
+)  # fmt: skip
+COARSE_NODES = (8, 10, 12, 14)
+ATTEMPTS = 4
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording to make and to diagnose."""
+
+    name: str
+    group: str  # clean, single, pair, decoy, coarse, unknown
+    seed: int
+    effects: tuple[str, ...] = ()
+    score: float = 0.0
+    clamped: bool = False
+    calibration: bool = False
+    simulator: str = "elastica"  # or mujoco
+    preprocess: tuple[str, ...] = field(default=())  # further options of the command
+
+
+def listed(size: str, seed: int = 5) -> list[Case]:
+    """The cases of a set: small, standard or full."""
+    rng = np.random.default_rng(seed)
+    cases: list[Case] = []
+
+    def add(group: str, index: int, effects: tuple[str, ...] = (), score: float = 0.0, **more):
+        label = "-".join([group, *(e.replace("_", "") for e in effects)])
+        clamped, calibration = index % 2 == 1, index // 2 % 2 == 1
+        shared = all(effect in IN_MUJOCO for effect in effects)
+        often = 2 if group == "single" else 10  # MuJoCo takes a minute or two
+        own = group in ("clean", "single") and shared and (index // 4) % often == 1
+        own = own and not (clamped and set(effects) & {"support_plane", "obstacle"})
+        number = int(rng.integers(2**31))
+        case = Case(f"{label}-{index:03d}", group, number, effects, score, clamped, calibration,
+                    "mujoco" if own else "elastica", **more)  # fmt: skip
+        cases.append(case)
+
+    counts = {"small": (2, 1, 1, 1, 1), "standard": (20, 10, 2, 4, 2), "full": (300, 20, 2, 10, 4)}
+    clean, pairs, decoys, coarse, unknown = counts[size]
+    for i in range(clean):
+        add("clean", 3 * i if size == "small" else i)
+    for k, name in enumerate(PHYSICS):
+        if size == "small":
+            if k % 3 == 0:
+                add("single", 4 * (k % 2), (name,), 30.0)
+        elif size == "standard":
+            for i, score in enumerate((6.0, 12.0, 30.0, 100.0)):
+                add("single", i + 4 * (k % 2), (name,), score)
+        else:
+            for i, score in enumerate(SCORES):
+                add("single", i, (name,), score)
+    names = [*PHYSICS, "scale_error", "end_offset"]
+    for i in range(pairs):
+        while True:
+            two = tuple(str(n) for n in rng.choice(names, 2, replace=False))
+            clamps = NEEDS_CLAMPS & set(two)
+            if not (clamps and NEEDS_PINS & set(two)):
+                break
+        add("pair", i, two, 30.0)
+    for name in MEASUREMENT:
+        if size == "small" and name not in ("gravity_misalignment", "scale_error"):
+            continue
+        for i in range(decoys):
+            add("decoy", i, (name,))
+    for i in range(coarse):
+        nodes = COARSE_NODES[i % len(COARSE_NODES)]
+        add("coarse", i, preprocess=("--nodes", str(nodes)))
+    for name in UNKNOWN:
+        if size == "small" and name != "repulsion":
+            continue
+        for i in range(unknown):
+            add("unknown", i, (name,), (30.0, 100.0)[i % 2])
+    return cases
+
+
+def generate(case: Case, recordings: Path, truths: Path) -> str | None:
+    """Make one recording, unless it is there; says why if that is not possible.
+
+    A rope whose effect cannot be as visible as asked is drawn again, up to four times.
+    """
+    truth = truths / f"{case.name}.json"
+    if truth.exists() and (recordings / case.name / "recording.toml").exists():
+        return None
+    why = ""
+    for attempt in range(ATTEMPTS):
+        seed = case.seed + attempt
+        try:
+            made = make.make(
+                list(case.effects), [case.score] * len(case.effects), seed, case.clamped,
+                case.calibration, case.simulator,
+            )  # fmt: skip
+        except (make.Implausible, NotConverged, np.linalg.LinAlgError, RuntimeError) as error:
+            why = f"{type(error).__name__}: {error}"
+            continue
+        make.write(recordings / case.name, truth, case.name, made, seed, case.group)
+        return None
+    return why

@@ -1,0 +1,141 @@
+"""Real recordings of which something false is told: the noise is real and the truth is exact."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.discovery.run import diagnose, kept
+from benchmarks.discovery.score import names_of
+
+QUASI_STATIC = ("cable_black_unweighted", "wire_black")
+TILT, CLAMP, SCALE, WEAK_GRAVITY = np.radians(3.0), np.radians(5.0), 0.01, 4.81
+
+
+def read(path: Path) -> dict[str, Any]:
+    """A JSON file."""
+    return json.loads(path.read_text())
+
+
+def copied(source: Path, folder: Path, name: str) -> None:
+    """A copy of a recording under another name."""
+    if folder.exists():
+        shutil.rmtree(folder)
+    shutil.copytree(source, folder)
+    text = (folder / "recording.toml").read_text().splitlines()
+    text = [f'name = "{name}"' if line.startswith("name") else line for line in text]
+    (folder / "recording.toml").write_text("\n".join(text) + "\n")
+
+
+def gravity(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Another gravity in recording.toml."""
+    path = folder / "recording.toml"
+    old = np.array(tomllib.loads(path.read_text())["gravity"], dtype=float)
+    row = "gravity = [" + ", ".join(f"{value:.6f}" for value in change(old)) + "]"
+    lines = [row if line.startswith("gravity") else line for line in path.read_text().splitlines()]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def tilted_gravity(folder: Path) -> None:
+    turn = Rotation.from_rotvec([0.0, TILT, 0.0])
+    gravity(folder, turn.apply)
+
+
+def weak_gravity(folder: Path) -> None:
+    gravity(folder, lambda old: old * WEAK_GRAVITY / np.linalg.norm(old))
+
+
+def scaled(folder: Path) -> None:
+    """Markers 1 % farther from their common centre; the ends stay."""
+    path = folder / "markers.npz"
+    with np.load(path) as file:
+        data = dict(file)
+    points = data["positions"]
+    centre = np.nanmean(points, axis=(0, 1))
+    data["positions"] = centre + (1 + SCALE) * (points - centre)
+    np.savez_compressed(path, **data)
+
+
+def turned_clamp(folder: Path) -> None:
+    """The clamp of end 0 is said to point 5 degrees elsewhere, across the rope."""
+    path = folder / "ends.csv"
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        if int(row["end"]) != 0:
+            continue
+        x, y, z, w = (
+            Rotation.from_quat([float(row[key]) for key in ("qx", "qy", "qz", "qw")])
+            * Rotation.from_rotvec([CLAMP, 0.0, 0.0])
+        ).as_quat()
+        row |= {
+            key: f"{v:.8f}" for key, v in zip(("qw", "qx", "qy", "qz"), (w, x, y, z), strict=True)
+        }
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+# What is told, how, and the names that are right for it.
+FALSEHOODS: dict[str, tuple[Callable[[Path], None], set[str]]] = {
+    "gravity tilted by 3 degrees": (tilted_gravity, {"gravity_misalignment"}),
+    "gravity of 4.81 m/s2": (weak_gravity, {"gravity_misalignment", "distributed_load"}),
+    "coordinates scaled by 1 %": (scaled, {"scale_error"}),
+    "a clamp turned by 5 degrees": (turned_clamp, {"clamped_end", "end_offset"}),
+}
+
+
+def table(real: Path, out: Path) -> tuple[str, dict[str, Any]]:
+    """Each falsehood on each recording, with what the same rope told truly as nominal."""
+    folder, data = out / "real", {}
+    lines = [
+        "Real recordings of which one thing is told falsely, each diagnosed with the true run of",
+        "the same recording as `--nominal`; written by `python -m benchmarks.discovery`.",
+        "",
+        "| recording | told falsely | right | verdict | called | held out before, after [mm] | |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name in QUASI_STATIC:
+        if not (real / name).is_dir():
+            continue
+        plain = folder / "runs" / name
+        found = kept(folder / f"{name}.json", lambda s=real / name, p=plain: diagnose(s, p))
+        data[name] = found
+        lines.append(_line(name, "nothing", set(), found))
+        for number, (what, (change, right)) in enumerate(FALSEHOODS.items()):
+            case = f"{name}-{number}"
+            source = folder / "recordings" / case
+            copied(real / name, source, case)
+            change(source)
+            run = folder / "runs" / case
+            found = kept(
+                folder / f"{case}.json",
+                lambda s=source, r=run, p=plain: diagnose(s, r, nominal=p),
+            )
+            data[f"{name}: {what}"] = found
+            lines.append(_line(name, what, right, found))
+    return "\n".join(lines) + "\n", data
+
+
+def _line(name: str, what: str, right: set[str], found: dict[str, Any]) -> str:
+    answer = found["answer"]
+    wanted = " / ".join(sorted(right)) or "-"
+    if answer is None:
+        return f"| {name} | {what} | {wanted} | - | {found['error']} | - | |"
+    sets = [names_of(effect) for effect in answer["effects"]]
+    said = ", ".join("/".join(sorted(one)) for one in sets) or "-"
+    held = answer.get("heldout") or {}
+    rms = [held.get(key) for key in ("rms_before_m", "rms_after_m")]
+    numbers = ", ".join("-" if v is None else f"{1e3 * v:.2f}" for v in rms)
+    hit = any(one & right for one in sets)
+    mark = ("yes" if hit else "**no**") if right else ""
+    return f"| {name} | {what} | {wanted} | {answer['verdict']} | {said} | {numbers} | {mark} |"

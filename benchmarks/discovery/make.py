@@ -1,0 +1,241 @@
+"""One case: what is concealed, how large, the recording and the truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.discovery import clouds
+from benchmarks.discovery.collocation import NotConverged, solve
+from benchmarks.discovery.concealed import (
+    MEASUREMENT,
+    NEEDS_CLAMPS,
+    NEEDS_PINS,
+    PHYSICS,
+    UNKNOWN,
+    Concealed,
+)
+from benchmarks.discovery.elastica import CLAMPED, hang, problem
+from benchmarks.discovery.rod_equations import Array, rotation
+from benchmarks.discovery.setting import (
+    END_NOISE,
+    TILT_NOISE,
+    Setting,
+    World,
+    draw,
+    grasped,
+    miscalibrated,
+)
+from benchmarks.discovery.setting import turned as turned_clamps
+from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
+
+CATALOGUE = PHYSICS | MEASUREMENT | UNKNOWN
+
+
+class Implausible(RuntimeError):
+    """The wanted score needs a size that no rope has."""
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A concealed effect at its size, with the score that it has on its own.
+
+    `frames` are those whose shape it moves by 0.1 mm somewhere: a contact acts in few.
+    """
+
+    effect: Concealed
+    size: float
+    score: float
+    frames: list[int]
+
+
+def moved_frames(setting: Setting, states: Array) -> list[int]:
+    """Frames with a shape (of T, N + 1, 13) that differs from the setting's."""
+    change = np.linalg.norm(states[..., :3] - setting.states[..., :3], axis=-1).max(axis=1)
+    return np.flatnonzero(change > 1e-4).tolist()
+
+
+@dataclass(frozen=True)
+class Made:
+    """A solved case: centrelines (T, n, 3) [m] and their derivatives at arc lengths (n,) [m]."""
+
+    setting: Setting
+    world: World
+    sized: list[Sized]
+    arc_length: Array
+    nodes: Array
+    tangents: Array
+    simulator: str
+
+
+def at_score(
+    setting: Setting, scale: Meter, effect: Concealed, wanted: float
+) -> tuple[Sized, Array]:
+    """The effect at the size whose score is `wanted`, within a tenth, and the states there."""
+    size, tried = min(effect.start, effect.most), []
+    start = None
+    for _ in range(8):
+        world = effect.change(setting.world, size)
+        try:
+            goal, states = shapes(setting, world, start)
+        except (NotConverged, np.linalg.LinAlgError):
+            if start is not None:
+                start = None
+                continue
+            size *= 0.3
+            continue
+        if goal.mesh is not setting.problem.mesh:
+            raise AssertionError("the mesh must not change")
+        score = scale.score(seen_change(setting, scale, world, states))
+        tried.append((size, score))
+        if abs(np.log(max(score, 1e-9) / wanted)) < 0.1:
+            return Sized(effect, size, score, moved_frames(setting, states)), states
+        # A power law through the last two sizes; proportional at first.
+        power = 1.0
+        if len(tried) > 1 and tried[-1][0] != tried[-2][0]:
+            (a, p), (b, q) = tried[-2:]
+            power = np.clip(np.log(max(q, 1e-6) / max(p, 1e-6)) / np.log(b / a), 0.3, 3.0)
+        factor = float(np.clip((wanted / max(score, 1e-6)) ** (1 / power), 0.1, 6.0))
+        if size >= effect.most and factor > 1:
+            raise Implausible(f"{effect.name}: {effect.most:.3g} {effect.unit} scores {score:.1f}")
+        start = states if effect.follows else None
+        size = min(size * factor, effect.most)
+    raise Implausible(f"{effect.name}: no size found for a score of {wanted}")
+
+
+def as_drawn(
+    setting: Setting, scale: Meter, effect: Concealed, factor: float
+) -> tuple[Sized, Array]:
+    """A measurement error at a usual size: its own prior takes its score, so none is asked for."""
+    size = min(factor * effect.start, effect.most)
+    world = effect.change(setting.world, size)
+    _, states = shapes(setting, world)
+    score = scale.score(seen_change(setting, scale, world, states))
+    frames = list(range(len(states)))
+    return Sized(effect, size, score, frames), states
+
+
+def breaks_of(effects: list[Concealed]) -> list[float]:
+    """Arc lengths [m] that the mesh must have."""
+    return [s for effect in effects if effect.place for s in effect.place]
+
+
+def with_mesh(setting: Setting, effects: list[Concealed]) -> Setting:
+    """The setting on a mesh that resolves where the effects act."""
+    places = breaks_of(effects)
+    kinds, held = setting.held.kinds, setting.held
+    rolling, states = hang(setting.rod, setting.held, breaks=places)
+    if kinds[0] == CLAMPED:
+        fixed = problem(setting.rod, setting.held, breaks=places)
+        # Same frames as the setting's own: solve with the clamps as they were recorded.
+        sign = np.sign((states[:, -1, 3:7] * setting.held.orientations[:, 1]).sum(-1))
+        states[..., 3:7] *= sign[:, None, None]
+        states = solve(replace(fixed, mesh=rolling.mesh), states)
+    else:
+        held = grasped(held, states)
+    new = replace(rolling, rod=setting.rod, held=held, gauge=kinds[0] != CLAMPED)
+    return replace(setting, held=held, problem=new, states=states)
+
+
+def make(
+    effects: list[str],
+    scores: list[float],
+    seed: int,
+    clamped: bool | None = None,
+    calibration: bool = False,
+    simulator: str = "elastica",
+) -> Made:
+    """Draw a setting and effects of these scores; solve it."""
+    rng = np.random.default_rng(seed)
+    if clamped is None:
+        clamped = bool(rng.random() < 0.5)
+    clamped = (clamped or bool(NEEDS_CLAMPS & set(effects))) and not NEEDS_PINS & set(effects)
+    setting = draw(clamped, rng)
+    chosen = [CATALOGUE[effect](setting, rng) for effect in effects]
+    if breaks_of(chosen):
+        setting = with_mesh(setting, chosen)
+    world, sized, states = setting.world, [], setting.states
+    if chosen:
+        scale = meter(setting)
+    for effect, score in zip(chosen, scores, strict=True):
+        if effect.kind == "measurement":
+            found, states = as_drawn(setting, scale, effect, float(rng.uniform(0.8, 2.0)))
+        else:
+            found, states = at_score(setting, scale, effect, score)
+        sized.append(found)
+        world = effect.change(world, found.size)
+    if calibration:
+        world = miscalibrated(world, rng)
+    if simulator == "mujoco":
+        from benchmarks.discovery import mujoco_rope  # only those who have it
+
+        s, nodes = mujoco_rope.shapes(world, setting.diameter)
+        return Made(setting, world, sized, s, nodes, mujoco_rope.tangents(s, nodes), simulator)
+    goal, states = shapes(setting, world, states)
+    direction = rotation(states[..., 3:7])[..., 2]
+    tension = (states[..., 7:10] * direction).sum(-1, keepdims=True)
+    tangents = (1 + world.rod.compliance * tension) * direction
+    return Made(setting, world, sized, goal.mesh, states[..., :3], tangents, simulator)
+
+
+def write(
+    folder: Path, truth_file: Path, name: str, made: Made, seed: int, group: str
+) -> dict[str, Any]:
+    """The recording and, elsewhere, its truth."""
+    setting, world = made.setting, made.world
+    rng = np.random.default_rng([seed, 1])
+    radius, sensor = 0.5 * setting.diameter, setting.sensor
+    frames = []
+    for nodes, tangents, ends in zip(made.nodes, made.tangents, world.held.positions, strict=True):
+        points = clouds.surface(nodes, tangents, made.arc_length, radius, sensor, rng)
+        frames.append(clouds.observe(points, ends, world.seen, sensor, rng))
+    held, orientations = setting.held, None
+    positions = held.positions + END_NOISE * rng.standard_normal(held.positions.shape)
+    if world.seen.ends_too:
+        view = np.asarray(sensor.viewpoint)
+        positions = view + (1 + world.seen.scale) * (positions - view)
+    if held.kinds[0] == CLAMPED:
+        parts = [
+            turned_clamps(
+                replace(held, orientations=held.orientations[t : t + 1]),
+                TILT_NOISE * rng.standard_normal((2, 3)),
+            ).orientations
+            for t in range(len(positions))
+        ]
+        orientations = np.concatenate(parts)
+    rod = setting.rod
+    told = clouds.Told(name, rod.gravity, rod.length, setting.diameter, rod.density * rod.length,
+                       positions, orientations)  # fmt: skip
+    clouds.write(folder, told, frames, sensor)
+    truth = {
+        "name": name,
+        "group": group,
+        "effects": [
+            {
+                "name": one.effect.name,
+                "kind": one.effect.kind,
+                "arc_length_m": one.effect.place,
+                "parameter": one.effect.parameter,
+                "unit": one.effect.unit,
+                "value": one.effect.reported(one.size),
+                "score": one.score,
+                "frames": one.frames,
+            }
+            for one in made.sized
+        ],
+        "simulator": made.simulator,
+        "calibration_errors": bool(any(world.seen.rotation)),
+        "clamped": held.kinds[0] == CLAMPED,
+        "length_m": rod.length,
+        "bending_N_m2": rod.bending,
+        "stiffness": rod.bending / (rod.density * 9.81 * rod.length**3),
+        "noise_m": sensor.noise,
+        "frames": len(frames),
+    }
+    truth_file.parent.mkdir(parents=True, exist_ok=True)
+    truth_file.write_text(json.dumps(truth, indent=1) + "\n")
+    return truth

@@ -1,0 +1,212 @@
+"""The same worlds by another simulator: MuJoCo's discrete elastic rod (1D flex), brought to rest.
+
+What it can have: masses, sections of other weight or stiffness, steady loads, tethers, planes and
+round bars (MuJoCo's own contact, without friction).  It never twists: its edges may spin freely.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from benchmarks.discovery.elastica import CLAMPED
+from benchmarks.discovery.rod_equations import Array, Field, Rod, rotation
+from benchmarks.discovery.setting import World
+
+# Its functions come from a compiled module that type checkers cannot see.
+mujoco: Any = importlib.import_module("mujoco")
+
+TIMESTEP = 0.001  # s
+DAMPING = 8.0  # 1/s, drag on every velocity, near critical for a metre of rope
+MOVE_TIME, FIRST_MOVE_TIME = 1.0, 4.0  # s, simulated, from one pose to the next
+REST_SPEED = 5e-5  # m/s, largest velocity of a rope at rest
+MOST_TIME = 30.0  # s, to come to rest
+EDGES = 120
+LONG_BAR = 5.0  # m
+# One record of `flex_bending` a bend: 4 vertices, bending, two rest values, joint, twist, spare.
+RECORD, BENDING, TWISTING = 10, 4, 8
+
+
+def shapes(world: World, diameter: float) -> tuple[Array, Array]:
+    """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest."""
+    rope = _Rope(world, diameter)
+    return rope.arc_length, np.stack([rope.settled(frame) for frame in range(len(rope.ends))])
+
+
+def tangents(arc_length: Array, nodes: Array) -> Array:
+    """(T, n, 3) derivatives of centrelines by arc length."""
+    return CubicSpline(arc_length, nodes, axis=1)(arc_length, 1)
+
+
+class _Rope:
+    """A rope whose end 1 is held by the world and whose end 0 is led from pose to pose.
+
+    A clamp holds the direction of a whole edge; the clamped edges straddle the clamping points, so
+    that no part of the rope between the clamps is kept from bending.
+    """
+
+    def __init__(self, world: World, diameter: float):
+        rod, held = world.rod, world.held
+        self.clamped = held.kinds[0] == CLAMPED
+        self.ends = held.positions
+        self.directions = rotation(held.orientations)[..., 2]
+        spacing = rod.length / EDGES
+        self.half = 0.5 * spacing
+        self.held = 2 if self.clamped else 1
+        vertices = EDGES + self.held
+        reach = spacing * np.arange(vertices - 1, -1, -1) - (self.half if self.clamped else 0.0)
+        first, last = self.ends[0]
+        way = (
+            self.directions[0, 1] if self.clamped else (last - first) / np.linalg.norm(last - first)
+        )
+        self.rest = last - np.outer(reach, way)
+        # Arc length of each vertex; clamped ones lie half an edge before and behind the end.
+        self.at = rod.length - reach
+        self.arc_length = np.concatenate([[0.0], self.at[1:-1], [rod.length]])
+        self.model = mujoco.MjModel.from_xml_string(_xml(rod, self.rest, diameter, self.held))
+        self._weigh(rod, spacing)
+        self._stiffen(rod)
+        self.model.dof_armature[: 3 * self.held] = 1e3  # the rope cannot push what leads it
+        self.model.dof_armature[3 * EDGES :] = 1e-7  # or thin edges would ring about themselves
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_setConst(self.model, self.data)
+        self._load(rod, spacing)
+        mujoco.mj_forward(self.model, self.data)
+        self.now = (last - rod.length * way, way)
+        self._lead(self._pose(0), FIRST_MOVE_TIME)
+
+    def settled(self, frame: int) -> Array:
+        """The centreline (n, 3) [m] at rest in a frame; RuntimeError if it keeps moving."""
+        self._lead(self._pose(frame), MOVE_TIME)
+        free = slice(3 * self.held, 3 * (len(self.rest) - self.held))
+        calm = 0
+        for step in range(round(MOST_TIME / TIMESTEP)):
+            self._step(self.now)
+            if step % 20 == 0:
+                calm = calm + 1 if np.abs(self.data.qvel[free]).max() < REST_SPEED else 0
+                if calm == 3:
+                    return self._nodes()
+        raise RuntimeError(f"MuJoCo's rope does not come to rest in frame {frame}")
+
+    def _pose(self, frame: int) -> tuple[Array, Array]:
+        return self.ends[frame, 0], self.directions[frame, 0]
+
+    def _lead(self, pose: tuple[Array, Array], seconds: float) -> None:
+        start, steps = self.now, round(seconds / TIMESTEP)
+        for step in range(1, steps + 1):
+            part = step / steps
+            part = part * part * (3 - 2 * part)
+            way = (1 - part) * start[1] + part * pose[1]
+            place = (1 - part) * start[0] + part * pose[0]
+            self._step((place, way / np.linalg.norm(way)))
+        self.now = pose
+
+    def _step(self, pose: tuple[Array, Array]) -> None:
+        place, way = pose
+        lead = place[None] + (self.half * np.outer([-1.0, 1.0], way) if self.clamped else 0.0)
+        data, count = self.data, 3 * self.held
+        data.qpos[:count] = (lead - self.rest[: self.held]).ravel()
+        data.qvel[:count] = 0.0
+        data.qvel *= np.exp(-DAMPING * TIMESTEP)
+        for body, spring, anchor, steady in self.tethers:
+            data.xfrc_applied[body, :3] = steady + spring * (anchor - data.xpos[body])
+        mujoco.mj_step(self.model, data)
+
+    def _nodes(self) -> Array:
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_flex(self.model, self.data)
+        x = self.data.flexvert_xpos.copy()
+        if not self.clamped:
+            return x
+        return np.vstack([x[:2].mean(axis=0), x[1:-1], x[-2:].mean(axis=0)])
+
+    def _shares(self, at: float) -> list[tuple[int, float]]:
+        """Bodies and shares of something at an arc length [m]."""
+        right = int(np.clip(np.searchsorted(self.at, at), 1, len(self.at) - 1))
+        part = (at - self.at[right - 1]) / (self.at[right] - self.at[right - 1])
+        bodies = self.model.flex_vertbodyid
+        return [(int(bodies[right - 1]), 1 - part), (int(bodies[right]), float(part))]
+
+    def _weigh(self, rod: Rod, spacing: float) -> None:
+        """Mass of each vertex: of the rope next to it, and what hangs on it."""
+        bodies: NDArray[np.int32] = self.model.flex_vertbodyid
+        for vertex, at in enumerate(self.at):
+            low, high = max(at - spacing / 2, 0.0), min(at + spacing / 2, rod.length)
+            mass = rod.density * max(high - low, 0.0)
+            for part in rod.sections:
+                inside = max(min(high, part.end) - max(low, part.start), 0.0)
+                mass += rod.density * (part.density - 1) * inside
+            if bodies[vertex] > 0:
+                self.model.body_mass[bodies[vertex]] = max(mass, 1e-6)
+        for point in rod.points:
+            for body, part in self._shares(point.at):
+                self.model.body_mass[body] += part * point.mass
+
+    def _stiffen(self, rod: Rod) -> None:
+        """Bends within a section get its rigidity."""
+        for k in range(int(self.model.flex_bending[0])):
+            record = 1 + RECORD * k
+            at = self.at[int(self.model.flex_bending[record + 1])]
+            for part in rod.sections:
+                if part.start <= at < part.end:
+                    self.model.flex_bending[record + BENDING] *= part.bending
+                    self.model.flex_bending[record + TWISTING] *= part.bending
+
+    def _load(self, rod: Rod, spacing: float) -> None:
+        """Steady forces, and where tethers pull."""
+        steady = np.zeros((self.model.nbody, 3))
+        for vertex, at in enumerate(self.at):
+            low, high = max(at - spacing / 2, 0.0), min(at + spacing / 2, rod.length)
+            body = int(self.model.flex_vertbodyid[vertex])
+            steady[body] += max(high - low, 0.0) * np.asarray(rod.load)
+        self.data.xfrc_applied[1:, :3] = steady[1:]
+        self.tethers = [
+            (body, part * point.spring, np.asarray(point.anchor), steady[body])
+            for point in rod.points
+            if point.spring
+            for body, part in self._shares(point.at)
+        ]
+
+
+def _xml(rod: Rod, points: Array, diameter: float, held: int) -> str:
+    """MJCF of the rope, straight through `points` (n, 3) [m], and of what it may touch."""
+    radius = 0.5 * diameter
+    young = rod.bending / (0.25 * np.pi * radius**4)  # Pa, so that E I = EI
+    gravity = " ".join(f"{value:.9g}" for value in rod.gravity)
+    point = " ".join(f"{value:.12g}" for value in points.ravel())
+    element = " ".join(f"{i} {i + 1}" for i in range(len(points) - 1))
+    pins = " ".join(str(i) for i in range(len(points) - held, len(points)))
+    touched = "".join(_geom(one, radius) for one in rod.fields)
+    contact = 1 if rod.fields else 0
+    mass = rod.density * rod.length / EDGES * len(points)
+    # The default edge equality is soft enough to stretch a hanging rope by several per cent.
+    return f"""
+<mujoco>
+  <option integrator="discrete" timestep="{TIMESTEP}" gravity="{gravity}"/>
+  <worldbody>
+    {touched}
+    <flexcomp name="rope" type="direct" dim="1" mass="{mass:.12g}" radius="{radius:.9g}"
+              point="{point}" element="{element}">
+      <edge equality="true" solref="0.002 1" solimp="0.9999 0.9999 0.001"/>
+      <elasticity young="{young:.12g}" poisson="0.3"/>
+      <contact contype="{contact}" conaffinity="{contact}" condim="1" selfcollide="none"
+               solref="0.004 1" solimp="0.99 0.999 0.0005"/>
+      <pin id="{pins}"/>
+    </flexcomp>
+  </worldbody>
+</mujoco>"""
+
+
+def _geom(one: Field, radius: float) -> str:
+    """A plane or a bar whose surface lies a radius of the rope inside the field's reach."""
+    if one.kind == "plane":
+        place, size, kind = one.point + (one.reach - radius) * one.axis, "5 5 0.1", "plane"
+    else:
+        place, size, kind = one.point, f"{one.reach - radius:.9g} {LONG_BAR / 2}", "capsule"
+    where = " ".join(f"{value:.9g}" for value in place)
+    axis = " ".join(f"{value:.9g}" for value in one.axis)
+    return f'<geom type="{kind}" pos="{where}" zaxis="{axis}" size="{size}" condim="1"/>'

@@ -1,0 +1,103 @@
+"""How visible a change of shape is: its score after nominal and calibration nuisances.
+
+Everything comes from the independent simulator; ropefit is not asked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from benchmarks.discovery.clouds import Seen, mistaken
+from benchmarks.discovery.collocation import derivatives
+from benchmarks.discovery.elastica import CLAMPED, RodProblem, follow
+from benchmarks.discovery.rod_equations import Array, rotation
+from benchmarks.discovery.setting import PRIORS, Setting, World, moved, turned
+
+STRETCHES = 30
+
+
+def shapes(setting: Setting, world: World, start: Array | None = None) -> tuple[RodProblem, Array]:
+    """States (T, N + 1, 13) of the changed world, on the setting's mesh; from `start` if given."""
+    gauge = CLAMPED not in world.held.kinds and world.rod.isotropic
+    goal = replace(setting.problem, rod=world.rod, held=world.held, gauge=gauge)
+    return goal, follow(lambda _: goal, setting.states if start is None else start)
+
+
+@dataclass(frozen=True)
+class Meter:
+    """Whitened observation of small changes, and what the nuisances may do."""
+
+    index: NDArray[np.int_]  # (P,) nearest mesh nodes of the stations
+    basis: Array  # (T, P, 2, 3) directions across the rope over the noise [1/m]
+    nuisances: Array  # (T * P * 2, C) whitened, times prior sd
+    points: Array  # (T, P, 3) m
+
+    def whitened(self, change: Array) -> Array:
+        """(T * P * 2,) of changes (T, P, 3) [m]."""
+        return np.einsum("tpij,tpj->tpi", self.basis, change).ravel()
+
+    def score(self, change: Array) -> float:
+        """Signal over noise of a change (T, P, 3) [m], nuisances taken out by their priors."""
+        z, b = self.whitened(change), self.nuisances
+        inner = b.T @ z
+        left = z @ z - inner @ np.linalg.solve(np.eye(b.shape[1]) + b.T @ b, inner)
+        return float(np.sqrt(max(left, 0.0)))
+
+
+def meter(setting: Setting) -> Meter:
+    """The meter of one setting."""
+    rod, held, problem, y = setting.rod, setting.held, setting.problem, setting.states
+    stations = (np.arange(STRETCHES) + 0.5) * rod.length / STRETCHES
+    index = np.abs(problem.mesh[:, None] - stations).argmin(axis=0)
+    points, tangent = y[:, index, :3], rotation(y[:, index, 3:7])[..., 2]
+    view = np.asarray(setting.sensor.viewpoint)
+    ray = points - view
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    along = ray - (ray * tangent).sum(-1, keepdims=True) * tangent
+    sine = np.linalg.norm(along, axis=-1, keepdims=True)
+    along /= sine
+    across = np.cross(tangent, along)
+    each = setting.sensor.points / STRETCHES
+    deep = setting.sensor.noise / np.sqrt(each)
+    wide = max(0.25 * setting.diameter, setting.sensor.lateral) / np.sqrt(each)
+    basis = np.stack([along / deep, across / wide], axis=2)
+
+    changed, sizes = [replace(problem, rod=replace(rod, bending=rod.bending * 1.001))], [3000.0]
+    small = 1e-4
+    for axis in np.eye(3)[:2]:
+        turn = Rotation.from_rotvec(small * axis)
+        tilted = replace(rod, gravity=tuple(turn.apply(rod.gravity)))
+        changed.append(replace(problem, rod=tilted))
+        sizes.append(PRIORS["gravity"] / small)
+    for unit in np.eye(6).reshape(6, 2, 3):
+        changed.append(replace(problem, held=moved(held, small * unit)))
+        sizes.append(PRIORS["end_position"] / small)
+        if held.kinds[0] == CLAMPED:
+            changed.append(replace(problem, held=turned(held, small * unit)))
+            sizes.append(PRIORS["end_orientation"] / small)
+    moves: Array = derivatives(problem, y, changed)[..., index, :3]
+    columns: list[Array] = [size * moves[:, i] for i, size in enumerate(sizes)]
+    seens = [Seen(scale=float(np.hypot(PRIORS["scale"], PRIORS["depth_gain"])))]
+    for axis in np.eye(3):
+        seens.append(Seen(rotation=tuple(PRIORS["camera_rotation"] * axis)))
+        seens.append(Seen(translation=tuple(PRIORS["camera_translation"] * axis)))
+    columns += [mistaken(points, seen, view) - points for seen in seens]
+    flat = [np.einsum("tpij,tpj->tpi", basis, column).ravel() for column in columns]
+    return Meter(index, basis, np.stack(flat, axis=1), points)
+
+
+def seen_change(setting: Setting, scale: Meter, world: World, states: Array) -> Array:
+    """(T, P, 3) [m] what changes at the stations, camera mistakes included."""
+    points = states[:, scale.index, :3]
+    if world.seen.flat:
+        ends = setting.held.positions
+        normal = np.cross(ends[:, 1] - ends[:, 0], [0.0, 0.0, 1.0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        off = np.einsum("tpi,ti->tp", points - ends[:, :1], normal)
+        points = points - world.seen.flat * off[..., None] * normal[:, None]
+    view = np.asarray(setting.sensor.viewpoint)
+    return mistaken(points, world.seen, view) - scale.points

@@ -1,0 +1,180 @@
+"""The blind benchmark: its recordings are what they claim to be, its scorer counts right."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial import cKDTree
+
+from benchmarks.discovery import falsified, score, table
+from benchmarks.discovery.cases import listed
+from benchmarks.discovery.make import Made, make, write
+from ropefit.recordings.ply import read_ply
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Made:
+    """A clamped rope with a concealed mass, in a set-up with errors."""
+    return make(["point_mass"], [30.0], seed=11, clamped=True, calibration=False)
+
+
+@pytest.fixture(scope="module")
+def folder(heavy, tmp_path_factory):
+    root = tmp_path_factory.mktemp("discovery")
+    write(root / "recording", root / "truth.json", "heavy", heavy, 11, "single")
+    return root
+
+
+def test_the_size_is_the_one_that_is_as_visible_as_asked(heavy):
+    (mass,) = heavy.sized
+    rod = heavy.setting.rod
+    assert mass.score == pytest.approx(30.0, rel=0.11)
+    assert 1e-4 < mass.size / (rod.density * rod.length) < 0.8
+
+
+def test_the_rope_keeps_its_length_and_its_ends(heavy):
+    curve = CubicHermiteSpline(heavy.arc_length, heavy.nodes, heavy.tangents, axis=1)
+    fine = curve(np.linspace(0, heavy.arc_length[-1], 5001))
+    length = np.linalg.norm(np.diff(fine, axis=1), axis=2).sum(axis=1)
+    np.testing.assert_allclose(length, heavy.setting.rod.length, rtol=1e-3)
+    held = heavy.world.held.positions
+    np.testing.assert_allclose(heavy.nodes[:, [0, -1]], held, atol=1e-9)
+
+
+def test_the_recording_says_what_was_simulated(heavy, folder):
+    told = tomllib.loads((folder / "recording" / "recording.toml").read_text())
+    assert told["gravity"] == [0.0, 0.0, -9.81]
+    rod = heavy.setting.rod
+    assert told["rope"]["length"] == pytest.approx(rod.length, rel=1e-5)
+    assert told["rope"]["mass"] == pytest.approx(rod.density * rod.length, rel=1e-5)
+    with (folder / "recording" / "ends.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    said = np.array([[float(r[k]) for k in "xyz"] for r in rows]).reshape(-1, 2, 3)
+    assert np.abs(said - heavy.nodes[:, [0, -1]]).max() < 0.001
+    truth = json.loads((folder / "truth.json").read_text())
+    assert truth["effects"][0]["name"] == "point_mass"
+    assert "point_mass" not in "".join(
+        path.read_text() for path in (folder / "recording").glob("*.*")
+    )
+
+
+def test_clouds_are_one_sided_and_as_noisy_as_asked(heavy, folder):
+    sensor, radius = heavy.setting.sensor, 0.5 * heavy.setting.diameter
+    curve = CubicHermiteSpline(heavy.arc_length, heavy.nodes, heavy.tangents, axis=1)
+    fine = curve(np.linspace(0, heavy.arc_length[-1], 4001))
+    ahead, strays = [], []
+    for frame, path in enumerate(sorted((folder / "recording" / "clouds").glob("*.ply"))):
+        points = np.asarray(read_ply(path, path.read_bytes()))[:, :3]
+        assert 150 < len(points) <= 450
+        distance, near = cKDTree(fine[frame]).query(points)
+        strays.append((distance > radius + 6 * sensor.noise).mean())
+        good = distance < radius + 4 * sensor.noise
+        back = np.asarray(sensor.viewpoint) - points[good]
+        back /= np.linalg.norm(back, axis=1, keepdims=True)
+        ahead.append(((points[good] - fine[frame][near[good]]) * back).sum(1))
+    ahead = np.concatenate(ahead)
+    assert 0.001 < np.mean(strays) < 0.02
+    assert 0.6 * radius < ahead.mean() < 1.0 * radius
+    # The half circle's depth varies by 0.22 of the radius besides the noise.
+    assert ahead.std() == pytest.approx(np.hypot(sensor.noise, 0.22 * radius), rel=0.2)
+
+
+def test_preprocess_accepts_it(ropefit, heavy, folder):
+    found = ropefit.json("preprocess", folder / "recording")
+    assert found["frames"] == len(heavy.nodes)
+    assert found["dropped"] == []
+    assert found["ends"] == ["clamped", "clamped"]
+    assert 0.5 * heavy.setting.sensor.noise < found["noise_m"] < 4 * heavy.setting.sensor.noise
+
+
+def test_the_lists_are_complete_and_the_same_every_time():
+    full = listed("full")
+    assert full == listed("full")
+    assert len({case.name for case in full}) == len(full)
+    groups = [case.group for case in full]
+    assert groups.count("clean") == 300
+    assert groups.count("single") == 13 * 8
+    assert groups.count("pair") == 20
+    assert groups.count("decoy") >= 10
+    assert groups.count("unknown") >= 10
+    halves = [case.calibration for case in full if case.group == "clean"]
+    assert np.mean(halves) == pytest.approx(0.5, abs=0.02)
+    assert len(listed("small")) == 12
+
+
+def answer(name: str, **more) -> dict:
+    """An answer of `diagnose --json` that names one effect."""
+    effect = {
+        "name": name,
+        "kind": "physics",
+        "arc_length_m": [0.4, 0.42],
+        "frames": [0],
+        "parameters": {"mass": {"value": 0.004, "unit": "kg", "ci95": [0.0035, 0.0045]}},
+        "equivalent_to": [],
+        "evidence": {},
+        **more,
+    }
+    held = {"rms_before_m": 0.004, "rms_after_m": 0.001, "noise_m": 0.001}
+    return {"verdict": "found", "effects": [effect], "heldout": held}
+
+
+def truth(name: str, group: str = "single", level: float = 30.0) -> dict:
+    true = {"name": name, "arc_length_m": [0.4, 0.4], "parameter": "mass", "unit": "kg"}
+    effects = [{**true, "kind": "physics", "value": 0.004, "score": level}]
+    return {
+        "name": f"{group}-{name}", "group": group, "effects": effects if name else [],
+        "calibration_errors": False, "length_m": 1.0,
+    }  # fmt: skip
+
+
+def test_the_scorer_counts_hits_ties_and_misses():
+    times = {"preprocess": 1.0, "identify": 2.0, "diagnose": 3.0}
+
+    def judged(true, said):
+        return score.judged(true, {"answer": said, "error": None, "seconds": times})
+
+    hit = judged(truth("point_mass"), answer("point_mass"))
+    assert (hit["first"], hit["in_set"], hit["place"], hit["size"]) == (
+        True,
+        [True],
+        [True],
+        [True],
+    )
+    tie = judged(truth("point_mass"), answer("tether", equivalent_to=["point_mass"]))
+    assert (tie["first"], tie["in_set"], tie["set_size"]) == (False, [True], 2)
+    wrong = judged(truth("kink", level=6.0), answer("tether"))
+    quiet = judged(truth("", "clean"), {"verdict": "none", "effects": [], "heldout": {}})
+    failed = score.judged(
+        truth("point_mass"), {"answer": None, "error": "diagnose: exit 1", "seconds": times}
+    )
+    everything = [hit, tie, wrong, quiet, failed]
+    value = {row["what"]: row["value"] for row in score.rows(everything)}
+    assert value["visible single effect: first"] == 0.5
+    assert value["visible single effect: in the reported set"] == 1.0
+    assert value["score 6: named wrongly with confidence"] == 1.0
+    assert value["clean recordings called anything but `none`"] == 0.0
+    assert value["recordings without an answer"] == pytest.approx(0.2)
+    assert score.confusion(everything)["point_mass"] == {
+        "point_mass": 1,
+        "tether": 1,
+        "no answer": 1,
+    }
+    text = table.markdown(everything, {}, "small")
+    assert "exit 1" in text
+    assert "called tether" in text
+
+
+def test_a_falsehood_changes_one_thing(real, tmp_path):
+    source = real / "wire_black"
+    for number, (change, _) in enumerate(falsified.FALSEHOODS.values()):
+        copy = tmp_path / str(number)
+        falsified.copied(source, copy, "copy")
+        before = {path.name: path.read_bytes() for path in copy.iterdir()}
+        change(copy)
+        changed = [path.name for path in copy.iterdir() if path.read_bytes() != before[path.name]]
+        assert len(changed) == 1
