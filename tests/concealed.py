@@ -58,12 +58,12 @@ def recorded(setup: Setup, seed: int = 0, points: int = 240, sd: float = 0.001) 
     return Data(on_rope, share, np.ones(share.shape, bool), False, np.array(EYE))
 
 
-def with_effect(effect: Effect, values: list[float], segments: int = 144) -> Setup:
+def with_effect(effect: Effect, values: list[float], segments: int = 288) -> Setup:
     """The fine rope with an effect of values in SI."""
     return effect.apply(rope(segments), torch.tensor(values, dtype=torch.float64))
 
 
-def nominal_fit(data: Data, segments: int = 72) -> Fit:
+def nominal_fit(data: Data, segments: int = 144) -> Fit:
     """EI and all calibration errors, the effect not known of."""
     setup = rope(segments, len(data.points), bend=3e-4)
     terms = [rope_term("EI", "N m^2", 3e-4, 3e-8, 3.0, set_bend)]

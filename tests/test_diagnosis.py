@@ -20,7 +20,7 @@ def diagnosed(data):
 
 
 def test_a_clean_recording_is_called_none():
-    d = diagnosed(recorded(rope(144), seed=3))
+    d = diagnosed(recorded(rope(288), seed=3))
     assert d.verdict == "none"
     assert not d.found
     before, noise = heldout_rms(d.final)
@@ -57,7 +57,7 @@ def test_an_error_of_the_set_up_is_named_before_physics():
 
 
 def test_the_null_is_what_noise_gives():
-    data = recorded(rope(144), seed=5)
+    data = recorded(rope(288), seed=5)
     found = nominal_fit(data)
     project = Projection(found)
     null = null_residuals(found, project, 60, np.random.default_rng(0))
@@ -74,7 +74,7 @@ def test_the_null_is_what_noise_gives():
 
 
 def test_a_left_out_block_is_predicted_not_fitted():
-    found = nominal_fit(recorded(rope(144), seed=6))
+    found = nominal_fit(recorded(rope(288), seed=6))
     assert (predicted(found) ** 2).sum() > (found.z**2).sum()
 
 

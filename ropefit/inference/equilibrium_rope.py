@@ -118,7 +118,11 @@ class EquilibriumRope:
             for name in Solution.__dataclass_fields__:
                 getattr(solution, name)[again] = getattr(fresh, name)[again]
         x, q = settle(rod, held, solution=solution)[0]
-        x = s.seen(x)
+        per_row = {
+            name: getattr(s.seen, name).squeeze(-2).expand(*shape, 3).reshape(-1, 1, 3)
+            for name in ("origin", "normal")
+        }
+        x = s.seen._replace(**per_row)(x)
         nodes = s.segments // self.every + 1
         x = x[:, :: self.every].reshape(*shape, nodes, 3)
         q = q[:, self.every // 2 :: self.every].reshape(*shape, nodes - 1, 4)

@@ -7,7 +7,7 @@ the rope: C = diag(white) + sd² exp(-|Δs|/length), component by component, fra
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, stats
@@ -23,11 +23,13 @@ FLOOR = 2e-5  # m: what a discrete rod of some eighty segments does not resolve
 @dataclass(frozen=True)
 class Noise:
     """sd [m] of the correlated part and its length, a share of the rope's; marker: sd [m] of
-    markers, whose scatter cannot be seen within one frame."""
+    markers, whose scatter cannot be seen within one frame; white (D,) [m²]: variance of a point,
+    measured at the start of a fit if not given. Fits that are compared must share it."""
 
     correlated: float = 0.0
     length: float = 0.06
     marker: float = 0.0
+    white: tuple[float, ...] | None = None
 
 
 @dataclass
@@ -133,6 +135,9 @@ def fit(
         data = data_without(data, ~settled)
     seen = _fill(first.seen, settled)
     stations = match(data, seen, bins)
+    if noise.white is not None and not data.material:
+        same = np.broadcast_to(noise.white, stations.residual.shape).copy()
+        stations = replace(stations, scatter=same)
     whitener = Whitener.of(stations, noise)
     low, high = forward.bounds()
     trace: list[float] = []

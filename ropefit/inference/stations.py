@@ -193,6 +193,8 @@ def _robust_means(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Huber means (M, D) of values (N, D), effective counts (M,), pooled variance (D,)."""
     dims = values.shape[1]
+    if stations == 0:
+        return np.zeros((0, dims)), np.zeros(0), np.zeros(dims)
     starts = np.searchsorted(np.sort(station), np.arange(stations))
     count = np.bincount(station, minlength=stations)
     mean = np.empty((stations, dims))

@@ -30,7 +30,7 @@ from ropefit.stages.identify_equilibrium import (
     started_setup,
     unit_scale,
 )
-from ropefit.stages.rope_setup import base_setup, data_in_space, refinement, surface_sd
+from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of, surface_sd
 from ropefit.stages.stage import Context, Stage, StageSettings
 
 BINS = 40  # stations of a frame
@@ -56,8 +56,8 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
         )
     if o.source == "rgbd" and len(o.points) == 0:
         raise BadInput("no points in space: the diagnosis needs depth, clouds or markers")
-    every = refinement(len(o.node_arc))
-    setup = base_setup(o, every * (len(o.node_arc) - 1))
+    segments = segments_of(o)
+    every, setup = segments // (len(o.node_arc) - 1), base_setup(o, segments)
     used = spread_evenly(
         np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
     )

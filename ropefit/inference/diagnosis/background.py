@@ -19,7 +19,7 @@ from ropefit.inference.stations import Stations
 RIDGE = 30.0  # usual sizes: effects may be as large as that
 
 
-def measure(found: Fit, columns: list[Columns], marker: float) -> Noise:
+def measure(found: Fit, columns: list[Columns], noise: Noise) -> Noise:
     """White and correlated noise of the stations of a nominal fit."""
     physics = [c.values for c in columns if c.family.effect.kind == "physics"]
     steady = [values.reshape(len(values), -1) for values in physics]
@@ -33,7 +33,8 @@ def measure(found: Fit, columns: list[Columns], marker: float) -> Noise:
     taken = float(np.trace(np.linalg.solve(information, design.T @ design)))
     grow = np.sqrt(len(left) / max(len(left) - taken, len(left) / 4))
     residual = found.whitener.undo(left * grow).reshape(found.stations.residual.shape)
-    return estimate(_usual_frames(replace(found.stations, residual=residual)), marker)
+    usual = _usual_frames(replace(found.stations, residual=residual))
+    return estimate(usual, noise.marker, noise.white)
 
 
 def _usual_frames(s: Stations) -> Stations:

@@ -126,6 +126,7 @@ def heldout_rms(found: Fit) -> tuple[float, float]:
     if not white.any():  # markers: their noise is in the whitener
         noise = float(np.sqrt((found.whitener.undo(np.ones_like(found.z)) ** 2).mean() * 3))
         return float(np.sqrt((residual**2).sum(axis=1).mean())), noise
-    extra = (residual**2).mean(axis=0) - (s.scatter / s.count[:, None]).mean(axis=0)
+    weight = s.count[:, None] / s.count.sum()  # by points, as if each were compared by itself
+    extra = (weight * residual**2).sum(axis=0) - white * len(s.count) / s.count.sum()
     noise = float(np.sqrt(white.sum()))
     return float(np.sqrt(max(white.sum() + extra.sum(), 0.0))), noise
