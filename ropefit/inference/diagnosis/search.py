@@ -26,6 +26,7 @@ MOST_EFFECTS = 2  # more would explain anything: then it is unknown
 LEADERS = 6
 SET_NATS = 3.0
 SAME_SIGNAL, SAME_NATS = 0.98, 10.0  # of what the best one explains, and so little behind
+IMPLAUSIBLE = 30.0  # usual sizes: what large no rope or set-up has
 AGREEING = 0.8  # share of the held-out blocks that must gain
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
@@ -151,7 +152,7 @@ def _rivals(
     starts = [
         (s.family, np.concatenate([s.sizes, s.family.places[s.best]]))
         for s in leaders
-        if s.log_factor > 0.3 * threshold
+        if s.log_factor > 0.6 * threshold
     ]
     starts += proposals(current)
     out: dict[tuple[str, int], Rival] = {}
@@ -178,7 +179,10 @@ def _winner(rivals: list[Rival], threshold: float, rms: float, refused: list[str
         # of the same kind does: there the evidence is in the prior.
         physics = rival.family.effect.kind == "physics"
         agreeing = float((rival.gains > 0).mean()) >= AGREEING and rival.gains.sum() > 0
-        if worse or (physics and not agreeing):
+        sizes = np.abs(rival.values()[: rival.family.size]) / rival.term.scale[: rival.family.size]
+        if rival.family.effect.linear and sizes.max() > IMPLAUSIBLE:
+            refused.append(f"{rival.family.name}: larger than anything plausible")
+        elif worse or (physics and not agreeing):
             refused.append(f"{rival.family.name}: held-out frames do not support it")
         else:
             return rival
