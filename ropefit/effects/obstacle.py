@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.support_plane import HARDNESS, horizontal, weight_of
+from ropefit.effects.support_plane import HARDNESS, horizontal, touching, weight_of
 from ropefit.effects.tether import middle_of
 from ropefit.rod.setup import Potential, Setup
 
@@ -35,7 +35,7 @@ class Obstacle(Effect):
             distance = torch.sqrt((across * across).sum(-1) + 1e-16)
             return 0.5 * hardness * torch.clamp(radius - distance, min=0.0) ** 2
 
-        share = torch.ones(setup.segments + 1, dtype=values.dtype)
+        share = touching(setup.segments)
         return setup._replace(potentials=(*setup.potentials, Potential(energy, share)))
 
     def sentence(self, values: dict[str, float]) -> str:

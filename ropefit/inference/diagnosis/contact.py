@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
 
 from ropefit.effects import Obstacle, SupportPlane
 from ropefit.effects.support_plane import horizontal
@@ -15,7 +16,9 @@ NONE = np.zeros((1, 0))
 
 
 def proposals(found: Fit) -> list[tuple[Family, np.ndarray]]:
-    """Families with the values (SI) from which their fits start."""
+    """Families with the values (SI) from which their fits start; ropes held at both ends only."""
+    if bool(torch.isnan(found.point.setup.ends).any()):
+        return []  # a cantilever that lies on something has no smooth path there
     return [*_planes(found), *_bars(found)]
 
 

@@ -54,7 +54,8 @@ def fit_rival(
     forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
     begin = np.concatenate([smaller.point.u, np.zeros(term.size)])
     try:
-        found = fit(forward, data, noise, bins, begin, 25, tolerance=1e-5)
+        most = 25 if family.effect.linear else 12
+        found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
     if not np.isfinite(found.cost) or not found.point.solution.converged.all():
