@@ -71,8 +71,8 @@ class Diagnosis(Artifact):
 
     recording: str
     verdict: Literal["none", "found", "unknown"]
-    causes: dict[str, Cause]
-    scan: dict[str, Candidate]
+    causes: dict[str, Cause] = Field(default_factory=dict)
+    scan: dict[str, Candidate] = Field(default_factory=dict)
     mismatch: list[Region]
     refused: list[str] = Field(description="what was fitted well but not believed, and why")
     threshold: float = Field(description="nats an effect needs, from this recording's own noise")
