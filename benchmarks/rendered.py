@@ -5,6 +5,7 @@ faults of a depth camera. Ray casting by open3d; shapes are smooth curves, not r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -55,6 +56,13 @@ class Frame:
     arc: np.ndarray
     hidden: np.ndarray
     crossing: tuple[float, float] | None
+
+
+def _open3d() -> Any:
+    """open3d, untyped: its stubs miss what its constructors take."""
+    import open3d
+
+    return open3d
 
 
 def camera() -> Camera:
@@ -115,7 +123,7 @@ def crossings(pixels: np.ndarray, near: float = 30.0) -> list[tuple[int, int]]:
 
 def render(kind: Kind, rng: np.random.Generator, loop: bool) -> Frame:
     """One frame of a rope among clutter."""
-    import open3d as o3d
+    o3d = _open3d()
 
     arc, curve = shape(rng, loop)
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
@@ -172,7 +180,7 @@ def _rays(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _colors(scene, colors: np.ndarray, rays: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(H, W, 3) uint8: shaded, with cast shadows, texture on the ground and sensor noise."""
-    import open3d as o3d
+    o3d = _open3d()
 
     hit = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
     depth, mesh = hit["t_hit"].numpy(), hit["geometry_ids"].numpy().astype(int)
@@ -206,7 +214,7 @@ def _sensed(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _box(center, size):
-    import open3d as o3d
+    o3d = _open3d()
 
     mesh = o3d.t.geometry.TriangleMesh.create_box(*(float(value) for value in size))
     corner = (np.asarray(center) - np.asarray(size) / 2).astype(np.float32)
@@ -214,7 +222,7 @@ def _box(center, size):
 
 
 def _tube(arc: np.ndarray, curve: np.ndarray, radius: float, rings: int = 800, sides: int = 24):
-    import open3d as o3d
+    o3d = _open3d()
 
     spline = CubicSpline(arc[::20], curve[::20])
     s = np.linspace(arc[0], arc[-1], rings)

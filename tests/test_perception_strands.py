@@ -36,7 +36,7 @@ def test_one_strand(width: int) -> None:
 
 
 def test_golden_skeleton() -> None:
-    """Every twentieth pixel of the wave's skeleton, as first measured: thinning must not drift."""
+    """The wave's skeleton at seven places, against the curve that was drawn."""
     found = find_strands(drawn_mask(wave()))
     assert found is not None
     line = found.lines[0] if found.lines[0][0, 0] < 100 else found.lines[0][::-1]

@@ -12,6 +12,7 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
+from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
 Kind = Literal["physics", "measurement", "solver"]
@@ -36,9 +37,7 @@ class Quantity:
 
     def size(self, setup: Setup) -> float:
         """The usual size for this rope, in SI."""
-        p = setup.properties
-        length = float(p.length.sum())
-        weight = float((p.density * p.length).sum() * setup.gravity.norm())
+        weight, length = float(setup.weight), float(setup.properties.length.sum())
         return self.scale * weight**self.by_weight * length**self.by_length
 
 
@@ -87,6 +86,14 @@ def one_end(end: int, value: Tensor) -> Tensor:
     """(2, ...) with value (...) at one end and zero at the other."""
     zero = torch.zeros_like(value)
     return torch.stack([value, zero] if end == 0 else [zero, value])
+
+
+def turned_clamp(setup: Setup, end: int, turn: Tensor) -> Setup:
+    """The setup with one end's clamp turned by turn (3,) [rad] about its own axes."""
+    wide = torch.zeros(2, 1, dtype=torch.bool)
+    wide[end] = True
+    turned = multiply(setup.clamp, from_rotation_vector(turn).expand_as(setup.clamp))
+    return setup._replace(clamp=torch.where(wide, turned, setup.clamp))
 
 
 def where(end: int) -> str:

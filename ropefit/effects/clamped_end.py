@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity, one_end, where
-from ropefit.rod.quaternion import from_rotation_vector, multiply, smallest_rotation
+from ropefit.effects.base import Effect, Quantity, one_end, turned_clamp, where
+from ropefit.rod.quaternion import smallest_rotation
 from ropefit.rod.setup import Setup
 
 
@@ -63,11 +63,8 @@ class TiltedClamp(Effect):
         return setup.clamped[self.end]
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        wide = torch.zeros(2, 1, dtype=torch.bool)
-        wide[self.end] = True
         turn = torch.cat([values, torch.zeros_like(values[:1])])
-        turned = multiply(setup.clamp, from_rotation_vector(turn).expand_as(setup.clamp))
-        return setup._replace(clamp=torch.where(wide, turned, setup.clamp))
+        return turned_clamp(setup, self.end, turn)
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["tilt_1"] ** 2 + values["tilt_2"] ** 2) ** 0.5

@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
-from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.effects.base import Effect, Quantity, turned_clamp
 from ropefit.rod.setup import Setup
 
 
@@ -22,12 +21,8 @@ class EndTwist(Effect):
         return self.end == 1 and all(setup.clamped) and held
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        wide = torch.zeros(2, 1, dtype=torch.bool)
-        wide[self.end] = True
         zero = torch.zeros_like(values[:1])
-        turn = from_rotation_vector(torch.cat([zero, zero, values]))
-        turned = multiply(setup.clamp, turn.expand_as(setup.clamp))
-        return setup._replace(clamp=torch.where(wide, turned, setup.clamp))
+        return turned_clamp(setup, self.end, torch.cat([zero, zero, values]))
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the rope is twisted by {values['angle'] * 57.2958:.3g}° more than recorded"

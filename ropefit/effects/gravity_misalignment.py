@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.support_plane import horizontal
+from ropefit.effects.place import horizontal
 from ropefit.rod.setup import Setup
 
 

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.support_plane import HARDNESS, horizontal, touching, weight_of
-from ropefit.effects.tether import middle_of
+from ropefit.effects.place import horizontal, middle_of
+from ropefit.effects.support_plane import HARDNESS, touching
 from ropefit.rod.setup import Potential, Setup
 
 
@@ -27,7 +27,7 @@ class Obstacle(Effect):
         first, second = horizontal(setup.gravity)
         axis = torch.cos(values[4]) * first + torch.sin(values[4]) * second
         origin = middle_of(setup) + values[:3]
-        radius, hardness = values[3], HARDNESS * weight_of(setup)
+        radius, hardness = values[3], HARDNESS * setup.weight.detach()
 
         def energy(x: Tensor) -> Tensor:
             arm = x - origin

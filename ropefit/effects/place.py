@@ -1,9 +1,11 @@
-"""Places on the rope as weights of its nodes and segments, smooth enough to be fitted."""
+"""Places on the rope as weights of nodes and segments; in space, against gravity and the ends."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
+
+from ropefit.rod.setup import Setup
 
 
 def at_point(arc: Tensor, place: Tensor) -> Tensor:
@@ -24,3 +26,21 @@ def over_interval(arc: Tensor, centre: Tensor, width: Tensor) -> Tensor:
     low = torch.maximum(arc[:-1], centre - width / 2)
     high = torch.minimum(arc[1:], centre + width / 2)
     return torch.clamp(high - low, min=0.0) / (arc[1:] - arc[:-1])
+
+
+def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
+    """Two unit vectors across gravity (3,), as fixed as they can be."""
+    g = gravity.detach()
+    size = g.norm()
+    down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
+    axis = torch.zeros(3, dtype=g.dtype)
+    axis[int(down.abs().argmin())] = 1.0
+    first = torch.linalg.cross(down, axis)
+    first = first / first.norm()
+    return first, torch.linalg.cross(down, first)
+
+
+def middle_of(setup: Setup) -> Tensor:
+    """(3,) mean of the held ends over all frames: an origin near the rope."""
+    ends = setup.ends.detach().reshape(-1, 3)
+    return ends[~torch.isnan(ends).any(-1)].mean(0)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.tether import middle_of
+from ropefit.effects.place import horizontal, middle_of
 from ropefit.rod.setup import Potential, Setup
 
 HARDNESS = 200.0  # weights of the rope per metre of indentation: a hundredth of its weight: 50 µm
@@ -30,7 +30,7 @@ class SupportPlane(Effect):
         normal = up - values[1] * first - values[2] * second
         normal = normal / normal.norm()
         origin = middle_of(setup) + values[0] * up
-        hardness = HARDNESS * weight_of(setup)
+        hardness = HARDNESS * setup.weight.detach()
 
         def energy(x: Tensor) -> Tensor:
             gap = ((x - origin) * normal).sum(-1)
@@ -53,21 +53,3 @@ def touching(segments: int) -> Tensor:
     share = torch.zeros(segments + 1, dtype=torch.float64)
     share[::every] = float(every)
     return share
-
-
-def weight_of(setup: Setup) -> Tensor:
-    """[N] of the whole rope."""
-    p = setup.properties
-    return ((p.density * p.length).sum() * setup.gravity.norm()).detach()
-
-
-def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
-    """Two unit vectors across gravity (3,), as fixed as they can be."""
-    g = gravity.detach()
-    size = g.norm()
-    down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
-    axis = torch.zeros(3, dtype=g.dtype)
-    axis[int(down.abs().argmin())] = 1.0
-    first = torch.linalg.cross(down, axis)
-    first = first / first.norm()
-    return first, torch.linalg.cross(down, first)

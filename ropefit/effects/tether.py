@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.place import at_point
+from ropefit.effects.place import at_point, middle_of
 from ropefit.rod.setup import Potential, Setup
 
 
@@ -40,9 +39,3 @@ class Tether(Effect):
             f"something pulls the rope at {values['arc_length']:.3f} m towards a fixed point, with "
             f"{values['stiffness']:.3g} N/m"
         )
-
-
-def middle_of(setup: Setup) -> Tensor:
-    """(3,) mean of the held ends over all frames: an origin near the rope."""
-    ends = setup.ends.detach().reshape(-1, 3)
-    return ends[~torch.isnan(ends).any(-1)].mean(0)

@@ -115,8 +115,7 @@ class EquilibriumRope:
         again = ~solution.converged
         if start is not None and again.any():
             fresh = solve(rod, held)
-            for name in Solution.__dataclass_fields__:
-                getattr(solution, name)[again] = getattr(fresh, name)[again]
+            solution.put(again, fresh, again)
         x, q = settle(rod, held, solution=solution)[0]
         per_row = {
             name: getattr(s.seen, name).squeeze(-2).expand(*shape, 3).reshape(-1, 1, 3)

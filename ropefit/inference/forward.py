@@ -137,8 +137,7 @@ class Forward:
             retry = ~solution.converged
             if retry.any() and start is not None:  # from the catenaries
                 again = solve(rod, conditions)
-                for name in Solution.__dataclass_fields__:
-                    getattr(solution, name)[retry] = getattr(again, name)[retry]
+                solution.put(retry, again, retry)
         if solution.converged.all():
             self.last = solution
         seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()

@@ -59,14 +59,17 @@ class Stations:
     weight: np.ndarray
     scatter: np.ndarray
 
+    def places(self, x: np.ndarray) -> np.ndarray:
+        """(..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3)."""
+        out = np.zeros((*x.shape[:-3], len(self.frame), 3))
+        for k in range(4):
+            node = np.clip(self.segment - 1 + k, 0, x.shape[-2] - 1)
+            out += self.weight[:, k, None] * x[..., self.frame, node, :]
+        return out
+
     def project(self, dx: np.ndarray) -> np.ndarray:
         """(M, D, P) what changes dx (P, F, K, 3) of the nodes change at the stations."""
-        last = dx.shape[2] - 1
-        place = np.zeros((dx.shape[0], len(self.frame), 3))
-        for k in range(4):
-            node = np.clip(self.segment - 1 + k, 0, last)
-            place += self.weight[:, k, None] * dx[:, self.frame, node]
-        return np.einsum("mda,pma->mdp", self.basis, place)
+        return np.einsum("mda,pma->mdp", self.basis, self.places(dx))
 
 
 def match(data: Data, x: np.ndarray, bins: int) -> Stations:

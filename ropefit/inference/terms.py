@@ -1,4 +1,7 @@
-"""The terms of the nominal model: rope parameters, and calibration errors with their priors."""
+"""The terms of the nominal model: rope parameters, and calibration errors with their priors.
+
+A calibration error that is also an effect is that effect, under its prior.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.effects import DepthBias, DepthGain, EndOffset, GravityMisalignment, ScaleError
+from ropefit.effects.base import turned_clamp
 from ropefit.inference.forward import Apply, Term
-from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
 DEGREE = math.pi / 180
@@ -88,65 +92,9 @@ def shift_camera(setup: Setup, v: Tensor) -> Setup:
     return setup._replace(seen=setup.seen._replace(shift=setup.seen.shift + v))
 
 
-def gain_camera(setup: Setup, v: Tensor) -> Setup:
-    return setup._replace(seen=setup.seen._replace(gain=setup.seen.gain + v[0]))
-
-
-def shift_along_rays(setup: Setup, v: Tensor) -> Setup:
-    return setup._replace(seen=setup.seen._replace(depth=setup.seen.depth + v[0]))
-
-
-def scale_all(setup: Setup, v: Tensor) -> Setup:
-    """Coordinates, those of the ends too, are 1 + v times the true ones."""
-    seen = setup.seen
-    gain = seen.gain + v[0]
-    # About the origin, not about the sensor.
-    shift = seen.shift + v[0] * seen.place
-    return setup._replace(ends=setup.ends / (1 + v[0]), seen=seen._replace(gain=gain, shift=shift))
-
-
-def tilt_gravity(setup: Setup, v: Tensor) -> Setup:
-    """v (2,) [rad]: turn about the two horizontal axes."""
-    first, second = horizontal(setup.gravity)
-    turn = v[0] * first + v[1] * second
-    g = setup.gravity
-    turned = g + torch.linalg.cross(turn, g) - 0.5 * (turn * turn).sum() * g
-    return setup._replace(gravity=turned)
-
-
-def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
-    """Two unit vectors across gravity (3,), as fixed as they can be."""
-    g = gravity.detach()
-    size = g.norm()
-    down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
-    axis = torch.zeros(3, dtype=g.dtype)
-    axis[int(down.abs().argmin())] = 1.0
-    first = torch.linalg.cross(down, axis)
-    first = first / first.norm()
-    return first, torch.linalg.cross(down, first)
-
-
-def move_end(end: int) -> Apply:
-    """The end is v (3,) [m] beside where the recording has it, in every frame alike."""
-
-    def apply(setup: Setup, v: Tensor) -> Setup:
-        place = torch.zeros(2, 1, dtype=v.dtype)
-        place[end] = 1.0
-        return setup._replace(ends=setup.ends + place * v)
-
-    return apply
-
-
 def turn_clamp(end: int) -> Apply:
     """The clamp is turned by v (3,) [rad] about its own axes, in every frame alike."""
-
-    def apply(setup: Setup, v: Tensor) -> Setup:
-        place = torch.zeros(2, 1, dtype=v.dtype)
-        place[end] = 1.0
-        turned = multiply(setup.clamp, from_rotation_vector(v).expand_as(setup.clamp))
-        return setup._replace(clamp=torch.where(place > 0, turned, setup.clamp))
-
-    return apply
+    return lambda setup, v: turned_clamp(setup, end, v)
 
 
 def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0) -> list[Term]:
@@ -166,19 +114,22 @@ def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0
                 "camera_translation", ["x", "y", "z"], [m] * 3, shift_camera,
                 [priors.camera_translation] * 3,
             ),
-            nuisance("depth_gain", ["gain"], ["1"], gain_camera, [priors.depth_gain]),
+            nuisance("depth_gain", ["gain"], ["1"], DepthGain().apply, [priors.depth_gain]),
         ]  # fmt: skip
     if surface > 0:
-        terms.append(nuisance("surface", ["depth"], [m], shift_along_rays, [surface]))
+        terms.append(nuisance("surface", ["depth"], [m], DepthBias().apply, [surface]))
     terms += [
-        nuisance("scale", ["scale"], ["1"], scale_all, [priors.scale]),
-        nuisance("gravity", ["x", "y"], ["rad"] * 2, tilt_gravity, [priors.gravity * d] * 2),
-    ]
+        nuisance("scale", ["scale"], ["1"], ScaleError().apply, [priors.scale]),
+        nuisance(
+            "gravity", ["x", "y"], ["rad"] * 2, GravityMisalignment().apply,
+            [priors.gravity * d] * 2,
+        ),
+    ]  # fmt: skip
     for end in range(2):
         if not bool(torch.isnan(setup.ends[:, end]).any()):
             terms.append(
                 nuisance(
-                    f"end_{end}", ["x", "y", "z"], [m] * 3, move_end(end),
+                    f"end_{end}", ["x", "y", "z"], [m] * 3, EndOffset(end).apply,
                     [priors.end_position] * 3,
                 )
             )  # fmt: skip

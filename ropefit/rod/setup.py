@@ -91,6 +91,11 @@ class Setup(NamedTuple):
         """(N+1,) [m] rest arc length of the nodes."""
         return torch.nn.functional.pad(self.properties.length.cumsum(-1), (1, 0))
 
+    @property
+    def weight(self) -> Tensor:
+        """[N] of the whole rope."""
+        return (self.properties.density * self.properties.length).sum() * self.gravity.norm()
+
     def frames(self, index: Tensor) -> Setup:
         """The same rope in some of its frames."""
         return self._replace(

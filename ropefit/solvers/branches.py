@@ -32,8 +32,7 @@ def other_states(
         found = solve(rod, conditions, start)
         apart = np.abs(found.x - solution.x).max(axis=(1, 2))
         new = found.converged & (apart > least) & ~(apart <= np.nan_to_num(far, nan=0.0))
-        for name in Solution.__dataclass_fields__:
-            getattr(best, name)[new] = getattr(found, name)[new]
+        best.put(new, found, new)
         far[new] = apart[new]
     return best, far
 
@@ -62,6 +61,5 @@ def follow(rod: Rod, conditions: Conditions) -> Solution:
         before = out.frames(np.array([t - 1]))
         found = solve(rod, conditions.frames(one), before)
         if found.converged[0]:
-            for name in Solution.__dataclass_fields__:
-                getattr(out, name)[t] = getattr(found, name)[0]
+            out.put(t, found, 0)
     return out

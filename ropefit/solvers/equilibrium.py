@@ -15,6 +15,7 @@ from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions, Problem, as_numpy, cut, in_threads, problem_of
 from ropefit.solvers.start import start_ropes
 
+Index = int | np.integer | slice | np.ndarray
 TOLERANCE = 1e-10  # of the largest moment, and of the length
 LIMIT = 200
 ADVICE = {
@@ -50,6 +51,18 @@ class Solution:
 
     def frames(self, index: np.ndarray) -> Solution:
         return Solution(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+    def put(self, mine: Index, other: Solution, theirs: Index = slice(None)) -> None:
+        """Frames `mine` become the frames `theirs` of another solution. Reactions of supports that
+        only one of them has are lost."""
+        for name in self.__dataclass_fields__:
+            to, value = getattr(self, name), getattr(other, name)[theirs]
+            if name == "reaction":
+                known = min(to.shape[1], value.shape[-1])
+                to[mine] = 0.0
+                to[mine, :known] = value[..., :known]
+            else:
+                to[mine] = value
 
     def copy(self) -> Solution:
         return Solution(*(getattr(self, name).copy() for name in self.__dataclass_fields__))
@@ -134,7 +147,8 @@ def stability(
     """(F,) [N] smallest eigenvalue of the energy's second derivative in the turns of the segments
     (per length), along what the supports allow. Positive: stable.
 
-    The spin of a rope whose ends hold no twist costs nothing and is left out.
+    The spin of a rope whose ends hold no twist costs nothing: segment 0 is held against it, so that
+    a small twist rigidity may set the value.
     """
     problem = problem_of(rod, conditions, member)
     out = np.empty(len(solution.q))

@@ -11,8 +11,7 @@ import torch
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
-from ropefit.effects.support_plane import horizontal
-from ropefit.effects.tether import middle_of
+from ropefit.effects.place import horizontal, middle_of
 from ropefit.errors import NotConverged, StageFailed, WrongUsage
 from ropefit.exporters import ExportResult, RopeDescription, export
 from ropefit.exporters import effects as records

@@ -202,8 +202,7 @@ def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
             for s in (last, found)
         ]
         if gaps[1] < gaps[0]:
-            for name in Solution.__dataclass_fields__:
-                getattr(last, name)[t] = getattr(found, name)[t]
+            last.put(t, found, t)
     return last
 
 
@@ -221,6 +220,5 @@ def _fit_group(
     told = limits(found, seen, noise, len(o.node_arc) - 1)
     whole = Forward(setup, found.forward.terms)
     start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u))
-    for name in Solution.__dataclass_fields__:
-        getattr(start, name)[inside] = getattr(found.point.solution, name)
+    start.put(inside, found.point.solution)
     return found, noise, whole.at(found.point.u, start), told

@@ -61,8 +61,7 @@ def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) ->
     for t in np.flatnonzero(np.isfinite(apart)):
         gap = [np.abs(s.x[t, :: rope.every] - model.x[t]).max() for s in (near, found)]
         if gap[1] < gap[0]:
-            for name in near.__dataclass_fields__:
-                getattr(near, name)[t] = getattr(found, name)[t]
+            near.put(t, found, t)
     return EquilibriumRope(
         rope.setup, rope.every, rope.control_node, recorded=rope.recorded, near=near
     )

@@ -38,12 +38,7 @@ def repaired(found: Fit, data: Data, bins: int) -> Solution | None:
             now = _misfit(data, there.seen, int(t), 0, bins)
             if now < 0.7 * best:
                 best, gained = now, True
-                far_count = out.reaction.shape[1]
-                for name in Solution.__dataclass_fields__:
-                    value = getattr(there.solution, name)[0]
-                    if name == "reaction":
-                        value = np.resize(np.pad(value, (0, far_count))[:far_count], far_count)
-                    getattr(out, name)[t] = value
+                out.put(int(t), there.solution, 0)
     return out if gained else None
 
 

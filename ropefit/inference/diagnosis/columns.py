@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ropefit.effects.place import at_point
-from ropefit.effects.tether import middle_of
+from ropefit.effects.place import at_point, middle_of
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.forward import Forward, Point, change_by, respond
 from ropefit.inference.least_squares import Fit, sensitivity

@@ -6,8 +6,7 @@ import numpy as np
 import torch
 
 from ropefit.effects import Obstacle, SupportPlane
-from ropefit.effects.support_plane import horizontal
-from ropefit.effects.tether import middle_of
+from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.least_squares import Fit
 
@@ -29,9 +28,9 @@ def _planes(found: Fit) -> list[tuple[Family, np.ndarray]]:
     origin = middle_of(setup).numpy()
     place = found.point.seen
     model = np.einsum("fka,a->fk", place - origin, up)
-    height = _station_heights(found, up, origin)
-    if height is None:
+    if len(s.frame) == 0:
         return []
+    height = (s.places(place) + _moves(found) - origin) @ up
     noise = float(np.sqrt((s.scatter / s.count[:, None]).mean())) + 1e-4
     lowest = np.array(
         [height[s.frame == t].min() if (s.frame == t).any() else np.inf for t in range(len(place))]
@@ -44,17 +43,9 @@ def _planes(found: Fit) -> list[tuple[Family, np.ndarray]]:
     return [(family, np.array([h, 0.0, 0.0])) for h in starts]
 
 
-def _station_heights(found: Fit, up: np.ndarray, origin: np.ndarray) -> np.ndarray | None:
-    """(M,) [m] of the data at the stations."""
-    s, x = found.stations, found.point.seen
-    if len(s.frame) == 0:
-        return None
-    place = np.zeros((len(s.frame), 3))
-    for k in range(4):
-        node = np.clip(s.segment - 1 + k, 0, x.shape[1] - 1)
-        place += s.weight[:, k, None] * x[s.frame, node]
-    place += np.einsum("md,mda->ma", s.residual, s.basis)
-    return (place - origin) @ up
+def _moves(found: Fit) -> np.ndarray:
+    """(M, 3) [m] from the fitted rope to the data at the stations."""
+    return np.einsum("md,mda->ma", found.stations.residual, found.stations.basis)
 
 
 def _bars(found: Fit) -> list[tuple[Family, np.ndarray]]:
@@ -63,13 +54,8 @@ def _bars(found: Fit) -> list[tuple[Family, np.ndarray]]:
     up = -(setup.gravity / setup.gravity.norm()).numpy()
     first, second = (v.numpy() for v in horizontal(setup.gravity))
     origin = middle_of(setup).numpy()
-    x = found.point.seen
-    place = np.zeros((len(s.frame), 3))
-    for k in range(4):
-        node = np.clip(s.segment - 1 + k, 0, x.shape[1] - 1)
-        place += s.weight[:, k, None] * x[s.frame, node]
-    move = np.einsum("md,mda->ma", s.residual, s.basis)
-    data = place + move
+    move = _moves(found)
+    data = s.places(found.point.seen) + move
     lift = move @ up
     noise = float(np.sqrt((s.scatter / s.count[:, None]).sum(1).mean())) + 1e-4
     if lift.max() < 4 * noise:

@@ -42,7 +42,7 @@ class Projection:
 class Scored:
     """A family against a residual: log Bayes factor, and its best place and sizes there.
 
-    score: T² of the best place; places (Q,): log factor at each; occam: what flexibility cost.
+    score: T² of the best place; places (Q,): log factor at each.
     """
 
     family: Family
@@ -51,7 +51,6 @@ class Scored:
     sizes: np.ndarray  # (k,) in SI, at the best place
     score: float
     places: np.ndarray
-    occam: float
 
 
 class Scorer:
@@ -95,9 +94,7 @@ class Scorer:
         sizes = np.linalg.pinv(self.a[best], rcond=1e-8, hermitian=True) @ b
         score = float(b @ sizes)
         factor = float(logsumexp(places) - np.log(len(places)))
-        return Scored(
-            self.family, factor, best, sizes * self.scales, score, places, 0.5 * score - factor
-        )
+        return Scored(self.family, factor, best, sizes * self.scales, score, places)
 
     def detectable(self, threshold: float) -> float:
         """Size (of the first quantity, SI) whose expected log factor reaches the threshold,

@@ -56,8 +56,7 @@ def latent_force(found: Fit, project: Projection) -> Latent:
     length = arc[-1]
     knots = np.linspace(0, 1, KNOTS)
     hats = np.maximum(0, 1 - np.abs(arc[:, None] / length - knots) * (KNOTS - 1))  # (K, KNOTS)
-    p = setup.properties
-    weight = float((p.density * p.length).sum() * setup.gravity.norm()) / length
+    weight = float(setup.weight) / length
     load = np.zeros((frames, KNOTS * 3, nodes, 3))
     for k in range(KNOTS):
         for a in range(3):

@@ -27,11 +27,6 @@ class Rival:
     evidence: float
     gains: np.ndarray
 
-    @property
-    def saved(self) -> float:
-        """χ² that the effect saves is twice this, in nats."""
-        return self.evidence
-
     def values(self) -> np.ndarray:
         """(k + p,) in SI."""
         return self.term.value(self.fit.point.u[-self.term.size :])
