@@ -19,8 +19,9 @@ from scipy import stats
 
 from benchmarks.document import parser, publish
 from ropefit.inference.forward import Forward
-from ropefit.inference.least_squares import Noise, fit
+from ropefit.inference.least_squares import fit
 from ropefit.inference.limits import limits
+from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
 from ropefit.rod.rod import uniform

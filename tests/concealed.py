@@ -7,7 +7,8 @@ import torch
 
 from ropefit.effects import Effect
 from ropefit.inference.forward import Forward
-from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 from ropefit.inference.terms import Priors, calibration, rope_term, set_bend
 from ropefit.rod.rod import uniform

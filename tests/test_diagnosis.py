@@ -11,7 +11,7 @@ from ropefit.inference.diagnosis.latent import latent_force
 from ropefit.inference.diagnosis.regions import regions
 from ropefit.inference.diagnosis.search import search
 from ropefit.inference.diagnosis.weigh import heldout_rms, predicted
-from ropefit.inference.least_squares import Noise
+from ropefit.inference.noise import Noise
 from tests.concealed import BINS, nominal_fit, recorded, rope, with_effect
 
 

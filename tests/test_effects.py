@@ -58,8 +58,9 @@ def test_derivatives_equal_differences(kind, end):
     values = np.array(VALUES.get(kind, sizes + PLACES.get(effect.locus, [])))
     n = len(values)
     free = np.full(n, np.inf)
+    scale = np.array([*(q.size(setup) for q in effect.quantities), *PLACES.get(effect.locus, [])])
     term = Term(
-        effect.name, effect.names, ("",) * n, effect.apply, values, np.ones(n), -free, free, free
+        effect.name, effect.names, ("",) * n, effect.apply, values, scale, -free, free, free
     )
     forward = Forward(setup, [term])
     point = forward.at(np.zeros(n))
@@ -67,7 +68,7 @@ def test_derivatives_equal_differences(kind, end):
     assert np.abs(point.seen - Forward(setup, []).at(np.empty(0)).seen).max() > 1e-5
     found = forward.jacobian(point)
     for k in range(len(effect.quantities)):  # places move in steps of a segment
-        h = 1e-4 * max(abs(values[k]), 1e-2)
+        h = 1e-4 * max(abs(values[k]), 1e-2) / scale[k]
         step = np.eye(n)[k] * h
         wanted = (forward.at(step).seen - forward.at(-step).seen) / (2 * h)
         # What the sensor's error does to a change of the rope is left out: second order.

@@ -12,19 +12,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
-from ropefit.rod.quaternion import conjugate_product
-from ropefit.rod.rod import Rod
+from ropefit.inference.response import Change, Point, respond
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
-from ropefit.solvers.implicit import Directions, tangent
-from ropefit.solvers.potentials import solve_with_potentials, springs
+from ropefit.solvers.potentials import solve_with_potentials
 
 Apply = Callable[[Setup, Tensor], Setup]
-Change = Callable[[], Setup]  # a setup some of whose tensors are dual numbers
 
 
 @dataclass(frozen=True)
@@ -62,18 +58,6 @@ class Term:
     def slope(self, u: np.ndarray) -> np.ndarray:
         """(n,) derivative of the values in the search variables."""
         return self.value(u) if self.log else self.scale
-
-
-@dataclass
-class Point:
-    """A model evaluated at search variables u (P,): setup, states, and nodes as seen (F, K, 3)."""
-
-    u: np.ndarray
-    setup: Setup
-    rod: Rod
-    conditions: Conditions
-    solution: Solution
-    seen: np.ndarray
 
 
 @dataclass
@@ -146,79 +130,29 @@ class Forward:
 
     def jacobian(self, point: Point) -> np.ndarray:
         """(P, F, K, 3) derivative of `seen` in the search variables."""
-        parts = self.split(point.u)
-        primal = [torch.from_numpy(t.value(u)) for t, u in zip(self.terms, parts, strict=True)]
-        changes = []
+        changes, setup, parts = [], self.base, self.split(point.u)
         for number, (term, u) in enumerate(zip(self.terms, parts, strict=True)):
-            for direction in np.diag(term.slope(u)):
-                changes.append(self._change(primal, number, torch.from_numpy(direction)))
+            for k in range(term.size):
+                changes.append(self._change(setup, parts, number, k))
+            setup = term.apply(setup, torch.from_numpy(term.value(u)))
         return respond(point, changes)
 
-    def _change(self, primal: list[Tensor], number: int, direction: Tensor) -> Change:
-        def changed() -> Setup:
-            values = list(primal)
-            values[number] = forward_ad.make_dual(primal[number], direction)
-            return self.setup(values)
+    def _change(self, before: Setup, parts: list[np.ndarray], number: int, k: int) -> Change:
+        """One term's k-th value changes; before: the setup on which that term acts."""
+
+        def changed(step: float) -> Setup:
+            setup = _moved(before, self.terms[number], parts[number], k, step)
+            for term, part in zip(self.terms[number + 1 :], parts[number + 1 :], strict=True):
+                setup = term.apply(setup, torch.from_numpy(term.value(part)))
+            return setup
 
         return changed
 
 
+def _moved(setup: Setup, term: Term, u: np.ndarray, k: int, step: float) -> Setup:
+    return term.apply(setup, torch.from_numpy(term.value(u + step * np.eye(term.size)[k])))
+
+
 def change_by(setup: Setup, term: Term, k: int) -> Change:
     """A further term's k-th value on top of a setup, from the term's start."""
-    value = torch.from_numpy(term.start)
-    direction = torch.from_numpy(np.eye(term.size)[k] * term.slope(np.zeros(term.size))[k])
-
-    def changed() -> Setup:
-        return term.apply(setup, forward_ad.make_dual(value, direction))
-
-    return changed
-
-
-def respond(point: Point, changes: list[Change]) -> np.ndarray:
-    """(P, F, K, 3) first-order changes of the nodes as seen at a point, for P changed setups."""
-    if not changes:
-        return np.zeros((0, *point.seen.shape))
-    x = torch.from_numpy(point.solution.x)
-    rod, ends, clamp, direct, force = [], [], [], [], []
-    for changed in changes:
-        with forward_ad.dual_level():
-            setup = changed()
-            rod.append([_tangent(t) for t in setup.rod()])
-            ends.append(_tangent(setup.ends))
-            clamp.append(_turn(setup.clamp))
-            direct.append(_tangent(setup.seen(x)))
-            force.append(springs(setup.potentials, x))
-    fields = [np.stack([row[i] for row in rod]) for i in range(6)]
-    rods, frames = point.rod, len(x)
-    if any(f is not None for f in force):  # a potential's forces differ from frame to frame
-        load = np.stack([0.0 * x.numpy() if f is None else f for f in force], axis=1)
-        if rods.length.ndim == 1:
-            rods = Rod(*(t.expand(frames, *t.shape) for t in rods))
-        fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
-        fields[4] = fields[4] + load
-    elif rods.length.ndim == 1:
-        fields = [f[None] for f in fields]
-    else:
-        fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
-    directions = Directions(
-        *fields,
-        ends=np.nan_to_num(np.stack(ends, axis=1)),
-        clamp=np.nan_to_num(np.stack(clamp, axis=1)),
-    )
-    dx, _ = tangent(rods, point.conditions, point.solution, directions)
-    # The sensor's small errors move a change of the rope by a change of second order only.
-    return np.moveaxis(dx, 1, 0) + np.stack(direct)
-
-
-def _tangent(t: Tensor) -> np.ndarray:
-    """The tangent of a dual tensor, zeros where it has none."""
-    tangent_ = forward_ad.unpack_dual(t).tangent
-    return np.zeros(tuple(t.shape)) if tangent_ is None else tangent_.numpy().copy()
-
-
-def _turn(clamp: Tensor) -> np.ndarray:
-    """(F, 2, 3) the tangent of frames as turns about their own axes."""
-    primal, tangent_ = forward_ad.unpack_dual(clamp)
-    if tangent_ is None:
-        return np.zeros((*clamp.shape[:-1], 3))
-    return 2 * conjugate_product(primal, tangent_)[..., 1:].numpy()
+    return lambda step: _moved(setup, term, np.zeros(term.size), k, step)

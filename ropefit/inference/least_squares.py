@@ -1,8 +1,4 @@
-"""Least squares of a forward model on noise-whitened stations, with exact Jacobians.
-
-The noise of a station has a white part, which its points show, and a part that is correlated along
-the rope: C = diag(white) + sd² exp(-|Δs|/length), component by component, frames independent.
-"""
+"""Least squares of a forward model on noise-whitened stations, with exact Jacobians."""
 
 from __future__ import annotations
 
@@ -13,61 +9,12 @@ import numpy as np
 from scipy import optimize, stats
 from threadpoolctl import threadpool_limits
 
-from ropefit.inference.forward import Forward, Point
-from ropefit.inference.stations import Data, Stations, match
+from ropefit.inference.forward import Forward
+from ropefit.inference.noise import Noise, Whitener
+from ropefit.inference.response import Point
+from ropefit.inference.stations import Data, Stations, aligned, match
 
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
-FLOOR = 2e-5  # m: what a discrete rod of some eighty segments does not resolve
-
-
-@dataclass(frozen=True)
-class Noise:
-    """sd [m] of the correlated part and its length, a share of the rope's; marker: sd [m] of
-    markers, whose scatter cannot be seen within one frame; white (D,) [m²]: variance of a point,
-    measured at the start of a fit if not given. Fits that are compared must share it."""
-
-    correlated: float = 0.0
-    length: float = 0.06
-    marker: float = 0.0
-    white: tuple[float, ...] | None = None
-
-
-@dataclass
-class Whitener:
-    """Inverse Cholesky factors of the stations' covariance, by frame and component."""
-
-    rows: list[np.ndarray]
-    inverses: list[np.ndarray]
-
-    @staticmethod
-    def of(s: Stations, noise: Noise) -> Whitener:
-        white = s.scatter / s.count[:, None] + FLOOR**2 + noise.marker**2
-        rows, inverses = [], []
-        dims = s.residual.shape[1]
-        starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
-        for part in np.split(np.arange(len(s.frame)), starts[1:]):
-            apart = np.abs(s.share[part, None] - s.share[None, part])
-            common = noise.correlated**2 * np.exp(-apart / noise.length)
-            for d in range(dims):
-                rows.append(part * dims + d)
-                factor = np.linalg.cholesky(common + np.diag(white[part, d]))
-                inverses.append(np.linalg.inv(factor))
-        return Whitener(rows, inverses)
-
-    def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Whitened rows of values (M, D) or (M, D, P): (M D,) or (M D, P)."""
-        flat = values.reshape(values.shape[0] * values.shape[1], -1)
-        out = np.empty_like(flat)
-        for rows, inverse in zip(self.rows, self.inverses, strict=True):
-            out[rows] = inverse @ flat[rows]
-        return out[:, 0] if values.ndim == 2 else out
-
-    def undo(self, z: np.ndarray) -> np.ndarray:
-        """(M D,) in metres from whitened values (M D,)."""
-        out = np.empty_like(z)
-        for rows, inverse in zip(self.rows, self.inverses, strict=True):
-            out[rows] = np.linalg.solve(inverse, z[rows])
-        return out
 
 
 @dataclass
@@ -202,7 +149,7 @@ def fit(
 
 def data_without(data: Data, dropped: np.ndarray) -> Data:
     """The data with some frames (F,) bool blanked."""
-    return Data(data.points, data.share, data.mask & ~dropped[:, None], data.material, data.eye)
+    return replace(data, mask=data.mask & ~dropped[:, None])
 
 
 def sensitivity(
@@ -210,16 +157,6 @@ def sensitivity(
 ) -> np.ndarray:
     """(M D, P) whitened change of the model at the stations for changes dx (P, F, K, 3)."""
     return whitener(aligned(now, stations, now.project(dx)))
-
-
-def aligned(now: Stations, stations: Stations, values: np.ndarray) -> np.ndarray:
-    """Values (M', D, ...) of the stations of another match, for those of the first; else zero."""
-    many = int(max(now.bin.max(initial=0), stations.bin.max(initial=0))) + 1
-    key, wanted = now.frame * many + now.bin, stations.frame * many + stations.bin
-    out = np.zeros((len(wanted), *values.shape[1:]))
-    _, here, there = np.intersect1d(wanted, key, assume_unique=True, return_indices=True)
-    out[here] = values[there]
-    return out
 
 
 def _fill(seen: np.ndarray, good: np.ndarray) -> np.ndarray:

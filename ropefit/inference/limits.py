@@ -8,7 +8,8 @@ import numpy as np
 import torch
 
 from ropefit.inference.forward import Forward
-from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 from ropefit.inference.uncertainty import STRONG, Verdict
 

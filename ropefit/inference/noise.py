@@ -1,40 +1,169 @@
-"""How much of a residual is correlated along the rope, by maximum likelihood over frames."""
+"""The noise of stations: white, correlated along the rope, and that of the measured ends.
+
+The white part is shown by the points of a station. Another part is correlated along the rope:
+sd² exp(-|Δs|/length), component by component. Ends are measured frame by frame, and a whole rope
+follows its ends. Frames are independent. What is not known is estimated by maximum likelihood.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from ropefit.inference.least_squares import FLOOR, Noise
-from ropefit.inference.stations import Stations
+from ropefit.inference.stations import Stations, aligned
 
-LENGTHS = (0.03, 0.06, 0.12, 0.25)  # of the rope
-RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 15.0)  # correlated to white sd
+FLOOR = 2e-5  # m: what a discrete rod of some eighty segments does not resolve
+LENGTHS = (0.03, 0.06, 0.12, 0.25, 0.6)  # of the rope
+RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white sd
+POSITIONS = (0.0, 5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)  # m, sd of an end in one frame
+TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
+COST = 2.0  # nats that a further kind of noise must earn
 
 
-def estimate(s: Stations, marker: float = 0.0, white: tuple[float, ...] | None = None) -> Noise:
+@dataclass(frozen=True)
+class EndNoise:
+    """What errors of the ends in single frames do to the stations there.
+
+    stations: whose rows these are; position (M, D, P) per metre, tilt (M, D, Q) per radian; sd of
+    both [m], [rad].
+    """
+
+    stations: Stations
+    position: np.ndarray
+    tilt: np.ndarray
+    sd: tuple[float, float] = (0.0, 0.0)
+
+    def columns(self, s: Stations) -> np.ndarray:
+        """(M, D, P + Q) for the stations of another match, of one sd each."""
+        own = np.concatenate([self.sd[0] * self.position, self.sd[1] * self.tilt], axis=-1)
+        return own if s is self.stations else aligned(self.stations, s, own)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """sd [m] of the correlated part and its length, a share of the rope's; marker: sd [m] of
+    markers, whose scatter cannot be seen within one frame; white (D,) [m²]: variance of a point,
+    measured at the start of a fit if not given; ends. Fits that are compared must share it."""
+
+    correlated: float = 0.0
+    length: float = 0.06
+    marker: float = 0.0
+    white: tuple[float, ...] | None = None
+    ends: EndNoise | None = None
+
+
+@dataclass
+class Whitener:
+    """Cholesky factors of the stations' covariance and their inverses, frame by frame.
+
+    rows: of (M D,) values, for each frame.
+    """
+
+    rows: list[np.ndarray]
+    factors: list[np.ndarray]
+    inverses: list[np.ndarray]
+
+    @staticmethod
+    def of(s: Stations, noise: Noise) -> Whitener:
+        rows, factors = [], []
+        for part, covariance in covariances(s, noise):
+            rows.append(part)
+            factors.append(np.linalg.cholesky(covariance))
+        return Whitener(rows, factors, [np.linalg.inv(factor) for factor in factors])
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Whitened rows of values (M, D) or (M, D, P): (M D,) or (M D, P)."""
+        flat = values.reshape(values.shape[0] * values.shape[1], -1)
+        out = np.empty_like(flat)
+        for rows, inverse in zip(self.rows, self.inverses, strict=True):
+            out[rows] = inverse @ flat[rows]
+        return out[:, 0] if values.ndim == 2 else out
+
+    def undo(self, z: np.ndarray) -> np.ndarray:
+        """(M D,) in metres from whitened values (M D,)."""
+        out = np.empty_like(z)
+        for rows, factor in zip(self.rows, self.factors, strict=True):
+            out[rows] = factor @ z[rows]
+        return out
+
+    def variance(self) -> float:
+        """[m²] of a row, on average."""
+        return float(np.concatenate([(factor**2).sum(axis=1) for factor in self.factors]).mean())
+
+
+def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Of each frame: its rows in (M D,), and their covariance [m²]."""
+    dims = s.residual.shape[1]
+    white = s.scatter / s.count[:, None] + FLOOR**2 + noise.marker**2
+    ends = None if noise.ends is None or not any(noise.ends.sd) else noise.ends.columns(s)
+    starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
+    for part in np.split(np.arange(len(s.frame)), starts[1:]):
+        apart = np.abs(s.share[part, None] - s.share[None, part])
+        common = noise.correlated**2 * np.exp(-apart / noise.length)
+        out = np.kron(common, np.eye(dims))
+        out[np.diag_indices_from(out)] += white[part].ravel()
+        if ends is not None:
+            own = ends[part].reshape(len(out), -1)
+            out += own @ own.T
+        yield (part[:, None] * dims + np.arange(dims)).ravel(), out
+
+
+def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noise:
     """The noise model under which the stations' residuals (M, D) are most likely.
 
-    marker [m]: white sd of a marker; white is handed on. Whatever the model misses counts as noise
-    here: intervals become wider, never narrower.
+    known: the parts that are given (marker, white), and the ends' columns where their noise counts.
+    design (M D, P) [m]: what else may be in the residual, of one prior sd each; it is integrated
+    out, so that it is not taken for noise, nor noise for it (restricted maximum likelihood).
+    Without it, whatever the model misses counts as noise: intervals become wider, never narrower.
     """
-    own = s.scatter / s.count[:, None] + FLOOR**2 + marker**2
+    flat = s.residual.reshape(-1)
+    design = np.zeros((len(flat), 0)) if design is None else design
+    own = s.scatter / s.count[:, None] + FLOOR**2 + known.marker**2
     typical = float(np.sqrt(np.median(own)))
-    starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
-    frames = np.split(np.arange(len(s.frame)), starts[1:])
-    best, chosen = np.inf, Noise(marker=marker, white=white)
-    for length in LENGTHS:
-        for ratio in RATIOS:
-            sd = ratio * typical
-            total = 0.0
-            for part in frames:
-                apart = np.abs(s.share[part, None] - s.share[None, part])
-                common = sd**2 * np.exp(-apart / length)
-                for d in range(s.residual.shape[1]):
-                    factor = np.linalg.cholesky(common + np.diag(own[part, d]))
-                    z = np.linalg.solve(factor, s.residual[part, d])
-                    total += 0.5 * float(z @ z) + float(np.log(np.diag(factor)).sum())
-            # A correlated part must earn its place.
-            total += 2.0 if ratio else 0.0
-            if total < best:
-                best, chosen = total, Noise(sd, length, marker, white)
-    return chosen
+
+    def worth(noise: Noise) -> float:
+        kinds = (noise.correlated, *(noise.ends.sd if noise.ends else ()))
+        total = COST * sum(kind > 0 for kind in kinds)
+        gram, toward = np.eye(design.shape[1]), np.zeros(design.shape[1])
+        for rows, covariance in covariances(s, noise):
+            factor = np.linalg.cholesky(covariance)
+            inverse = np.linalg.inv(factor)
+            z, x = inverse @ flat[rows], inverse @ design[rows]
+            total += 0.5 * float(z @ z) + float(np.log(np.diag(factor)).sum())
+            gram += x.T @ x
+            toward += x.T @ z
+        left = np.linalg.cholesky(gram)
+        fitted = np.linalg.solve(left, toward)
+        return total + float(np.log(np.diag(left)).sum()) - 0.5 * float(fitted @ fitted)
+
+    best = replace(known, correlated=0.0)
+    # One kind of noise after the other, twice: they hardly trade.
+    for _ in range(2 if known.ends else 1):
+        for choices in (_positions, _tilts, _correlated):
+            best = min(choices(best, typical), key=worth)
+    return best
+
+
+def _positions(noise: Noise, typical: float) -> list[Noise]:
+    ends = noise.ends
+    if ends is None:
+        return [noise]
+    return [replace(noise, ends=replace(ends, sd=(sd, ends.sd[1]))) for sd in POSITIONS]
+
+
+def _tilts(noise: Noise, typical: float) -> list[Noise]:
+    ends = noise.ends
+    if ends is None or not ends.tilt.shape[-1]:
+        return [noise]
+    return [replace(noise, ends=replace(ends, sd=(ends.sd[0], sd))) for sd in TILTS]
+
+
+def _correlated(noise: Noise, typical: float) -> list[Noise]:
+    return [
+        replace(noise, correlated=ratio * typical, length=length)
+        for length in LENGTHS
+        for ratio in RATIOS
+        if ratio or length == LENGTHS[0]
+    ]

@@ -9,7 +9,7 @@ Markers are stations as they are, in three dimensions.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -25,7 +25,8 @@ class Data:
     """Points (F, P, 3) [m], their share of the rope's length (F, P) and mask (F, P).
 
     material: the shares are known (markers), so that all three components count. eye (3,) [m]:
-    where the sensor is.
+    where the sensor is. firm: every masked point counts, whatever the curve; fits that are compared
+    need the same points.
     """
 
     points: np.ndarray
@@ -33,11 +34,19 @@ class Data:
     mask: np.ndarray
     material: bool
     eye: np.ndarray
+    firm: bool = False
 
     def frames(self, index: np.ndarray) -> Data:
-        return Data(
-            self.points[index], self.share[index], self.mask[index], self.material, self.eye
+        return replace(
+            self, points=self.points[index], share=self.share[index], mask=self.mask[index]
         )
+
+    def settled(self, x: np.ndarray) -> Data:
+        """Only the points that count against the curve through nodes x (F, K, 3), from now on."""
+        if self.material:
+            return self
+        loose = replace(self, firm=False)
+        return replace(self, mask=offsets(loose, np.nan_to_num(x))[1], firm=True)
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,7 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     frames = len(x)
     fine = _refine(x)
     share, offset, good = _feet(data.points, data.share, data.mask, fine, WINDOW)
+    good = data.mask if data.firm else good
     slot = np.clip((data.share * bins).astype(np.int64), 0, bins - 1)
     key = (np.arange(frames)[:, None] * bins + slot)[good]
     offset, share = offset[good], share[good]
@@ -102,6 +112,16 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     )  # fmt: skip
 
 
+def aligned(now: Stations, stations: Stations, values: np.ndarray) -> np.ndarray:
+    """Values (M', D, ...) of the stations of another match, for those of the first; else zero."""
+    many = int(max(now.bin.max(initial=0), stations.bin.max(initial=0))) + 1
+    key, wanted = now.frame * many + now.bin, stations.frame * many + stations.bin
+    out = np.zeros((len(wanted), *values.shape[1:]))
+    _, here, there = np.intersect1d(wanted, key, assume_unique=True, return_indices=True)
+    out[here] = values[there]
+    return out
+
+
 def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(F, P, 3) [m] from the curve through nodes x (F, K, 3) to the points, and which count."""
     if data.material:
@@ -111,7 +131,7 @@ def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         out[frame, slot] = data.points[frame, slot] - place
         return out, data.mask
     _, offset, good = _feet(data.points, data.share, data.mask, _refine(x), WINDOW)
-    return offset, good
+    return offset, data.mask if data.firm else good
 
 
 def _markers(data: Data, x: np.ndarray) -> Stations:

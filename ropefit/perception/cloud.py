@@ -61,10 +61,11 @@ def trace_cloud(
         raise FrameRejected(f"only {len(points)} points after outlier removal")
     known = np.asarray(np.isfinite(ends).all(axis=1))
     along = _geodesic(points, ends, known)
-    line = _smooth_line(points, along, ends, known, bins)
     if radius and viewpoint is not None:
-        points = points + _surface_to_axis(points, line, radius, viewpoint)
-        line = _smooth_line(points, along, ends, known, bins)
+        # The held ends lie on the axis: a line from there to the surface would slant.
+        visible = _smooth_line(points, along, ends, np.zeros(2, dtype=bool), bins)
+        points = points + _surface_to_axis(points, visible, radius, viewpoint)
+    line = _smooth_line(points, along, ends, known, bins)
     arc = polyline_arc(line)
     if arc[-1] <= 0:
         raise FrameRejected("the points do not extend along a line")

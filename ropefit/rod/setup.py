@@ -109,7 +109,7 @@ class Setup(NamedTuple):
         return rod._replace(
             load=rod.load + self.load,
             moment=rod.moment + self.moment,
-            supple=rod.supple + self.stretch[:, None] * axial,
+            supple=rod.supple + self.stretch[..., None] * axial,
         )
 
 

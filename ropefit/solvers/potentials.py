@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
 from ropefit.rod.rod import Rod
@@ -40,23 +39,6 @@ def force_and_stiffness(potentials: tuple[Potential, ...], x: Tensor) -> tuple[T
             row = None
         rows.append(torch.zeros_like(x) if row is None else row)
     return -slope.detach(), torch.stack(rows, dim=-2).detach()
-
-
-def springs(potentials: tuple[Potential, ...], x: Tensor) -> np.ndarray | None:
-    """(F, K, 3) [N] tangent of the potentials' force at fixed nodes, None if nothing changes.
-
-    Called where the potentials' own parameters are dual numbers.
-    """
-    if not potentials:
-        return None
-    with torch.enable_grad():
-        x = x.detach().requires_grad_()
-        total = torch.zeros((), dtype=x.dtype)
-        for p in potentials:
-            total = total + (p.share * p.energy(x)).sum()
-        (slope,) = torch.autograd.grad(total, x, create_graph=True)
-    tangent = forward_ad.unpack_dual(slope).tangent
-    return None if tangent is None else -tangent.detach().numpy()
 
 
 def solve_with_potentials(
@@ -123,15 +105,16 @@ def _settle(
 def _supports(
     conditions: Conditions, x: Tensor, force: Tensor, stiffness: Tensor
 ) -> tuple[Conditions, Tensor | None, np.ndarray]:
-    """Elastic supports with the potentials' stiffness and force at x, and what force is left.
+    """Elastic supports with the potentials' stiffness that are at rest at x; the force at x is a
+    load. (As one, a force and a stiffness near zero would be a support from far away.)
 
     A support along an eigenvector d of the stiffness κ pushes with κ (offset - d · x).
     """
     touched = torch.nonzero((stiffness != 0).any(-1).any(-1).any(0))[:, 0]
     frames = len(x)
+    load = force if bool((force != 0).any()) else None
     if len(touched) == 0:
-        left = force if bool((force != 0).any()) else None
-        return conditions, left, np.zeros((frames, 0))
+        return conditions, load, np.zeros((frames, 0))
     values, vectors = torch.linalg.eigh(stiffness[:, touched])  # (F, T, 3), (F, T, 3, 3)
     order = values.abs().argsort(-1, descending=True)
     values = torch.gather(values, -1, order)
@@ -140,12 +123,8 @@ def _supports(
     rank = int(strong.any(0).any(0).sum())
     values, vectors, strong = values[..., :rank], vectors[..., :rank], strong[..., :rank]
     direction = vectors.transpose(-1, -2)  # (F, T, rank, 3)
-    along = (direction * force[:, touched, None]).sum(-1) * strong
     safe = torch.where(strong, values, 1.0)
-    offset = (direction * x[:, touched, None]).sum(-1) + along / safe
-    rest = force.clone()
-    rest[:, touched] -= (along[..., None] * direction).sum(-2)
-    left = rest if float(rest.abs().max()) > 1e-12 * float(force.abs().max()) else None
+    offset = (direction * x[:, touched, None]).sum(-1)
     flat = lambda t: t.reshape(frames, -1, *t.shape[3:])  # noqa: E731
     held = Conditions(
         conditions.ends,
@@ -156,4 +135,4 @@ def _supports(
         flat(1 / safe),
         flat(strong).numpy(),
     )
-    return held, left, flat(along).numpy()
+    return held, load, np.zeros((frames, offset[0].numel()))

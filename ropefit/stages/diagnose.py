@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from pydantic import Field
+from threadpoolctl import threadpool_limits
 
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.diagnosis import Candidate, Cause, Detectable, Region, Size
@@ -18,7 +19,8 @@ from ropefit.inference.diagnosis.regions import misfit, regions
 from ropefit.inference.diagnosis.weigh import Rival, heldout_rms
 from ropefit.inference.equilibrium_rope import ranges
 from ropefit.inference.forward import Forward, Term
-from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
 from ropefit.inference.terms import ROPE, calibration, rope_term
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import follow
@@ -67,9 +69,10 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
     noise = noise_of(o, data)
     bins = BINS
     context.progress(0.02, "nominal fit")
-    nominal = _nominal(setup, terms, data, noise, bins, o)
-    found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
-    return _content(o, found, used, every, bins)
+    with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
+        nominal = _nominal(setup, terms, data, noise, bins, o)
+        found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
+        return _content(o, found, used, every, bins)
 
 
 def nominal_terms(

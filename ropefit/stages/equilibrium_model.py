@@ -16,9 +16,11 @@ from ropefit.artifacts import (
 from ropefit.errors import NotConverged
 from ropefit.inference.equilibrium_rope import MEANING, NAMES, ranges
 from ropefit.inference.evaluate import agreement
-from ropefit.inference.forward import Forward, Point, Term
-from ropefit.inference.least_squares import Fit, Noise
+from ropefit.inference.forward import Forward, Term
+from ropefit.inference.least_squares import Fit
 from ropefit.inference.limits import Limits
+from ropefit.inference.noise import Noise
+from ropefit.inference.response import Point
 from ropefit.inference.stations import Data, match, offsets
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states

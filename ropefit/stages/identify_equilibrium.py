@@ -11,9 +11,9 @@ from ropefit.artifacts import Observations
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.inference.equilibrium_rope import NAMES, ranges
 from ropefit.inference.forward import Forward, Term
-from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.limits import limits
-from ropefit.inference.noise import estimate
+from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.stations import Data, match
 from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
 from ropefit.rod.setup import Setup
@@ -186,7 +186,7 @@ def calibrated_fit(
     start = full.start()
     start[: rope.size] = rope
     first = fit(full, data, noise, bins, start, evaluations)
-    noise = estimate(first.stations, noise.marker)
+    noise = estimate(first.stations, Noise(marker=noise.marker))
     return fit(full, data, noise, bins, first.point.u, evaluations), noise
 
 

@@ -10,37 +10,59 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from ropefit.inference.diagnosis.columns import Columns
-from ropefit.inference.least_squares import Fit, Noise
-from ropefit.inference.noise import estimate
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.noise import EndNoise, Noise, estimate
 from ropefit.inference.stations import Stations
+from ropefit.solvers.implicit import Directions, tangent
 
-RIDGE = 30.0  # usual sizes: effects may be as large as that
+RIDGE = 10.0  # usual sizes: effects may be as large as that
+FREE = 10.0  # search variables: how far a free parameter may be off
+WEAK = 1.0  # sd: what moves all stations together by less is left out
+UNUSUAL = 2.0  # times the usual mean square of a frame
 
 
 def measure(found: Fit, columns: list[Columns], noise: Noise) -> Noise:
-    """White and correlated noise of the stations of a nominal fit."""
+    """White and correlated noise of the stations of a nominal fit, and that of its ends."""
     physics = [c.values for c in columns if c.family.effect.kind == "physics"]
-    steady = [values.reshape(len(values), -1) for values in physics]
-    design = np.concatenate([found.jacobian, *steady], axis=1)
-    held = np.isfinite(found.prior)
-    loose = np.full(design.shape[1], 1 / RIDGE**2)
-    loose[: len(held)] = np.where(held, 1 / found.prior**2, 0.0)
-    information = design.T @ design + np.diag(loose)
-    gain = design.T @ found.z
-    left = found.z - design @ np.linalg.solve(information, gain)
-    taken = float(np.trace(np.linalg.solve(information, design.T @ design)))
-    grow = np.sqrt(len(left) / max(len(left) - taken, len(left) / 4))
-    residual = found.whitener.undo(left * grow).reshape(found.stations.residual.shape)
-    usual = _usual_frames(replace(found.stations, residual=residual))
-    return estimate(usual, noise.marker, noise.white)
+    steady = [RIDGE * values.reshape(len(values), -1) for values in physics]
+    spread = np.where(np.isfinite(found.prior), found.prior, FREE)
+    design = np.concatenate([found.jacobian * spread, *steady], axis=1)
+    strength, directions = np.linalg.eigh(design.T @ design)
+    design = found.whitener.undo(design @ directions[:, strength > WEAK**2])
+    residual = found.whitener.undo(found.z).reshape(found.stations.residual.shape)
+    every = replace(found.stations, residual=residual)
+    mine = _usual_frames(every, residual)
+    few = Stations(*(getattr(every, name)[mine] for name in Stations.__dataclass_fields__))
+    rows = np.repeat(mine, residual.shape[1])
+    return estimate(few, replace(noise, ends=end_noise(found)), design[rows])
 
 
-def _usual_frames(s: Stations) -> Stations:
-    """Without the quarter of the frames that are left worst: there something else may act."""
+def end_noise(found: Fit) -> EndNoise:
+    """What the fitted rope does when an end of one frame is off."""
+    point, s = found.point, found.stations
+    frames = len(point.seen)
+    held = [end for end in range(2) if not bool(torch.isnan(point.conditions.ends[:, end]).any())]
+    clamps = [end for end in range(2) if point.setup.clamped[end]]
+    places = [(end, axis) for end in held for axis in range(3)]
+    turns = [(end, axis) for end in clamps for axis in range(2)]  # about the tangent: twist
+    many = len(places) + len(turns)
+    ends, clamp = np.zeros((2, frames, many, 2, 3))
+    for k, (end, axis) in enumerate(places):
+        ends[:, k, end, axis] = 1.0
+    for k, (end, axis) in enumerate(turns, len(places)):
+        clamp[:, k, end, axis] = 1.0
+    dx, _ = tangent(point.rod, point.conditions, point.solution, Directions(ends=ends, clamp=clamp))
+    values = s.project(np.moveaxis(dx, 1, 0))
+    return EndNoise(s, values[..., : len(places)], values[..., len(places) :])
+
+
+def _usual_frames(s: Stations, residual: np.ndarray) -> np.ndarray:
+    """(M,) bool: not in the frames, a quarter at most, that are left far worse than the others:
+    something may act there that acts in few frames only."""
     frames = np.unique(s.frame)
-    size = np.array([(s.residual[s.frame == t] ** 2).mean() for t in frames])
-    kept = frames[size <= np.quantile(size, 0.75)]
-    mine = np.isin(s.frame, kept)
-    return Stations(*(getattr(s, name)[mine] for name in Stations.__dataclass_fields__))
+    size = np.array([(residual[s.frame == t] ** 2).mean() for t in frames])
+    usual = max(UNUSUAL * float(np.median(size)), float(np.quantile(size, 0.75)))
+    return np.isin(s.frame, frames[size <= usual])

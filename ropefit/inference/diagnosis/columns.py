@@ -9,8 +9,9 @@ import torch
 
 from ropefit.effects.place import at_point, middle_of
 from ropefit.inference.diagnosis.families import Family
-from ropefit.inference.forward import Forward, Point, change_by, respond
+from ropefit.inference.forward import Forward, change_by
 from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.inference.response import Point, respond
 from ropefit.inference.stations import Data, match
 from ropefit.solvers.implicit import Directions, tangent
 

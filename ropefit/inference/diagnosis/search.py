@@ -12,16 +12,18 @@ from ropefit.inference.diagnosis.branch_repair import repaired
 from ropefit.inference.diagnosis.columns import Columns, Responses
 from ropefit.inference.diagnosis.contact import proposals
 from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
-from ropefit.inference.diagnosis.families import families
+from ropefit.inference.diagnosis.families import Family, families
 from ropefit.inference.diagnosis.latent import Latent, latent_force
 from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms
 from ropefit.inference.forward import Forward
-from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data, match
 
 LEAST = 5.0  # nats: no effect is believed on less
 MARGIN = 10.0  # nats over a clean recording's 99 % that make a latent force real
 REPLICATES = 100
+ANY_FORCE = 2.0  # nats of a latent force below which contact, which is one, is not tried
 MOST_EFFECTS = 2  # more would explain anything: then it is unknown
 LEADERS = 6
 SET_NATS = 3.0
@@ -67,6 +69,7 @@ def search(
     """Run the whole diagnosis from a nominal fit with white noise."""
     rng = np.random.default_rng(seed)
     nominal = _repair(nominal, data, noise, bins)
+    every, data = data, data.settled(nominal.point.seen)
     progress(0.1, "scan")
     if not data.material:  # one white noise for all fits, seen at the nominal one
         seen = match(data, nominal.point.seen, bins).scatter[0]
@@ -86,7 +89,8 @@ def search(
         project = Projection(current)
         setup = current.point.setup
         scorers = [Scorer(c, project, c.family.scales(setup)) for c in columns]
-        scan = sorted((s(current.z) for s in scorers), key=lambda s: -s.log_factor)
+        scored: list[Scored] = [score(current.z) for score in scorers]
+        scan = sorted(scored, key=lambda s: -s.log_factor)
         latent = latent_force(current, project)
         if round_ == 0:
             null = null_residuals(current, project, REPLICATES, rng)
@@ -105,7 +109,8 @@ def search(
             crowded = scan[0].log_factor > 3 * threshold
             break
         progress(0.25 + 0.2 * round_, "fits of the leaders")
-        rivals = _rivals(current, scan, data, noise, bins, threshold)
+        touching = proposals(current) if latent.evidence > ANY_FORCE else []
+        rivals = _rivals(current, scan, touching, data, noise, bins, threshold)
         winner = _winner(rivals, threshold, heldout_rms(current)[0], refused)
         if winner is None:
             break
@@ -115,6 +120,8 @@ def search(
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
         current = winner.fit
         current.forward.last = current.point.solution
+        data = every.settled(current.point.seen)
+        current = fit(current.forward, data, noise, bins, current.point.u, 10, tolerance=1e-5)
     assert latent is not None
     verdict = "unknown" if crowded else "found" if accepted else "none"
     if latent.evidence > latent.threshold:
@@ -144,9 +151,10 @@ def _columns(current: Fit, data: Data, bins: int) -> list[Columns]:
 
 
 def _rivals(
-    current: Fit, scan: list[Scored], data: Data, noise: Noise, bins: int, threshold: float
-) -> list[Rival]:
-    """Full fits of the families that a scan puts in front, and of contact."""
+    current: Fit, scan: list[Scored], touching: list[tuple[Family, np.ndarray]], data: Data,
+    noise: Noise, bins: int, threshold: float,
+) -> list[Rival]:  # fmt: skip
+    """Full fits of the families that a scan puts in front, and of contact where it was proposed."""
     best = scan[0].log_factor
     leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * best)][:LEADERS]
     starts = [
@@ -154,7 +162,7 @@ def _rivals(
         for s in leaders
         if s.log_factor > 0.6 * threshold
     ]
-    starts += proposals(current)
+    starts += touching
     out: dict[tuple[str, int], Rival] = {}
     for family, start in starts:
         rival = fit_rival(current, family, start, data, noise, bins)

@@ -8,7 +8,8 @@ import numpy as np
 
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.forward import Forward, Term
-from ropefit.inference.least_squares import Fit, Noise, fit
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 
 BROAD = 3.0  # usual sizes: how large an effect may well be
@@ -54,6 +55,8 @@ def fit_rival(
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
     if not np.isfinite(found.cost) or not found.point.solution.converged.all():
+        return None
+    if len(found.z) != len(smaller.z):  # a frame did not settle at the start: nothing to compare
         return None
     spread = max(1.0, found.scale**2)
     evidence = 0.5 * (smaller.cost - found.cost) / spread - _flexibility(found, term)
@@ -120,7 +123,7 @@ def heldout_rms(found: Fit) -> tuple[float, float]:
     residual = found.whitener.undo(predicted(found)).reshape(s.residual.shape)
     white = s.scatter.mean(axis=0)
     if not white.any():  # markers: their noise is in the whitener
-        noise = float(np.sqrt((found.whitener.undo(np.ones_like(found.z)) ** 2).mean() * 3))
+        noise = float(np.sqrt(found.whitener.variance() * 3))
         return float(np.sqrt((residual**2).sum(axis=1).mean())), noise
     weight = s.count[:, None] / s.count.sum()  # by points, as if each were compared by itself
     extra = (weight * residual**2).sum(axis=0) - white * len(s.count) / s.count.sum()
