@@ -14,7 +14,7 @@ import torch
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.limits import limits
-from ropefit.inference.noise import Noise, Whitener, estimate
+from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
 from ropefit.inference.stations import Data, Stations, match
 from ropefit.inference.terms import ROPE, Priors, calibration, nuisance, rope_term
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -241,6 +241,48 @@ def test_planted_correlated_noise_is_measured():
     z = Whitener.of(s, noise)(s.residual)
     assert 0.85 < z.std() < 1.15
     assert estimate(planted(0.0, 0.1, 0.0005), Noise()).correlated <= 0.35 * 0.00052
+
+
+def test_noise_of_the_ends_is_told_from_noise_along_the_rope():
+    s = planted(0.0, 0.1, 0.0005)
+    rng = np.random.default_rng(4)
+    frames = int(s.frame.max()) + 1
+    # Two ends: what one does to the rope fades towards the other, in either component.
+    near = np.stack([1 - s.share, s.share], axis=1)
+    columns = np.zeros((*s.residual.shape, 4))
+    for d in range(2):
+        columns[:, d, 2 * d : 2 * d + 2] = near
+    moved = 0.0005 * rng.normal(size=(frames, 4))
+    shaken = replace(s, residual=s.residual + np.einsum("mdp,mp->md", columns, moved[s.frame]))
+    ends = EndNoise(shaken, columns, np.zeros((*s.residual.shape, 0)))
+    noise = estimate(shaken, Noise(ends=ends))
+    assert noise.ends is not None
+    assert 0.0003 <= noise.ends.sd[0] <= 0.0008
+    z = Whitener.of(shaken, noise)(shaken.residual)
+    assert 0.9 < z.std() < 1.1
+    quiet = estimate(s, Noise(ends=EndNoise(s, columns, np.zeros((*s.residual.shape, 0)))))
+    assert quiet.ends is not None
+    assert quiet.ends.sd[0] <= 0.0001
+
+
+def test_what_a_model_may_have_missed_is_not_taken_for_noise():
+    s = planted(0.0, 0.1, 0.0005)
+    shape = np.stack([np.sin(3 * s.share), np.cos(2 * s.share)], axis=1)
+    missed = replace(s, residual=s.residual + 0.004 * shape)
+    assert estimate(missed, Noise()).correlated > 0.001
+    design = 0.01 * np.concatenate([shape.reshape(-1, 1)], axis=1)
+    assert estimate(missed, Noise(), design).correlated < 0.0003
+
+
+def test_points_that_count_stay_the_same_under_another_rope():
+    held = ends(4, 0.5, 0.7)
+    data = markers(setup(60, held), 0.001)
+    cloud = replace(data, material=False)
+    near = Forward(setup(30, held), []).at(np.empty(0)).seen
+    settled = cloud.settled(near)
+    first, other = match(settled, near, 10), match(settled, near + 0.02, 10)
+    assert first.frame.tolist() == other.frame.tolist()
+    assert first.bin.tolist() == other.bin.tolist()
 
 
 def test_a_soft_rope_is_told_below_a_limit_not_a_number():
