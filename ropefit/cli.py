@@ -217,6 +217,10 @@ def diagnose(
         Optional[Path],  # noqa: UP045
         typer.Option(help="Another run of the same rope: its rope is taken as known."),
     ] = None,
+    calibration: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(help="A run of the same set-up, best of a taut rope: its camera, gravity."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the simulated clean recordings.")] = 0,
     most_frames: Annotated[int, typer.Option(help="Most frames used, evenly spread.")] = 48,
     force: Force = False,
@@ -229,7 +233,7 @@ def diagnose(
         from ropefit.commands import diagnose
 
         settings = {"seed": seed, "most_frames": most_frames}
-        session.result(diagnose(session, run, settings, nominal, force))
+        session.result(diagnose(session, run, settings, nominal, calibration, force))
 
 
 @app.command()

@@ -139,6 +139,7 @@ def diagnose(
     run: Path,
     settings: dict[str, Any],
     nominal: Path | None,
+    calibration: Path | None,
     force: bool,
 ) -> dict[str, Any]:
     """observations.h5, model.h5 -> diagnosis.h5."""
@@ -146,9 +147,12 @@ def diagnose(
 
     objects: dict[str, Any] = {}
     external: dict[str, str] = {}
-    if nominal is not None:
-        objects["nominal"], external["nominal"] = load(existing_run(nominal), Model)
-    chosen = stage.DiagnoseSettings(**settings, nominal=nominal is not None)
+    for name, other in (("nominal", nominal), ("calibration", calibration)):
+        if other is not None:
+            objects[name], external[name] = load(existing_run(other), Model)
+    chosen = stage.DiagnoseSettings(
+        **settings, nominal=nominal is not None, calibration=calibration is not None
+    )
     outcome = _stage(session, stage.STAGE, existing_run(run), chosen, force, objects, external)
     return tell_diagnosed(session, outcome)
 
@@ -156,7 +160,7 @@ def diagnose(
 def control(
     session: Session, run: Path, settings: dict[str, Any], target: Path | None, force: bool
 ) -> dict[str, Any]:
-    """observations.h5, model.h5 -> control.h5."""
+    """observations.h5, model.h5, and diagnosis.h5 if there is one -> control.h5."""
     from ropefit.stages import control as stage
     from ropefit.stages.targets import read_targets
 
@@ -168,6 +172,8 @@ def control(
         length = load(run, Observations)[0].length
         objects["targets"] = read_targets(target, length)
         external["target"] = objects["targets"].sha256
+    if (run / Diagnosis.file_name).exists():  # the rope with what was found to be left out
+        objects["diagnosis"], external[Diagnosis.file_name] = load(run, Diagnosis)
     outcome = _stage(session, stage.STAGE, run, chosen, force, objects, external)
     c: Control = outcome.artifact
     rows = []
@@ -262,7 +268,7 @@ def run_all(
         "identify": identify(session, run, of_identify, None, force),
     }
     if data["identify"]["search"] == "least-squares":  # the paper's weights say nothing of a rope
-        data["diagnose"] = diagnose(session, run, {}, None, force)
+        data["diagnose"] = diagnose(session, run, {}, None, None, force)
     return data | {
         "control": control(session, run, of_control, None, force),
         "report": report(session, run),

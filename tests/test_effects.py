@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from ropefit.effects import CATALOGUE, Effect, Obstacle, SupportPlane
+from ropefit.effects import CATALOGUE, Effect, Obstacle, StiffSection, SupportPlane, Tether
+from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.forward import Forward, Term
 from ropefit.rod.setup import Setup
 from tests.concealed import rope
@@ -84,3 +85,29 @@ def test_every_effect_says_what_it_is():
         assert not told[0].isupper()
         assert not told.endswith(".")
         assert {q.unit for q in effect.quantities}
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [(StiffSection(), [0.8, 0.45, 0.2]), (Tether(), [3.0, 0.1, 0.2, 0.4, 0.5])],
+)
+def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values):
+    bare = rope(30, frames=3)
+    values = torch.tensor(values, dtype=torch.float64)
+    plain, bend = bare.properties, 1.7 * float(bare.properties.bend[0])
+    twist, length = 1.7 * float(plain.twist[0]), float(plain.length.sum())
+    whole = EquilibriumRope(effect.apply(bare, values), 3, 0, plain=plain)
+    wanted = [bend, twist, torch.inf, length]
+    given = torch.tensor(wanted, dtype=torch.float64).expand(3, 4)
+    stiffer = bare._replace(
+        properties=plain._replace(bend=1.7 * plain.bend, twist=1.7 * plain.twist)
+    )
+    expected = Forward(effect.apply(stiffer, values), []).at(np.empty(0)).seen[:, ::3]
+    move = torch.zeros(3, 3, dtype=torch.float64, requires_grad=True)
+    x = whole.settle(given, move).x
+    np.testing.assert_allclose(x.detach().numpy(), expected, atol=1e-7)
+    (slope,) = torch.autograd.grad(x[:, 5, 2].sum(), move)
+    for axis in range(3):
+        step = 1e-5 * torch.eye(3, dtype=torch.float64)[axis]
+        up, down = (whole.settle(given, (e * step).expand(3, 3)).x[:, 5, 2] for e in (1, -1))
+        np.testing.assert_allclose(slope[:, axis], (up - down) / 2e-5, atol=1e-5)

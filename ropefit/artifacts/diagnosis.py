@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
+from ropefit.artifacts.model import Calibration
 
 
 class Size(Part):
@@ -66,7 +67,7 @@ class Diagnosis(Artifact):
     """Verdict, causes and evidence."""
 
     schema_name: ClassVar[str] = "ropefit-diagnosis"
-    schema_version: ClassVar[int] = 1
+    schema_version: ClassVar[int] = 2
     file_name: ClassVar[str] = "diagnosis.h5"
 
     recording: str
@@ -82,6 +83,11 @@ class Diagnosis(Artifact):
     rms_before: float = quantity("m", "held-out blocks of frames, nominal model")
     rms_after: float = quantity("m", "held-out blocks of frames, with the causes")
     detectable: dict[str, Detectable]
+    segments: int = Field(default=0, description="of the rod that was solved; 0: as in model.h5")
+    rope: dict[str, Size] = Field(
+        default_factory=dict, description="the rope's own parameters, fitted together with causes"
+    )
+    calibration: dict[str, Calibration] = Field(default_factory=dict)
     motion: str = Field(description="what motion would tell the leading causes apart")
     separates: list[str]
     frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]

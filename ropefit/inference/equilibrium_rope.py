@@ -14,6 +14,7 @@ from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.implicit import settle
+from ropefit.solvers.potentials import solve_with_potentials
 from ropefit.solvers.xpbd import State
 
 NAMES = ("EI", "GJ", "EA", "length")
@@ -32,7 +33,8 @@ class EquilibriumRope:
     control_node: 0 or the last node, in observation nodes. tied: the twist rigidity follows the
     bending rigidity at their ratio in the setup, whatever its value. recorded (F, 2, 3) [m]: the
     ends as the recording tells them, where the setup has them corrected. near: states whose branch
-    is followed; else the one that a catenary leads to. Compare `inference.rope.Rope`.
+    is followed; else the one that a catenary leads to. plain: the rope without effects, which the
+    values describe, where the setup has effects. Compare `inference.rope.Rope`.
     """
 
     setup: Setup
@@ -41,6 +43,7 @@ class EquilibriumRope:
     tied: bool = False
     recorded: Tensor | None = None
     near: Solution | None = None
+    plain: Properties | None = None
 
     step: ClassVar[float] = 1e-4  # of central differences: the answer is smooth
 
@@ -98,9 +101,10 @@ class EquilibriumRope:
                 for name in Properties._fields
             }
         )
-        ratio = flat[:, :1] / s.properties.bend
-        length = s.properties.length * (flat[:, 3:] / s.properties.length.sum())
-        twist = s.properties.twist * ratio if self.tied else flat[:, 1:2].expand(-1, s.segments)
+        plain = self.plain or s.properties
+        ratio = flat[:, :1] / plain.bend
+        length = s.properties.length * (flat[:, 3:] / plain.length.sum())
+        twist = s.properties.twist * (ratio if self.tied else flat[:, 1:2] / plain.twist)
         rows = rows._replace(
             bend=s.properties.bend * ratio,
             twist=twist,
@@ -111,11 +115,14 @@ class EquilibriumRope:
         start = None
         if self.near is not None:
             start = self.near.frames(np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1))
-        solution = solve(rod, held, start)
-        again = ~solution.converged
-        if start is not None and again.any():
-            fresh = solve(rod, held)
-            solution.put(again, fresh, again)
+        if s.potentials:
+            solution, held, rod = solve_with_potentials(rod, held, s.potentials, start)
+        else:
+            solution = solve(rod, held, start)
+            again = ~solution.converged
+            if start is not None and again.any():
+                fresh = solve(rod, held)
+                solution.put(again, fresh, again)
         x, q = settle(rod, held, solution=solution)[0]
         per_row = {
             name: getattr(s.seen, name).squeeze(-2).expand(*shape, 3).reshape(-1, 1, 3)

@@ -47,7 +47,7 @@ def solve_with_potentials(
     potentials: tuple[Potential, ...],
     start: Solution | None = None,
 ) -> tuple[Solution, Conditions, Rod]:
-    """Equilibria of F frames of one rope with energies of its nodes.
+    """Equilibria of F frames of one rope, or of F ropes, with energies of their nodes.
 
     Returns the states, and the conditions and rods with the supports and loads that stand for the
     potentials there (derivatives of the states need them). Frames that do not settle are marked.
@@ -55,7 +55,8 @@ def solve_with_potentials(
     """
     if start is None or not start.converged.all():
         start = solve(rod, conditions)
-    length, weight = float(rod.length.sum()), float(rod.load.norm(dim=-1).sum())
+    length = float(rod.length.detach().sum(-1).max())
+    weight = float(rod.load.detach().norm(dim=-1).sum(-1).max())
     x = torch.from_numpy(start.x)
     force, _ = force_and_stiffness(potentials, x)
     deep = float(force.norm(dim=-1).max()) > weight
@@ -91,7 +92,8 @@ def _settle(
         )  # fmt: skip
         rods = rod
         if load is not None:
-            rods = Rod(*(t.expand(len(x), *t.shape) for t in rod))
+            if rod.length.ndim == 1:
+                rods = Rod(*(t.expand(len(x), *t.shape) for t in rod))
             rods = rods._replace(load=rods.load + load)
         current = solve(rods, held, guess, limit=LIMIT)
         moved = np.abs(current.x - before).max(axis=(1, 2))

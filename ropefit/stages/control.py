@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from ropefit.artifacts import Control, FittedModel, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
@@ -43,6 +43,9 @@ def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context)
     """The contents of control.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
     model: FittedModel = inputs[Model.file_name].nominal
+    found = context.external.get("diagnosis")
+    if found is not None and found.causes:
+        context.say("with " + ", ".join(cause.name for cause in found.causes.values()))
     if settings.target:
         return _shape(observations, model, settings, context, context.external["targets"])
     return _estimate(observations, model, settings, context)
@@ -54,7 +57,7 @@ def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, co
     turns = bool(settings.turn)
     _check_turn(turns, node)
     guess = control_guess(o, node)
-    rope, values = _rope(o, model, guess, turns)
+    rope, values = _rope(o, model, guess, turns, context.external.get("diagnosis"))
     scene = build_scene(o)
     objective = OBJECTIVES[settings.loss]
     gripper = Gripper(rope, values, to_observations(objective, scene), 0.1 * o.length, turns)
@@ -102,7 +105,7 @@ def _shape(
     # Every target from every start; the rope's other ends stay where that frame had them.
     frame = np.tile(starts, cases)
     case = np.repeat(np.arange(cases), len(starts))
-    rope, values = _rope(o, model, recorded, turns)
+    rope, values = _rope(o, model, recorded, turns, context.external.get("diagnosis"))
     whole = rope.frames(torch.from_numpy(frame))
     compare = to_targets(targets.arc[case], targets.points[case], o.length)
     gripper = Gripper(whole, values[frame], compare, 0.1 * o.length, turns)
@@ -173,15 +176,15 @@ def control_guess(o: Observations, node: int) -> np.ndarray:
 
 
 def _rope(
-    o: Observations, model: FittedModel, position: np.ndarray, turns: bool
+    o: Observations, model: FittedModel, position: np.ndarray, turns: bool, found: Diagnosis | None
 ) -> tuple[Rope | EquilibriumRope, torch.Tensor]:
-    """The fitted rope with its control point at `position` (F, 3) [m], and the values (F, n) of
-    each frame."""
+    """The fitted rope, with what a diagnosis found, its control point at `position` (F, 3) [m], and
+    the values (F, n) of each frame."""
     position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
     if o.end_kind[0] == "free" and model.control_node == 0:
         raise BadInput("end 0 is free: there is no control point to estimate")
     if model.iterated is None:
-        return restored_rope(o, model, _within_reach(o, model, position), turns)
+        return restored_rope(o, model, _within_reach(o, model, position), turns, found)
     it = model.iterated
     rope = rope_of(
         o,

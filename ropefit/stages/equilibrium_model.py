@@ -117,25 +117,30 @@ def fitted_model(
         o, loss, "least-squares", node, started, data, [(mine, p[2]) for mine, p in parts],
         groups, out, train, np.array(found.trace),
     )  # fmt: skip
-    calibration, place, sd = {}, 0, found.sd()
-    for term in found.forward.terms:
-        for k, axis in enumerate(term.names if term.nuisance else ()):
-            calibration[calibration_name(term, axis)] = Calibration(
-                unit=term.units[k],
-                prior=float(term.prior[k]),
-                value=float(found.point.u[place + k] * term.scale[k]),
-                sd=float(sd[place + k] * term.scale[k]),
-            )
-        place += term.size
     assert model.balance is not None
     balance = model.balance.model_copy(
         update={
-            "calibration": calibration,
+            "calibration": calibration_of(found),
             "correlated_noise": noise.correlated,
             "correlation_length": noise.length * o.length,
         }
     )
     return model.model_copy(update={"balance": balance})
+
+
+def calibration_of(found: Fit) -> dict[str, Calibration]:
+    """The errors of the set-up that were fitted, by name."""
+    out, place, sd = {}, 0, found.sd()
+    for term in found.forward.terms:
+        for k, axis in enumerate(term.names if term.nuisance else ()):
+            out[calibration_name(term, axis)] = Calibration(
+                unit=term.units[k],
+                prior=float(term.prior[k]),
+                value=float(term.value(found.point.u[place : place + term.size])[k]),
+                sd=float(sd[place + k] * term.scale[k]),
+            )
+        place += term.size
+    return out
 
 
 def calibration_name(term: Term, axis: str) -> str:

@@ -10,16 +10,15 @@ import torch
 
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.diagnosis import Cause
-from ropefit.effects import Effect
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.errors import NotConverged, StageFailed, WrongUsage
 from ropefit.exporters import ExportResult, RopeDescription, export
 from ropefit.exporters import effects as records
 from ropefit.inference.forward import Forward
-from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 from ropefit.stages.frames import spread_evenly
 from ropefit.stages.identify_equilibrium import started_setup, unit_scale
+from ropefit.stages.restore import effect_of
 from ropefit.stages.rope_setup import base_setup
 
 POSES = 6
@@ -48,17 +47,17 @@ def export_run(
     group = next(iter(model.nominal.groups.values()))
     density = float(setup.properties.density.mean())
     factor = 1.0 if known else density * float(setup.gravity.norm())
-    values = {
-        name: p.value * (factor if name != "length" else 1.0)
-        for name, p in group.parameters.items()
-    }
+    fitted = {name: p.value for name, p in group.parameters.items()}
+    if diagnosis and diagnosis.causes:  # the rope's own values, fitted along with the causes
+        fitted |= {name: size.value for name, size in diagnosis.rope.items()}
+    values = {name: value * (factor if name != "length" else 1.0) for name, value in fitted.items()}
     scale = unit_scale(o)
     setup = started_setup(setup, values, scale)
     notes = []
     extras: list[Any] = []
     whole = setup
     for cause in diagnosis.causes.values() if diagnosis else []:
-        effect = _effect(cause)
+        effect = effect_of(cause)
         whole = effect.apply(whole, torch.tensor(cause.values))
         record = _record(cause, whole, nodes)
         if record is not None:
@@ -88,13 +87,6 @@ def write_export(result: ExportResult, out: Path) -> list[str]:
     except OSError as error:
         raise StageFailed(f"cannot write {out}: {error.strerror}; give another --out")
     return written
-
-
-def _effect(cause: Cause) -> Effect:
-    for kind in concrete(Effect, "ropefit.effects"):
-        if kind.__name__ == cause.variant:
-            return kind(cause.end or 0)  # pyright: ignore[reportAbstractUsage]
-    raise StageFailed(f"the effect {cause.variant} of diagnosis.h5 is not installed here")
 
 
 def _record(cause: Cause, setup: Setup, nodes: int) -> Any:

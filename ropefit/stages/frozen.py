@@ -17,12 +17,12 @@ def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]
     m = model.nominal
     if m.balance is None:
         raise WrongUsage(
-            f"--from {where}: its model is one of the {m.solver} solver, whose weights are no "
+            f"{where}: its model is one of the {m.solver} solver, whose weights are no "
             "properties of the rope; identify it with --solver equilibrium"
         )
     if len(m.groups) != 1:
         raise WrongUsage(
-            f"--from {where}: it has {len(m.groups)} parameter sets; identify it with --groups one"
+            f"{where}: it has {len(m.groups)} parameter sets; identify it with --groups one"
         )
     (group,) = m.groups.values()
     known = group.parameters

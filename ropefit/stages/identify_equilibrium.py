@@ -79,7 +79,8 @@ def given_values(o: Observations, settings: IdentifySettings, context: Context) 
     if not settings.from_run:
         return settings.start
     return (
-        frozen_values(context.external["from"], context.external["from_path"], o) | settings.start
+        frozen_values(context.external["from"], f"--from {context.external['from_path']}", o)
+        | settings.start
     )
 
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.artifacts import FittedModel, Observations
+from ropefit.artifacts import Diagnosis, FittedModel, Observations
+from ropefit.artifacts.diagnosis import Cause
+from ropefit.effects import Effect
+from ropefit.errors import StageFailed
 from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.inference.forward import Forward
 from ropefit.inference.terms import calibration
+from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states
 from ropefit.stages.equilibrium_model import calibration_name
@@ -18,28 +24,46 @@ from ropefit.stages.rope_setup import base_setup
 
 
 def restored_rope(
-    o: Observations, model: FittedModel, ends: np.ndarray, hold_frame: bool
+    o: Observations,
+    model: FittedModel,
+    ends: np.ndarray,
+    hold_frame: bool,
+    diagnosis: Diagnosis | None = None,
 ) -> tuple[EquilibriumRope, Tensor]:
     """The rope of every frame with ends (F, 2, 3) [m] as a recording would tell them, and its
     values (F, 4) in the order of NAMES.
 
-    Calibration errors are those of the fit, if it was one fit for all frames. hold_frame: end 0
-    holds its frame although it is not clamped, to begin with the one that it has of itself.
+    Calibration errors are those of the fit, if it was one fit for all frames. With a diagnosis that
+    found causes, the rope has them, and values and calibration are those fitted along with them.
+    hold_frame: end 0 holds its frame although it is not clamped, to begin with the one that it has
+    of itself.
     """
     assert model.balance is not None
-    setup = base_setup(o, model.balance.segments)._replace(ends=torch.from_numpy(ends))
-    if len(model.groups) == 1:
-        known = model.balance.calibration
+    found = diagnosis if diagnosis is not None and diagnosis.causes else None
+    segments = (found.segments if found else 0) or model.balance.segments
+    setup = base_setup(o, segments)._replace(ends=torch.from_numpy(ends))
+    values = restored_values(o, model)
+    known = found.calibration if found else model.balance.calibration
+    if found or len(model.groups) == 1:
         for term in calibration(setup, priors_of(o), o.ends_assumed):
             value = [
                 item.value if (item := known.get(calibration_name(term, axis))) else 0.0
                 for axis in term.names
             ]
             setup = term.apply(setup, torch.tensor(value, dtype=torch.float64))
-    every = model.balance.segments // (len(o.node_arc) - 1)
-    rope = EquilibriumRope(setup, every, model.control_node, recorded=torch.from_numpy(ends))
-    values = restored_values(o, model)
-    if np.isfinite(model.balance.other).any():
+    plain = None
+    if found:
+        for k, name in enumerate(NAMES):
+            if name in found.rope:
+                values[:, k] = found.rope[name].value / unit_scale(o)[name][0]
+        setup = with_values(setup, values[0])
+        plain = setup.properties
+        setup = with_causes(setup, found)
+    every = segments // (len(o.node_arc) - 1)
+    rope = EquilibriumRope(
+        setup, every, model.control_node, recorded=torch.from_numpy(ends), plain=plain
+    )
+    if not found and np.isfinite(model.balance.other).any():
         rope = _on_its_branch(rope, values, model)
     if hold_frame and not setup.clamped[0]:
         with torch.no_grad():
@@ -47,10 +71,23 @@ def restored_rope(
         clamp = setup.clamp.clone()
         clamp[:, 0] = first
         held = setup._replace(clamp=clamp, clamped=(True, setup.clamped[1]))
-        rope = EquilibriumRope(
-            held, every, model.control_node, recorded=rope.recorded, near=rope.near
-        )
+        rope = replace(rope, setup=held)
     return rope, values
+
+
+def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
+    """The setup with every cause of a diagnosis. Raises StageFailed for effects not installed."""
+    for cause in diagnosis.causes.values():
+        setup = effect_of(cause).apply(setup, torch.tensor(cause.values))
+    return setup
+
+
+def effect_of(cause: Cause) -> Effect:
+    """The effect of the catalogue, or of an add-on, that a cause names. Raises StageFailed."""
+    for kind in concrete(Effect, "ropefit.effects"):
+        if kind.__name__ == cause.variant:
+            return kind(cause.end or 0)  # pyright: ignore[reportAbstractUsage]
+    raise StageFailed(f"the effect {cause.variant} of diagnosis.h5 is not installed here")
 
 
 def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) -> EquilibriumRope:
@@ -62,9 +99,7 @@ def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) ->
         gap = [np.abs(s.x[t, :: rope.every] - model.x[t]).max() for s in (near, found)]
         if gap[1] < gap[0]:
             near.put(t, found, t)
-    return EquilibriumRope(
-        rope.setup, rope.every, rope.control_node, recorded=rope.recorded, near=near
-    )
+    return replace(rope, near=near)
 
 
 def with_values(setup: Setup, values: Tensor) -> Setup:

@@ -36,7 +36,7 @@ def measure(found: Fit, columns: list[Columns], noise: Noise) -> Noise:
     every = replace(found.stations, residual=residual)
     mine = _usual_frames(every, residual)
     few = Stations(*(getattr(every, name)[mine] for name in Stations.__dataclass_fields__))
-    rows = np.repeat(mine, residual.shape[1])
+    rows = np.repeat(mine, found.stations.residual.shape[1])
     return estimate(few, replace(noise, ends=end_noise(found)), design[rows])
 
 
