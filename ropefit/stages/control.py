@@ -43,8 +43,7 @@ def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context)
     """The contents of control.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
     model: FittedModel = inputs[Model.file_name].nominal
-    found = context.external.get("diagnosis")
-    if found is not None and found.causes:
+    if (found := context.external.get("diagnosis")) and found.causes:
         context.say("with " + ", ".join(cause.name for cause in found.causes.values()))
     if settings.target:
         return _shape(observations, model, settings, context, context.external["targets"])
@@ -178,8 +177,8 @@ def control_guess(o: Observations, node: int) -> np.ndarray:
 def _rope(
     o: Observations, model: FittedModel, position: np.ndarray, turns: bool, found: Diagnosis | None
 ) -> tuple[Rope | EquilibriumRope, torch.Tensor]:
-    """The fitted rope, with what a diagnosis found, its control point at `position` (F, 3) [m], and
-    the values (F, n) of each frame."""
+    """The fitted rope, with what a diagnosis found, control point at `position` (F, 3) [m]; values
+    (F, n)."""
     position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
     if o.end_kind[0] == "free" and model.control_node == 0:
         raise BadInput("end 0 is free: there is no control point to estimate")
