@@ -6,7 +6,7 @@ The compiled work is in `newton_kernels.py`. All arrays float64 on the CPU.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,15 +85,8 @@ def solve(
     """
     problem = problem_of(rod, conditions, member)
     frames, segments = len(conditions.ends), problem.rods.length.shape[1]
-    count = problem.frames.node.size
-    if start is None:
-        with np.errstate(invalid="ignore"):  # NaN and infinite loads: the status will say so
-            start = _start(problem, conditions, turns)
-    q, lam, base = start.q.copy(), np.zeros((frames, count)), start.base.copy()
-    known = min(count, start.reaction.shape[1])
-    lam[:, :known] = start.reaction[:, :known]
-    if not conditions.free:
-        base = as_numpy(conditions.ends[:, 0])
+    first = starting(problem, conditions, start, turns)
+    q, lam, base = first.q, first.reaction, first.base
     status, iterations = np.zeros(frames, dtype=np.int64), np.zeros(frames, dtype=np.int64)
     residual = np.empty(frames)
     x, force = np.empty((frames, segments + 1, 3)), np.empty((frames, segments, 3))
@@ -108,7 +101,28 @@ def solve(
     return Solution(q, x, force, lam, base, status, iterations, residual)
 
 
-def _start(problem: Problem, conditions: Conditions, turns: np.ndarray | None) -> Solution:
+def starting(
+    problem: Problem,
+    conditions: Conditions,
+    start: Solution | None = None,
+    turns: np.ndarray | None = None,
+) -> Solution:
+    """Where a solve begins: catenaries, or a copy of `start` with a reaction for every support."""
+    if start is None:
+        with np.errstate(invalid="ignore"):  # NaN and infinite loads: the status will say so
+            first = _catenaries(problem, conditions, turns)
+    else:
+        first = start.copy()
+        lam = np.zeros((len(first.q), problem.frames.node.size))
+        known = min(lam.shape[1], first.reaction.shape[1])
+        lam[:, :known] = first.reaction[:, :known]
+        first = replace(first, reaction=lam)
+    if not conditions.free:
+        first = replace(first, base=as_numpy(conditions.ends[:, 0]).copy())
+    return first
+
+
+def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | None) -> Solution:
     """Catenaries, with the tension they have at the far end."""
     rods, held = problem
     frames, segments = len(conditions.ends), rods.length.shape[1]
