@@ -27,12 +27,10 @@ from ropefit.solvers.batched_rods import (
     lagrangian,
     ropes_of,
     saddle,
-    transposed,
     turned,
 )
 from ropefit.solvers.conditions import Conditions, problem_of
 from ropefit.solvers.equilibrium import TOLERANCE, Solution, solve, starting
-from ropefit.solvers.xpbd import State
 
 STEPS = 40  # Newton steps of the batch; what takes longer is left to the compiled path
 HALVINGS = 40
@@ -64,7 +62,7 @@ def solve_batched(
     return found
 
 
-def _some(fields: Fields, index: Tensor) -> Fields:
+def some(fields: Fields, index: Tensor) -> Fields:
     """Some of the ropes."""
     return type(fields)(*(item[index] for item in fields))
 
@@ -82,7 +80,7 @@ def _newton(
     bear = ropes.load.abs().sum((1, 2)).clamp_min(1e-300)
     index = torch.arange(count, device=q.device)
     for _ in range(STEPS):
-        r = _some(ropes, index)
+        r = some(ropes, index)
         s = bent(r, q[index], lam[index], x0[index])
         moments, gaps = imbalance(r, lam[index], x0[index], s)
         h, largest = hessian(r, s)
@@ -102,7 +100,7 @@ def _newton(
         go = torch.nonzero(~arrived & ~broken)[:, 0]
         if not len(go):
             break
-        r, h, f = _some(r, go), _some(h, go), _some(f, go)
+        r, h, f = some(r, go), some(h, go), some(f, go)
         index, now, used, size, descent = (t[go] for t in (index, now, used, size, descent))
         used = _convex(r, h, f, used, size, descent, shift[index])
         shift[index] = torch.where(
@@ -135,10 +133,10 @@ def _factor_near(
 
 def _refactor(r: Ropes, h: Hessian, f: Factor, index: Tensor, used: Tensor) -> Tensor:
     """Factor some of the ropes anew, in place; returns their directions of descent."""
-    again = factor(_some(h, index), used[index])
+    again = factor(some(h, index), used[index])
     for old, new in zip(f, again, strict=True):
         old[index] = new
-    return descents(_some(r, index), again)
+    return descents(some(r, index), again)
 
 
 def _convex(
@@ -191,7 +189,7 @@ def _step(
     noise = 1e-13 * (value.abs() + tension * whole)
 
     def allowed(rows: Tensor) -> Tensor:
-        p, x, part = _some(r, rows), x_now[rows] + share[rows, None] * aside[rows], share[rows]
+        p, x, part = some(r, rows), x_now[rows] + share[rows, None] * aside[rows], share[rows]
         tried = bent(p, turned(q_now[rows], part[:, None, None] * turn[rows]), new[rows], x)
         there = lagrangian(p, new[rows], x, tried) - part * push[rows]
         gap = imbalance(p, new[rows], x, tried)[1][:, :-3]
@@ -216,79 +214,3 @@ def _step(
     firmer = ~moved & (used > kernels.NEUTRAL * size) & (shift[index] < 1e12)
     shift[index[firmer]] = 16 * used[firmer]
     return ~moved & ~firmer
-
-
-def settle_batched(
-    rod: Rod,
-    conditions: Conditions,
-    device: torch.device | str,
-    start: Solution | None = None,
-    member: np.ndarray | None = None,
-    solution: Solution | None = None,
-) -> tuple[State, Solution]:
-    """As `implicit.settle`, with the work done on `device`, where the states stay.
-
-    One more Newton step with the Hessian held is the implicit function theorem: the step is zero,
-    its derivative in every input is that of the state.
-    """
-    if solution is None:
-        solution = solve_batched(rod, conditions, device, start, member)
-    problem, device = problem_of(rod, conditions, member), torch.device(device)
-    good = torch.from_numpy(np.flatnonzero(solution.converged)).to(device)
-    ropes, x0 = _differentiable(ropes_of(problem, device), rod, conditions, problem.rods.of)
-    ropes = _some(ropes, good)
-    known = (solution.q, solution.reaction, solution.base)
-    q, lam, base = (torch.from_numpy(a).to(device)[good] for a in known)
-    x0 = base if x0 is None else x0[good]
-    with torch.no_grad():
-        f = factor(hessian(ropes, bent(ropes, q, lam, x0))[0], torch.zeros_like(ropes.gauge))
-    step = _Saddle.apply(*imbalance(ropes, lam, x0, bent(ropes, q, lam, x0)), f)
-    turn, change = step  # type: ignore[misc]
-    q, lam = turned(q, -turn), lam - change[:, :-3]
-    x0 = x0 - torch.where(ropes.free[:, None], change[:, -3:], 0.0)
-    x = bent(ropes, q, lam, x0).x
-    frames = len(solution.q)
-    out = [
-        torch.full((frames, *t.shape[1:]), torch.nan, dtype=t.dtype, device=device)
-        .index_put((good,), t) for t in (x, q)
-    ]  # fmt: skip
-    return State(*out), solution
-
-
-class _Saddle(torch.autograd.Function):
-    """`saddle`, linear in its arguments, the factor being a constant."""
-
-    @staticmethod
-    def forward(ctx, moments, gaps, f):
-        ctx.factor = f
-        return saddle(f, moments, gaps)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx, *grads):
-        return *saddle(transposed(ctx.factor), *grads), None
-
-
-def _differentiable(
-    ropes: Ropes, rod: Rod, c: Conditions, of: np.ndarray
-) -> tuple[Ropes, Tensor | None]:
-    """The ropes as functions of the rod's and the conditions' own tensors, and node 0 (F, 3) where
-    it is held."""
-    device, frames = ropes.length.device, len(of)
-    index = torch.from_numpy(of).to(device)
-    fields = {}
-    for name, dim in zip(Rod._fields, (1, 2, 2, 2, 2, 2), strict=True):
-        value = getattr(rod, name).to(device, torch.float64)
-        value = value if value.ndim == dim + 1 else value[None]
-        fields[name] = value[index] if len(value) > 1 else value.expand(frames, *value.shape[1:])
-    clamp = c.clamp.to(device, torch.float64)
-    fields["clamp"] = torch.where(torch.isnan(clamp), ropes.clamp, clamp)
-    far = 3 if c.far_held else 0
-    for name, given in (("direction", c.direction), ("offset", c.offset),
-                        ("compliance", c.compliance)):  # fmt: skip
-        first = getattr(ropes, name)[:, :far]
-        if name == "offset" and far:
-            first = c.ends[:, 1].to(device, torch.float64)
-        more = [] if given is None else [given.to(device, torch.float64)]
-        fields[name] = torch.cat([first, *more], 1)
-    return ropes._replace(**fields), None if c.free else c.ends[:, 0].to(device, torch.float64)

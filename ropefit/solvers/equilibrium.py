@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 
 from ropefit.rod.rod import Rod
 from ropefit.solvers import newton_kernels as kernels
@@ -18,6 +19,9 @@ from ropefit.solvers.start import start_ropes
 Index = int | np.integer | slice | np.ndarray
 TOLERANCE = 1e-10  # of the largest moment, and of the length
 LIMIT = 200
+# Stiffness to begin with where a catenary does not lead to the rope's own, times that; the largest
+# and the smallest stride towards it, as factors.
+EASIER, STRIDE, LEAST_STRIDE = (1e-3, 1e3), 10.0, 1.02
 ADVICE = {
     kernels.CONVERGED: "converged",
     kernels.LIMIT: "iteration limit reached; give more iterations or a nearer start",
@@ -76,8 +80,12 @@ def solve(
     turns: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
     limit: int = LIMIT,
+    continuation: bool = True,
 ) -> Solution:
     """Stable equilibria of F frames, each from the catenary through its ends or from `start`.
+
+    Frames that the catenary does not lead to an equilibrium are tried again by continuation: from a
+    softer or a stiffer rope, in strides, to the rope's own stiffness.
 
     member (F,): which of the rod's R ropes each frame shows (all the only one, or one each, if not
     given). turns (F,): whole turns of twist that a catenary start is given between two clamps.
@@ -98,7 +106,57 @@ def solve(
         )  # fmt: skip
 
     in_threads(work, frames)
-    return Solution(q, x, force, lam, base, status, iterations, residual)
+    found = Solution(q, x, force, lam, base, status, iterations, residual)
+    lost = ~found.converged & (status != kernels.NOT_FINITE)
+    if start is None and continuation and lost.any():
+        _continue(rod, conditions, problem.rods.of, turns, tolerance, limit, found, lost)
+    return found
+
+
+def _continue(
+    rod: Rod,
+    conditions: Conditions,
+    of: np.ndarray,
+    turns: np.ndarray | None,
+    tolerance: float,
+    limit: int,
+    found: Solution,
+    lost: np.ndarray,
+) -> None:
+    """Put into `found` the equilibria of the `lost` frames (F,) that continuation in stiffness
+    reaches."""
+    stiff = rod.stiff if rod.stiff.ndim == 3 else rod.stiff[None]
+    owner = of if len(stiff) > 1 else np.zeros_like(of)
+    fixed = [t if t.ndim == own else t[of] for t, own in zip(rod, (1, 2, 2, 2, 2, 2), strict=True)]
+
+    def at(factor: np.ndarray, index: np.ndarray, start: Solution | None) -> Solution:
+        """Equilibria of some frames with their stiffness times factor (n,)."""
+        few = [t if t.ndim == own else t[index] for t, own in
+               zip(fixed, (1, 2, 2, 2, 2, 2), strict=True)]  # fmt: skip
+        times = torch.from_numpy(factor)[:, None, None]
+        return solve(
+            Rod(*few)._replace(stiff=stiff[owner[index]] * times), conditions.frames(index), start,
+            turns=None if turns is None else turns[index], tolerance=tolerance, limit=limit,
+            continuation=False,
+        )  # fmt: skip
+
+    for easier in EASIER:
+        index = np.flatnonzero(lost & ~found.converged)
+        here = np.full(len(index), np.log(easier))
+        stride = np.full(len(index), np.log(STRIDE))
+        state = at(np.exp(here), index, None)
+        keep = state.converged
+        while keep.any():
+            index, here, stride, state = index[keep], here[keep], stride[keep], state.frames(keep)
+            ahead = np.sign(here) * np.maximum(np.abs(here) - stride, 0.0)
+            there = at(np.exp(ahead), index, state)
+            ok = there.converged
+            state.put(ok, there, ok)
+            here = np.where(ok, ahead, here)
+            stride = np.where(ok, stride, 0.5 * stride)
+            done = ok & (ahead == 0.0)
+            found.put(index[done], there, done)
+            keep = ~done & (stride > np.log(LEAST_STRIDE))
 
 
 def starting(
