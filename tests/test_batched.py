@@ -7,8 +7,14 @@ import pytest
 import torch
 
 from benchmarks.placements import imbalance, placements
+from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope, ranges
+from ropefit.inference.identify import Task, grid_search
+from ropefit.inference.parameters import Space
+from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
+from ropefit.losses.primary import Observed
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import Rod, build, uniform
+from ropefit.rod.setup import bare
 from ropefit.solvers import batched
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.batched import solve_batched
@@ -132,3 +138,32 @@ def test_every_tensor_is_made_on_the_device_asked_for():
     assert solution.converged.all()
     assert rod.stiff.grad is not None
     assert rod.stiff.grad.device == CPU
+
+
+def test_search_settles_its_candidates_there():
+    """A grid's losses and a gradient, with the device and without."""
+    ends = torch.zeros(2, 2, 3, dtype=torch.float64)
+    ends[:, 1, 0] = torch.tensor([0.4, 0.8])
+    properties = uniform(length=1.0, segments=16, bend=1e-3, density=0.05)
+    setup = bare(properties, DOWN, ends, NOT_HELD.repeat(2, 1, 1), torch.tensor([0.5, -1.0, 0.0]))
+    rope = EquilibriumRope(setup, 2, 0, tied=True)
+    seen = rope.settle(torch.tensor([4e-3, 1.0, torch.inf, 1.02], dtype=torch.float64).repeat(2, 1))
+    everywhere = torch.ones(2, 9, dtype=torch.bool)
+    data = Observed(
+        seen.x, everywhere, torch.arange(9).clamp_max(7).repeat(2, 1), seen.x, everywhere
+    )
+    camera = Pinhole(torch.ones(2), torch.zeros(2), torch.eye(3).double(), torch.zeros(3).double())
+    scene = Scene(data, data, camera, torch.ones(2), seen.x[:, 4], DOWN / 9.81)
+    known = ranges(setup) | {"EA": (torch.inf, 1.0, torch.inf)}
+    space = Space.of(NAMES, ["EI", "length"], {}, known)
+    task = Task(rope, scene, OBJECTIVES["OBJ1"], space, torch.zeros(2, dtype=torch.int64))
+    there = replace(task, rope=replace(rope, device=CPU))
+    found = [grid_search(t, levels=3, rounds=2) for t in (task, there)]
+    assert torch.allclose(found[0].u, found[1].u, rtol=0, atol=1e-9)
+    assert torch.allclose(found[0].loss, found[1].loss, rtol=0, atol=1e-9)
+    assert float(found[0].loss) < float(found[0].trace[0])
+    slopes = []
+    for t in (task, there):
+        u = found[0].u.clone().requires_grad_()
+        slopes.append(torch.autograd.grad(t.loss(u, torch.zeros(1, dtype=torch.int64)).sum(), u)[0])
+    assert torch.allclose(*slopes, rtol=1e-7, atol=1e-12)
