@@ -194,7 +194,14 @@ def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | No
         np.empty(frames),
     )
     turns = np.zeros(frames) if turns is None else np.asarray(turns, dtype=np.float64)
-    start_ropes(arc, rods.of, weight, ends, clamp, turns, q, x, pull)
+
+    def work(index: slice) -> None:
+        start_ropes(
+            arc, rods.of[index], weight, ends[index], clamp[index], turns[index], q[index],
+            x[index], pull[index],
+        )  # fmt: skip
+
+    in_threads(work, frames)
     reaction = np.zeros((frames, held.node.size))
     if conditions.far_held:
         last = x[:, -1] - x[:, -2]
