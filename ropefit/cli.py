@@ -12,6 +12,8 @@ from ropefit.cli_options import (
     ControlAt,
     Debug,
     DebugImages,
+    Device,
+    DeviceOption,
     Force,
     Json,
     Loss,
@@ -179,6 +181,7 @@ def identify(
     rounds: Annotated[int, typer.Option(help="Grid search: refinements.")] = 3,
     holdout: Annotated[float, typer.Option(help="Share of frames held out, in blocks.")] = 0.2,
     most_frames: Annotated[int, typer.Option(help="Most frames used by the fit.")] = 60,
+    device: DeviceOption = Device.cpu,
     force: Force = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -206,6 +209,7 @@ def identify(
             "rounds": rounds,
             "holdout": holdout,
             "most_frames": most_frames,
+            "device": device.value,
         }
         session.result(identify(session, run, settings, from_run, force))
 

@@ -25,6 +25,13 @@ class Search(StrEnum):
     least_squares = "least-squares"
 
 
+class Device(StrEnum):
+    """Where many ropes are settled at once."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+
+
 class ProjectChoice(StrEnum):
     """Whether points are projected onto the plane of gravity and the two ends."""
 
@@ -73,6 +80,10 @@ LossOption = Annotated[Loss, typer.Option(help="Loss to fit.")]  # type: ignore[
 SearchOption = Annotated[
     Optional[Search],  # noqa: UP045
     typer.Option(help="How to search; least-squares for equilibrium, else gradient, if not given."),
+]
+DeviceOption = Annotated[
+    Device,
+    typer.Option(help="Where a grid or gradient search settles its ropes (equilibrium)."),
 ]
 ControlAt = Annotated[
     Optional[float],  # noqa: UP045

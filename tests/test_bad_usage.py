@@ -102,6 +102,8 @@ USAGES: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "least squares of weights": ([*THOMAS, "--search", "least-squares"], ("equilibrium",)),
     "weights from a run": ([*THOMAS, "--from", "run"], ("--from", "equilibrium")),
     "from weights": (["identify", "--from", "run"], ("--from run", "thomas", "equilibrium")),
+    "device, least squares": (["identify", "--device", "cuda"], ("--device", "--search grid")),
+    "device, weights": ([*THOMAS, "--device", "cuda"], ("--device", "--solver equilibrium")),
     "groups": (["identify", "--groups", "nonsense"], ("nonsense", "tension")),
     "groups without frames": (["identify", "--groups", "0-1,70-80"], ("70-80",)),
     "groups that overlap": (["identify", "--groups", "0-2,1-3"], ("overlaps",)),
@@ -134,6 +136,14 @@ def test_wrong_usage(here: Path, case: str, capfd: pytest.CaptureFixture[str]) -
     before = contents(here.parent)
     one_line(in_process(capfd, *command), USAGE, *words)
     assert contents(here.parent) == before
+
+
+def test_no_such_device(
+    here: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    result = in_process(capfd, "identify", "--search", "grid", "--device", "cuda")
+    one_line(result, USAGE, "--device cuda", "--device cpu")
 
 
 @pytest.mark.parametrize(

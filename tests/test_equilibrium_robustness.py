@@ -39,13 +39,31 @@ def test_unconverged_is_marked():
     is what the judge finds."""
     p = placements(300, True, seed=2)
     whole = solve(p.rod, p.conditions)
-    cut = solve(p.rod, p.conditions, limit=5)
+    cut = solve(p.rod, p.conditions, limit=5, continuation=False)
     short = whole.iterations >= 5
     assert 20 < short.sum() < 280
     assert np.array_equal(cut.status == kernels.LIMIT, short)
     assert np.array_equal(cut.converged, ~short)
     assert imbalance(p, cut)[cut.converged].max() < 1e-8
     assert cut.residual[short].min() > 1e-14
+
+
+def test_continuation_in_stiffness():
+    """Fewer iterations than it takes from a catenary: strides from a softer or stiffer rope reach
+    what they can, by the judge's word and nearly always on the same branch; the rest is marked."""
+    p = placements(300, True, seed=2)
+    whole = solve(p.rod, p.conditions)
+    direct = solve(p.rod, p.conditions, limit=7, continuation=False)
+    helped = solve(p.rod, p.conditions, limit=7)
+    lost, won = ~direct.converged, helped.converged & ~direct.converged
+    assert lost.sum() > 50
+    assert won.sum() > 0.7 * lost.sum()
+    assert imbalance(p, helped)[helped.converged].max() < 1e-8
+    assert stability(p.rod, p.conditions, helped)[helped.converged].min() > 0
+    assert np.mean(np.abs(helped.x - whole.x).max((1, 2))[won] < 1e-8) > 0.9
+    assert np.array_equal(helped.x[~lost], direct.x[~lost])
+    still = lost & ~won
+    assert np.array_equal(helped.status[still], direct.status[still])
 
 
 def hanging(apart: float, **properties) -> tuple:

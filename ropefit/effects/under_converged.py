@@ -36,5 +36,5 @@ def _way_back(setup: Setup) -> Tensor:
     """(F, N+1, 3) [m] catenaries minus equilibria."""
     held = Conditions(setup.ends.detach(), setup.clamp.detach())
     rod = setup._replace(potentials=()).rod()
-    start, found = solve(rod, held, limit=0), solve(rod, held)
+    start, found = solve(rod, held, limit=0, continuation=False), solve(rod, held)
     return torch.from_numpy(start.x - found.x)

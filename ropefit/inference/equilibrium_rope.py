@@ -9,8 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.rod.rod import Properties
+from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
+from ropefit.solvers.batched import solve_batched
+from ropefit.solvers.batched_implicit import settle_batched
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.implicit import settle
@@ -34,7 +36,8 @@ class EquilibriumRope:
     bending rigidity at their ratio in the setup, whatever its value. recorded (F, 2, 3) [m]: the
     ends as the recording tells them, where the setup has them corrected. near: states whose branch
     is followed; else the one that a catenary leads to. plain: the rope without effects, which the
-    values describe, where the setup has effects. Compare `inference.rope.Rope`.
+    values describe, where the setup has effects. device: where many ropes are settled at once; the
+    compiled path, if not given. Compare `inference.rope.Rope`.
     """
 
     setup: Setup
@@ -44,6 +47,7 @@ class EquilibriumRope:
     recorded: Tensor | None = None
     near: Solution | None = None
     plain: Properties | None = None
+    device: torch.device | None = None
 
     step: ClassVar[float] = 1e-4  # of central differences: the answer is smooth
 
@@ -115,15 +119,7 @@ class EquilibriumRope:
         start = None
         if self.near is not None:
             start = self.near.frames(np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1))
-        if s.potentials:
-            solution, held, rod = solve_with_potentials(rod, held, s.potentials, start)
-        else:
-            solution = solve(rod, held, start)
-            again = ~solution.converged
-            if start is not None and again.any():
-                fresh = solve(rod, held)
-                solution.put(again, fresh, again)
-        x, q = settle(rod, held, solution=solution)[0]
+        x, q = self._states(rod, held, start)
         per_row = {
             name: getattr(s.seen, name).squeeze(-2).expand(*shape, 3).reshape(-1, 1, 3)
             for name in ("origin", "normal")
@@ -133,6 +129,26 @@ class EquilibriumRope:
         x = x[:, :: self.every].reshape(*shape, nodes, 3)
         q = q[:, self.every // 2 :: self.every].reshape(*shape, nodes - 1, 4)
         return State(x, q)
+
+    def _states(self, rod: Rod, held: Conditions, start: Solution | None) -> State:
+        """Nodes and frames of every segment, on the CPU: from `start`, or else from catenaries."""
+        device, potentials = self.device, self.setup.potentials
+        if potentials:  # contact and tethers: by the compiled path only
+            solution, held, rod = solve_with_potentials(rod, held, potentials, start)
+            return settle(rod, held, solution=solution)[0]
+
+        def found(start: Solution | None) -> Solution:
+            if device is None:
+                return solve(rod, held, start)
+            return solve_batched(rod, held, device, start)
+
+        solution = found(start)
+        again = ~solution.converged
+        if start is not None and again.any():
+            solution.put(again, found(None), again)
+        if device is None:
+            return settle(rod, held, solution=solution)[0]
+        return State(*(t.cpu() for t in settle_batched(rod, held, device, solution=solution)[0]))
 
 
 def ranges(setup: Setup) -> dict[str, tuple[float, float, float]]:

@@ -22,7 +22,8 @@ from ropefit.losses.objectives import Objective, Scene
 SCREEN, SCREEN_FRAMES = 128, 6
 STARTS = 3
 RACE = 8  # steps after which only the best start of a group goes on
-CHUNK = 40_000  # particles simulated at once in a grid search; bounds its memory
+# Particles simulated at once in a grid search, which bounds its memory (an accelerator: 2 GB).
+CHUNK, CHUNK_ON_DEVICE = 40_000, 1_000_000
 WIDTH = {"length": np.log(1.03)}  # how far around the start is screened, on a log scale
 Report = Callable[[Search], None]
 AnyRope = Rope | EquilibriumRope
@@ -60,8 +61,15 @@ class Task:
         owner = torch.repeat_interleave(torch.tensor([len(item) for item in members]))
         index = torch.cat(members)
         state = self.rope.frames(index).settle(self.space.to_values(u)[owner])
-        per_frame = self.objective.loss(state.x, self.scene.frames(index))
+        per_frame = self.frame_losses(state.x, self.scene.frames(index))
         return torch.zeros(len(rows), dtype=u.dtype).index_add(0, owner, per_frame)
+
+    def frame_losses(self, x: Tensor, scene: Scene) -> Tensor:
+        """(..., F) loss [m] of each frame, computed where the rope is settled."""
+        device = self.rope.device
+        if device is None:
+            return self.objective.loss(x, scene)
+        return self.objective.loss(x.to(device), scene.to(device)).cpu()
 
 
 def gradient_search(
@@ -192,13 +200,14 @@ def _best_stable(task: Task, u: Tensor, losses: Tensor) -> Tensor:
 def _grid_losses(task: Task, u: Tensor) -> Tensor:
     """(groups, candidates) losses for u (groups, candidates, m), in chunks of bounded memory."""
     frames, nodes = task.rope.start.x.shape[:2]
-    chunk = max(1, CHUNK // (frames * nodes))
+    particles = CHUNK if task.rope.device is None else CHUNK_ON_DEVICE
+    chunk = max(1, particles // (frames * nodes))
     out = []
     with torch.no_grad():
         for part in torch.split(u, chunk, dim=1):
             values = task.space.to_values(part).transpose(0, 1)[:, task.group]  # (c, F, n)
             state = task.rope.settle(values)
-            per_frame = task.objective.loss(state.x, task.scene)
+            per_frame = task.frame_losses(state.x, task.scene)
             total = torch.zeros(len(values), task.groups, dtype=u.dtype)
             out.append(total.index_add(1, task.group, per_frame).T)
     return torch.cat(out, dim=1)

@@ -81,6 +81,7 @@ class Rope:
     held_nodes: tuple[int, ...]
     two_sided: bool
 
+    device: ClassVar[None] = None  # Algorithm 1 is compiled for the CPU
     step: ClassVar[float] = 1e-6  # of central differences: near divergence the answer is curved
 
     @property

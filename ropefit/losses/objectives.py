@@ -69,6 +69,15 @@ class Scene(NamedTuple):
             self.down,
         )
 
+    def to(self, device: torch.device) -> Scene:
+        """The same on a device."""
+        return Scene(
+            Observed(*(item.to(device) for item in self.space)),
+            Observed(*(item.to(device) for item in self.image)),
+            Pinhole(*(item.to(device) for item in self.camera)),
+            *(item.to(device) for item in (self.pixel_size, self.lowest, self.down)),
+        )
+
 
 LossName = Literal["OBJ1", "OBJ2", "OBJ3", "OBJ4", "OBJ5", "OBJ6", "OBJ7", "OBJ8", "OBJ9"]
 Primary = Callable[[Tensor, Observed], Residual]

@@ -64,8 +64,10 @@ def nearest_segment(
 ) -> Int[Tensor, "*batch frames points"]:
     """(..., F, N) index of the segment of x (..., F, K, D) nearest to each point (F, N, D)."""
     with torch.no_grad():
-        best = torch.full((*x.shape[:-2], points.shape[-2]), torch.inf, dtype=x.dtype)
-        index = torch.zeros(best.shape, dtype=torch.int64)
+        best = torch.full(
+            (*x.shape[:-2], points.shape[-2]), torch.inf, dtype=x.dtype, device=x.device
+        )
+        index = torch.zeros_like(best, dtype=torch.int64)
         for k in range(x.shape[-2] - 1):
             gap = _to_segment(points, x[..., k, None, :], x[..., k + 1, None, :])
             square = (gap * gap).sum(-1)
@@ -100,4 +102,4 @@ def lowest_point(
     """
     node = (x @ down).argmax(-1)[..., None, None].expand(*x.shape[:-2], 1, x.shape[-1])
     vectors = lowest[:, None, :] - torch.gather(x, -2, node)
-    return Residual(vectors, torch.ones(lowest.shape[0], 1, dtype=torch.bool))
+    return Residual(vectors, torch.ones_like(lowest[:, :1], dtype=torch.bool))

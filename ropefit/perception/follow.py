@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, median_filter, uniform_filter1d
 
 from ropefit.perception.trace import polyline_arc, resample
@@ -130,18 +131,20 @@ def _smoothest(gain: np.ndarray, step: float, spacing: float, width: float) -> n
     most = max(int(np.ceil(0.5 * spacing / step)), 1)
     moves = np.arange(-most, most + 1)
     price = STIFF * (moves * step / spacing) ** 2 * spacing / width
-    best = gain[0].copy()
-    back = np.zeros((stations, count), dtype=np.int64)
+    padded = np.full(count + 2 * most, -1e9)
+    best = padded[most : most + count]
+    best[:] = gain[0]
+    shifted = sliding_window_view(padded, count)  # row m: best, moved by moves[m]
+    options = np.empty(shifted.shape)
+    choice = np.empty((stations, count), dtype=np.intp)
     for s in range(1, stations):
-        padded = np.pad(best, most, constant_values=-1e9)
-        options = np.stack([padded[most + m : most + m + count] for m in moves]) - price[:, None]
-        choice = options.argmax(axis=0)
-        back[s] = np.clip(np.arange(count) + moves[choice], 0, count - 1)
-        best = options[choice, np.arange(count)] + gain[s]
+        np.subtract(shifted, price[:, None], out=options)
+        options.argmax(axis=0, out=choice[s])
+        np.add(options.max(axis=0), gain[s], out=best)
     out = np.empty(stations, dtype=np.int64)
     out[-1] = int(best.argmax())
     for s in range(stations - 1, 0, -1):
-        out[s - 1] = back[s, out[s]]
+        out[s - 1] = np.clip(out[s] + moves[choice[s, out[s]]], 0, count - 1)
     return out
 
 

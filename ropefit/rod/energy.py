@@ -36,6 +36,6 @@ def energy(rod: Rod, x: Tensor, q: Tensor, clamp: Tensor) -> Tensor:
 
 def own(q: Tensor, vector: Tensor) -> Tensor:
     """(..., 3) a vector in space, seen in the frame q: R(q)ᵀ v."""
-    sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype)
+    sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype, device=q.device)
     wide = torch.nn.functional.pad(vector, (1, 0))
     return multiply(multiply(q * sign, wide), q)[..., 1:]

@@ -62,7 +62,7 @@ def normalise(q: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
 
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """(..., 4) Hamilton product p q."""
-    sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype)
+    sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype, device=q.device)
     return conjugate_product(p * sign, q)
 
 

@@ -6,9 +6,10 @@ The compiled work is in `newton_kernels.py`. All arrays float64 on the CPU.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 
 from ropefit.rod.rod import Rod
 from ropefit.solvers import newton_kernels as kernels
@@ -18,6 +19,9 @@ from ropefit.solvers.start import start_ropes
 Index = int | np.integer | slice | np.ndarray
 TOLERANCE = 1e-10  # of the largest moment, and of the length
 LIMIT = 200
+# Stiffness to begin with where a catenary does not lead to the rope's own, times that; the largest
+# and the smallest stride towards it, as factors.
+EASIER, STRIDE, LEAST_STRIDE = (1e-3, 1e3), 10.0, 1.02
 ADVICE = {
     kernels.CONVERGED: "converged",
     kernels.LIMIT: "iteration limit reached; give more iterations or a nearer start",
@@ -76,8 +80,12 @@ def solve(
     turns: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
     limit: int = LIMIT,
+    continuation: bool = True,
 ) -> Solution:
     """Stable equilibria of F frames, each from the catenary through its ends or from `start`.
+
+    Frames that the catenary does not lead to an equilibrium are tried again by continuation: from a
+    softer or a stiffer rope, in strides, to the rope's own stiffness.
 
     member (F,): which of the rod's R ropes each frame shows (all the only one, or one each, if not
     given). turns (F,): whole turns of twist that a catenary start is given between two clamps.
@@ -85,15 +93,8 @@ def solve(
     """
     problem = problem_of(rod, conditions, member)
     frames, segments = len(conditions.ends), problem.rods.length.shape[1]
-    count = problem.frames.node.size
-    if start is None:
-        with np.errstate(invalid="ignore"):  # NaN and infinite loads: the status will say so
-            start = _start(problem, conditions, turns)
-    q, lam, base = start.q.copy(), np.zeros((frames, count)), start.base.copy()
-    known = min(count, start.reaction.shape[1])
-    lam[:, :known] = start.reaction[:, :known]
-    if not conditions.free:
-        base = as_numpy(conditions.ends[:, 0])
+    first = starting(problem, conditions, start, turns)
+    q, lam, base = first.q, first.reaction, first.base
     status, iterations = np.zeros(frames, dtype=np.int64), np.zeros(frames, dtype=np.int64)
     residual = np.empty(frames)
     x, force = np.empty((frames, segments + 1, 3)), np.empty((frames, segments, 3))
@@ -105,10 +106,81 @@ def solve(
         )  # fmt: skip
 
     in_threads(work, frames)
-    return Solution(q, x, force, lam, base, status, iterations, residual)
+    found = Solution(q, x, force, lam, base, status, iterations, residual)
+    lost = ~found.converged & (status != kernels.NOT_FINITE)
+    if start is None and continuation and lost.any():
+        _continue(rod, conditions, problem.rods.of, turns, tolerance, limit, found, lost)
+    return found
 
 
-def _start(problem: Problem, conditions: Conditions, turns: np.ndarray | None) -> Solution:
+def _continue(
+    rod: Rod,
+    conditions: Conditions,
+    of: np.ndarray,
+    turns: np.ndarray | None,
+    tolerance: float,
+    limit: int,
+    found: Solution,
+    lost: np.ndarray,
+) -> None:
+    """Put into `found` the equilibria of the `lost` frames (F,) that continuation in stiffness
+    reaches."""
+    stiff = rod.stiff if rod.stiff.ndim == 3 else rod.stiff[None]
+    owner = of if len(stiff) > 1 else np.zeros_like(of)
+    fixed = [t if t.ndim == own else t[of] for t, own in zip(rod, (1, 2, 2, 2, 2, 2), strict=True)]
+
+    def at(factor: np.ndarray, index: np.ndarray, start: Solution | None) -> Solution:
+        """Equilibria of some frames with their stiffness times factor (n,)."""
+        few = [t if t.ndim == own else t[index] for t, own in
+               zip(fixed, (1, 2, 2, 2, 2, 2), strict=True)]  # fmt: skip
+        times = torch.from_numpy(factor)[:, None, None]
+        return solve(
+            Rod(*few)._replace(stiff=stiff[owner[index]] * times), conditions.frames(index), start,
+            turns=None if turns is None else turns[index], tolerance=tolerance, limit=limit,
+            continuation=False,
+        )  # fmt: skip
+
+    for easier in EASIER:
+        index = np.flatnonzero(lost & ~found.converged)
+        here = np.full(len(index), np.log(easier))
+        stride = np.full(len(index), np.log(STRIDE))
+        state = at(np.exp(here), index, None)
+        keep = state.converged
+        while keep.any():
+            index, here, stride, state = index[keep], here[keep], stride[keep], state.frames(keep)
+            ahead = np.sign(here) * np.maximum(np.abs(here) - stride, 0.0)
+            there = at(np.exp(ahead), index, state)
+            ok = there.converged
+            state.put(ok, there, ok)
+            here = np.where(ok, ahead, here)
+            stride = np.where(ok, stride, 0.5 * stride)
+            done = ok & (ahead == 0.0)
+            found.put(index[done], there, done)
+            keep = ~done & (stride > np.log(LEAST_STRIDE))
+
+
+def starting(
+    problem: Problem,
+    conditions: Conditions,
+    start: Solution | None = None,
+    turns: np.ndarray | None = None,
+) -> Solution:
+    """Where a solve begins: catenaries, or a copy of `start` with a reaction for every support."""
+    if start is None:
+        with np.errstate(invalid="ignore"):  # NaN and infinite loads: the status will say so
+            first = _catenaries(problem, conditions, turns)
+    else:
+        first = start.copy()
+        lam = np.zeros((len(first.q), problem.frames.node.size))
+        known = min(lam.shape[1], first.reaction.shape[1])
+        lam[:, :known] = first.reaction[:, :known]
+        first = replace(first, reaction=lam)
+    if not conditions.free:
+        first = replace(first, base=as_numpy(conditions.ends[:, 0]).copy())
+    return first
+
+
+def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | None) -> Solution:
     """Catenaries, with the tension they have at the far end."""
     rods, held = problem
     frames, segments = len(conditions.ends), rods.length.shape[1]
@@ -122,7 +194,14 @@ def _start(problem: Problem, conditions: Conditions, turns: np.ndarray | None) -
         np.empty(frames),
     )
     turns = np.zeros(frames) if turns is None else np.asarray(turns, dtype=np.float64)
-    start_ropes(arc, rods.of, weight, ends, clamp, turns, q, x, pull)
+
+    def work(index: slice) -> None:
+        start_ropes(
+            arc, rods.of[index], weight, ends[index], clamp[index], turns[index], q[index],
+            x[index], pull[index],
+        )  # fmt: skip
+
+    in_threads(work, frames)
     reaction = np.zeros((frames, held.node.size))
     if conditions.far_held:
         last = x[:, -1] - x[:, -2]

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ropefit.artifacts import Checkpoint, Observations
-from ropefit.errors import NotConverged
+from ropefit.errors import NotConverged, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope, ranges
 from ropefit.inference.forward import Forward
@@ -34,6 +34,20 @@ from ropefit.stages.search import describe, run_search
 from ropefit.stages.stage import Context
 
 
+def _accelerator(name: str) -> torch.device | None:
+    """The device of that name; None for the CPU, which the compiled path serves better.
+
+    Raises WrongUsage where it is not there.
+    """
+    if name == "cpu":
+        return None
+    if not torch.cuda.is_available():
+        raise WrongUsage(
+            f"--device {name}: PyTorch {torch.__version__} sees no such device; use --device cpu"
+        )
+    return torch.device(name)
+
+
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
@@ -42,7 +56,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     setup = started_setup(base_setup(o, segments_of(o)), given, scale)
     free = free_names(settings, o)
     every = setup.segments // (len(o.node_arc) - 1)
-    rope = EquilibriumRope(setup, every, node, tied="GJ" not in {*free, *given})
+    tied = "GJ" not in {*free, *given}
+    rope = EquilibriumRope(setup, every, node, tied, device=_accelerator(settings.device))
     known = ranges(setup)
     known = {
         name: (1e3 * low if name in free and not np.isfinite(start) else start, low, high)

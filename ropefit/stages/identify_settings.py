@@ -35,6 +35,7 @@ class IdentifySettings(StageSettings):
     rounds: int = Field(default=3, ge=1, le=20)
     holdout: float = Field(default=0.2, ge=0, lt=1)
     most_frames: int = Field(default=60, ge=1)
+    device: Literal["cpu", "cuda"] = "cpu"
 
     @model_validator(mode="after")
     def _together(self) -> IdentifySettings:
@@ -45,6 +46,11 @@ class IdentifySettings(StageSettings):
             raise WrongUsage("--search least-squares needs --solver equilibrium")
         elif self.from_run:
             raise WrongUsage("--from needs --solver equilibrium: weights are no rope's properties")
+        if self.device != "cpu" and (self.solver != "equilibrium" or self.how == "least-squares"):
+            raise WrongUsage(
+                f"--device {self.device} settles many ropes at once: give --search grid or "
+                "gradient, with --solver equilibrium, or leave it out"
+            )
         return self
 
     @property
