@@ -14,6 +14,7 @@ FLOORS = [
     {"commands"},
     {"commands_identify", "commands_diagnose"},
     {"console"},
+    {"api", "differentiable"},
     {"system"},
     {"stages"},
     {"reporting"},

@@ -7,10 +7,10 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from ropefit.artifacts import Control, Diagnosis, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, Model
 from ropefit.errors import StageFailed
+from ropefit.stages.contents import read_run
 from ropefit.stages.run_directory import REPORT
-from ropefit.stages.stage import A, load
 
 
 def write_report(directory: Path, say: Callable[[str], None]) -> Path:
@@ -19,15 +19,9 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     Raises StageFailed when there are no observations or an artifact is stale, BadInput when one is
     damaged. A kill at any instant leaves the old page or the new one.
     """
-    from ropefit.reporting.report import RunContents, render_report
+    from ropefit.reporting.report import render_report
 
-    observations, _ = load(directory, Observations)
-    run = RunContents(
-        observations,
-        _if_there(directory, Model),
-        _if_there(directory, Control),
-        _if_there(directory, Diagnosis),
-    )
+    run = read_run(directory)
     parts = ((Model, run.model), (Control, run.control), (Diagnosis, run.diagnosis))
     missing = [kind.file_name for kind, part in parts if part is None]
     if missing:
@@ -35,12 +29,6 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     path = directory / REPORT
     _write(path, render_report(run))
     return path
-
-
-def _if_there(directory: Path, kind: type[A]) -> A | None:
-    if not (directory / kind.file_name).exists():
-        return None
-    return load(directory, kind)[0]
 
 
 def _write(path: Path, text: str) -> None:
