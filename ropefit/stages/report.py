@@ -8,9 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ropefit.artifacts import Control, Diagnosis, Model
-from ropefit.errors import StageFailed
+from ropefit.errors import StageFailed, WrongUsage
 from ropefit.stages.contents import read_run
-from ropefit.stages.run_directory import REPORT
+from ropefit.stages.run_directory import REPORT, existing_run
+from ropefit.stages.stage import Progress
 
 
 def write_report(directory: Path, say: Callable[[str], None]) -> Path:
@@ -31,6 +32,36 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     return path
 
 
+def print_report(
+    directory: Path, kinds: list[str], progress: Progress = lambda share, text: None
+) -> list[Path]:
+    """Every figure of a run's report as svg, pdf or png in its folder `figures`.
+
+    Raises StageFailed where matplotlib is missing or nothing can be written.
+    """
+    from ropefit.reporting.printed import print_figures
+    from ropefit.reporting.report import figures_of
+
+    figures = figures_of(read_run(directory))
+    return print_figures(figures, directory / "figures", kinds, progress)
+
+
+def compare_runs(directories: list[Path], out: Path) -> Path:
+    """One page on several runs. Raises StageFailed, WrongUsage."""
+    from ropefit.reporting.comparison import render_comparison
+
+    names = [directory.absolute().name for directory in directories]
+    if len(set(names)) < len(names):
+        names = [str(directory) for directory in directories]
+    if len(set(names)) < len(names):
+        raise WrongUsage("the same run is given twice; give different ones")
+    if out.is_dir():
+        raise WrongUsage(f"{out}: is a folder; give a file as --out")
+    runs = [read_run(existing_run(directory)) for directory in directories]
+    _write(out, render_comparison(list(zip(names, runs, strict=True))))
+    return out
+
+
 def _write(path: Path, text: str) -> None:
     temporary = None
     try:
@@ -43,7 +74,7 @@ def _write(path: Path, text: str) -> None:
         os.replace(temporary, path)
     except OSError as error:
         raise StageFailed(
-            f"cannot write {path}: {error.strerror}; free space or give another --run"
+            f"cannot write {path}: {error.strerror}; free space or give another place"
         )
     finally:
         if temporary is not None:
