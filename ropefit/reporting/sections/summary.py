@@ -100,8 +100,9 @@ def _of_solver(f: FittedModel, o: Observations) -> list[object]:
     if f.iterated and not f.solver_converged:
         moved = millimetres(float(np.median(f.iterated.drift)) * o.length)
         notes.append(
-            f"The solver has not converged: iterated twice as long, the rope would move by "
-            f"{moved}, so the numbers depend on the iteration count and are not properties of the rope."
+            "The solver has not converged: iterated twice as long, the rope would move by "
+            f"{moved}, so the numbers depend on the iteration count and are not properties of the "
+            "rope."
         )
     if f.balance:
         lost = int((~f.balance.converged).sum())
