@@ -1,11 +1,12 @@
 """RealSense and Azure Kinect recordings. The first are written by librealsense's own recorder; the
 second by FFmpeg's Matroska writer in the layout that the Kinect's recorder documents, since that
-recorder writes only with a camera. The Kinect's geometry is held to OpenCV and to published numbers.
+recorder writes only with a camera. The Kinect's geometry is held to OpenCV and published numbers.
 """
 
 from __future__ import annotations
 
 import json
+import struct
 import time
 from pathlib import Path
 
@@ -58,12 +59,13 @@ def told() -> bytes:
 
 
 def kinect(path: Path, depth_lag: float = 0.0, frames: int = 2, attach: bool = True) -> Path:
-    """A wall 1 m away in 320 x 288, colour that changes with the frame; MJPEG as in the recorder."""
+    """A wall 1 m away in 320 x 288, colour that changes with the frame, as MJPEG."""
     av = pytest.importorskip("av")
     from fractions import Fraction
 
     base = Fraction(1, 1000)
-    with av.open(str(path), "w", format="matroska") as file:
+    raw = {"allow_raw_vfw": "1", "write_crc32": "0"}  # depth is kept as it is, uncompressed
+    with av.open(str(path), "w", format="matroska", options=raw) as file:
         color = file.add_stream("mjpeg", rate=30, options={"qscale": "2"})
         color.width, color.height, color.pix_fmt = 1280, 720, "yuvj422p"
         depth = file.add_stream("rawvideo", rate=30)
@@ -83,6 +85,11 @@ def kinect(path: Path, depth_lag: float = 0.0, frames: int = 2, attach: bool = T
                 file.mux(stream.encode(frame))
         for stream in (color, depth):
             file.mux(stream.encode())
+    # The writer leaves the track's four-character code empty; the recorder's is b16g.
+    head = struct.pack("<IiiHH", 40, 320, -288, 1, 16)
+    data = path.read_bytes()
+    assert data.count(head + bytes(4)) == 1
+    path.write_bytes(data.replace(head + bytes(4), head + b"b16g"))
     return path
 
 
@@ -249,9 +256,11 @@ def test_realsense(tmp_path):
     np.testing.assert_allclose(
         np.array(recording.manifest.rgbd.camera_pose)[:3, 3], sources.CAMERA[0]
     )
+    again = tmp_path / "again" / "r.db3"
+    again.parent.mkdir()
+    path.rename(again)
     with pytest.raises(WrongUsage, match="camera_pose"):
-        (tmp_path / "other").mkdir()
-        brought(path.rename(tmp_path / "other" / "r.db3"), "realsense", camera_pose="0,0,0,1,1,1,1")
+        brought(again, "realsense", camera_pose="0,0,0,1,1,1,1")
 
 
 def test_a_file_that_is_no_realsense_recording(tmp_path):

@@ -16,7 +16,7 @@ from ropefit.errors import BadInput
 from ropefit.importers.base import readable
 
 ROUNDS = 20  # of the fixed-point iteration that takes distortion away
-# Size of a depth image: pixels of the sensor binned into one, and where it is cut from (after that).
+# Size of a depth image: how many pixels are binned into one a side, and where it is then cut from.
 MODES = {
     (640, 576): (1, (192, 180)),
     (320, 288): (2, (96, 90)),
