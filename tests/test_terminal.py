@@ -15,7 +15,7 @@ from ropefit.artifacts import write
 from ropefit.commands_show import tell_answer
 from ropefit.console import Session
 from tests.conftest import ROOT
-from tests.test_report import observations
+from tests.report_runs import observations
 
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
