@@ -32,9 +32,10 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
-# The JSON Schema of every artifact, from the pydantic models.
+# The JSON Schema of every artifact, from the pydantic models; every option, from the command line.
 schemas: $(STAMP)
 	$(BIN)/python -m ropefit.artifacts.export schemas
+	$(BIN)/python -m benchmarks.commands --write docs/commands.md
 
 # The tables of docs/results.md.
 results: $(STAMP)

@@ -4,7 +4,7 @@ command."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Optional
 
 import typer
 
@@ -15,6 +15,7 @@ from ropefit.cli_options import (
     Device,
     DeviceOption,
     Force,
+    Format,
     Json,
     Loss,
     LossOption,
@@ -32,7 +33,10 @@ from ropefit.cli_options import (
     SearchOption,
     Solver,
     SolverOption,
+    Target,
 )
+from ropefit.cli_options import start_session as _session
+from ropefit.cli_show import report, view
 
 app = typer.Typer(
     name="ropefit",
@@ -59,12 +63,6 @@ def _main(
     ] = False,
 ) -> None:
     pass
-
-
-def _session(json: bool, quiet: bool, debug: bool) -> Any:
-    from ropefit.console import Session
-
-    return Session(json=json, quiet=quiet, debug=debug)
 
 
 @app.command()
@@ -279,20 +277,13 @@ def control(
         session.result(control(session, run, settings, target, force))
 
 
-@app.command()
-def report(
-    run: Run = Path("run"), json: Json = False, quiet: Quiet = False, debug: Debug = False
-) -> None:
-    """Write report.html: one offline page on everything the run holds."""
-    with _session(json, quiet, debug) as session:
-        from ropefit.commands import report
-
-        session.result(report(session, run))
+app.command()(report)
+app.command()(view)
 
 
 @app.command()
 def export(
-    to: Annotated[str, typer.Option("--to", help="mujoco, mujoco3, newton, pyelastica or json.")],
+    to: Target,
     out: Annotated[Path, typer.Option("--out", help="File to write.")],
     run: Run = Path("run"),
     mass: Annotated[
@@ -342,7 +333,7 @@ def simulate(
 @app.command("import")
 def import_(
     source: Annotated[Path, typer.Argument(help="File or folder to read, see docs/importing.md.")],
-    format: Annotated[str, typer.Option("--from", help="clouds, tum, ros, mocap or c3d.")],
+    format: Format,
     out: Annotated[OptionalPath, typer.Option("--out", help="Recording to write.")] = None,
     set_: Annotated[
         Optional[list[str]],  # noqa: UP045

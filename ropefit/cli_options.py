@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -89,3 +89,28 @@ ControlAt = Annotated[
     Optional[float],  # noqa: UP045
     typer.Option(help="Arc length of the control point [m]; end 0 if not given."),
 ]
+Runs = Annotated[
+    Optional[list[Path]],  # noqa: UP045
+    typer.Argument(help="A run directory, or several to compare."),
+]
+_TARGETS = ("mujoco", "mujoco3", "newton", "pyelastica", "json")
+_FORMATS = ("clouds", "tum", "ros", "realsense", "kinect", "mocap", "c3d")
+Target = Annotated[
+    str,
+    typer.Option(
+        "--to", help=f"One of {', '.join(_TARGETS)}.", autocompletion=lambda: list(_TARGETS)
+    ),
+]
+Format = Annotated[
+    str,
+    typer.Option(
+        "--from", help=f"One of {', '.join(_FORMATS)}.", autocompletion=lambda: list(_FORMATS)
+    ),
+]
+
+
+def start_session(json: bool, quiet: bool, debug: bool) -> Any:
+    """The command's terminal; imported when a command runs."""
+    from ropefit.console import Session
+
+    return Session(json=json, quiet=quiet, debug=debug)

@@ -10,8 +10,10 @@ import numpy as np
 from ropefit.artifacts import Control, Diagnosis, Model, Observations
 from ropefit.commands_diagnose import tell_diagnosed
 from ropefit.commands_identify import tell_identified
+from ropefit.commands_show import report, tell_answer
 from ropefit.console import Session
 from ropefit.errors import BadInput, StageFailed, WrongUsage
+from ropefit.solvers.compiling import telling
 from ropefit.stages.run_directory import existing_run, new_run
 from ropefit.stages.stage import Context, Outcome, Stage, StageSettings, execute, load
 
@@ -26,7 +28,8 @@ def _stage(
     external: dict[str, str] | None = None,
 ) -> Outcome[Any]:
     context = Context(run, session.progress(stage.name), session.say, external=objects or {})
-    outcome = execute(stage, run, settings, context, external, force)
+    with telling(session.say):
+        outcome = execute(stage, run, settings, context, external, force)
     session.finish()
     if outcome.computed:
         seconds = outcome.artifact.provenance.seconds
@@ -234,22 +237,14 @@ def export(
     o, model = load(run, Observations)[0], load(run, Model)[0]
     there = (run / Diagnosis.file_name).exists()
     diagnosis = load(run, Diagnosis)[0] if there else None
-    result, notes = export_run(o, model, diagnosis, target, mass)
+    with telling(session.say):
+        result, notes = export_run(o, model, diagnosis, target, mass)
     files = write_export(result, out)
     session.say(f"export: {', '.join(files)} written for {target}")
     for note in notes:
         session.say(f"note: {note}")
     effects = [c.name for c in diagnosis.causes.values()] if diagnosis else []
     return {"stage": "export", "files": files, "effects": effects, "notes": notes}
-
-
-def report(session: Session, run: Path) -> dict[str, Any]:
-    """Everything in the run -> report.html."""
-    from ropefit.stages.report import write_report
-
-    path = write_report(existing_run(run), session.say)
-    session.say(f"report: {path}")
-    return {"stage": "report", "report": str(path)}
 
 
 def run_all(
@@ -262,17 +257,16 @@ def run_all(
     force: bool,
     debug_images: Path | None = None,
 ) -> dict[str, Any]:
-    """preprocess, identify, diagnose, control, report."""
+    """preprocess, identify, diagnose, control, report, and the answer in three sentences."""
     data = {
         "preprocess": preprocess(session, recording, run, of_preprocess, force, debug_images),
         "identify": identify(session, run, of_identify, None, force),
     }
     if data["identify"]["search"] == "least-squares":  # the paper's weights say nothing of a rope
         data["diagnose"] = diagnose(session, run, {}, None, None, force)
-    return data | {
-        "control": control(session, run, of_control, None, force),
-        "report": report(session, run),
-    }
+    data["control"] = control(session, run, of_control, None, force)
+    data["report"] = report(session, [], run, [], None)
+    return data | {"answer": tell_answer(session, run)}
 
 
 def inspect(session: Session, path: Path) -> dict[str, Any]:
@@ -299,7 +293,8 @@ def simulate(session: Session, spec: Path, out: Path) -> dict[str, Any]:
     """SPEC.toml -> a recording."""
     from ropefit.stages.simulate import simulate_recording
 
-    data = simulate_recording(spec, out, session.progress("simulate"), session.say)
+    with telling(session.say):
+        data = simulate_recording(spec, out, session.progress("simulate"), session.say)
     session.finish()
     session.say(f"simulate: {out} written, {data['frames']} frames")
     return data

@@ -22,8 +22,8 @@ class Session:
 
     def __init__(self, json: bool = False, quiet: bool = False, debug: bool = False):
         self.json, self.quiet, self.debug = json, quiet, debug
-        self.errors = Console(stderr=True, highlight=False, soft_wrap=True)
-        self.out = Console(stderr=json, highlight=False, soft_wrap=True)
+        self.errors = _console(stderr=True)
+        self.out = _console(stderr=json)
         self._progress: Progress | None = None
 
     def __enter__(self) -> Session:
@@ -84,11 +84,24 @@ class Session:
             table.add_row(*(cell.replace("[", r"\[") for cell in row))
         self.out.print(table)
 
+    def answer(self, sentences: list[str]) -> None:
+        """What a person wanted to know, in whole sentences, on standard output."""
+        if not (self.quiet or self.json):
+            for sentence in ("", *sentences):
+                self.out.print(sentence, markup=False, style="bold")
+
     def result(self, data: dict[str, Any]) -> None:
         """The command's result, as one JSON object when that was asked for."""
         if self.json:
             sys.stdout.write(json.dumps(_plain(data), allow_nan=False) + "\n")
             sys.stdout.flush()
+
+
+def _console(stderr: bool) -> Console:
+    """Lines are broken between words on a terminal, and left whole in a file or a pipe."""
+    console = Console(stderr=stderr, highlight=False)
+    console.soft_wrap = not console.is_terminal
+    return console
 
 
 def _as_failure(error: BaseException) -> RopefitError:

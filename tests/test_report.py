@@ -9,216 +9,28 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from ropefit.artifacts import (
-    Balance,
-    Calibration,
-    Control,
-    DroppedFrame,
-    FittedModel,
-    Iterated,
-    Model,
-    Observations,
-    Parameter,
-    ParameterGroup,
-    Provenance,
-    View,
-    write,
-)
+from ropefit.artifacts import DroppedFrame, write
 from ropefit.errors import StageFailed
 from ropefit.reporting.report import RunContents, render_report
 from ropefit.reporting.words import number, ranges, symbol
 from ropefit.stages.report import write_report
+from tests.report_runs import (
+    EVIL,
+    K,
+    balanced,
+    control,
+    diagnosed,
+    figures,
+    model,
+    observations,
+    provenance,
+    ropes,
+    titles,
+    without_scripts,
+)
 
-F, K = 9, 6
-IN_ORDER = ["Summary", "Overlay", "Residual", "Parameters"]
-IN_ORDER += ["Solver", "Control", "Observations", "Provenance"]
-EVIL = "<script>alert(1)</script>"
-
-
-def provenance(stage, **inputs):
-    return Provenance(
-        stage=stage,
-        package_version="0.1.0",
-        inputs=inputs or {"recording": "ab" * 32},
-        settings={"nodes": K, "project": "auto"},
-        settings_sha256="cd" * 32,
-        created="2026-01-02T03:04:05+00:00",
-        seconds=1.5,
-    )
-
-
-def ropes():
-    """(F, K, 3) [m] hanging arcs."""
-    s = np.linspace(0, np.pi, K)
-    span = np.linspace(0.3, 0.5, F)[:, None]
-    return np.stack([span * (1 - np.cos(s)) / 2, 0 * span * s, -0.3 * np.sin(s) + 0 * span], -1)
-
-
-def observations(**changes):
-    x = ropes()
-    seen = np.ones((F, K - 1), dtype=bool)
-    seen[2, 3] = False
-    nan = np.full((F, 2, 4), np.nan)
-    pixels = 600 * x[..., [0, 2]] * [1, -1] + [640, 360]
-    content = {
-        "provenance": provenance("preprocess"),
-        "recording": "made-up",
-        "recording_path": "/nowhere/made-up",
-        "source": "clouds",
-        "gravity": np.array([0, 0, -9.81]),
-        "length": 1.0,
-        "length_source": "recording",
-        "mass": 0.05,
-        "frames": np.arange(F) + 10,
-        "time": np.arange(F) * 0.1,
-        "dropped": [DroppedFrame(frame=19, reason="too few points")],
-        "end_kind": ("pinned", "free"),
-        "ends_assumed": False,
-        "end_position": np.stack([x[:, 0], np.full((F, 3), np.nan)], axis=1),
-        "end_orientation": nan,
-        "points": x.reshape(-1, 3),
-        "point_arc": np.tile(np.linspace(0, 1, K), F),
-        "point_offset": np.zeros(F * K),
-        "point_start": np.arange(F + 1) * K,
-        "projected": True,
-        "projection_reason": "it is flat",
-        "plane_origin": x[:, 0],
-        "plane_normal": np.tile([0.0, 1.0, 0.0], (F, 1)),
-        "view": View(
-            width=1280, height=720, fx=600, fy=600, cx=640, cy=360, pose=camera(), virtual=True
-        ),
-        "pixels": pixels.reshape(-1, 2),
-        "pixel_arc": np.tile(np.linspace(0, 1, K), F),
-        "pixel_start": np.arange(F + 1) * K,
-        "node_arc": np.linspace(0, 1, K),
-        "centreline": x,
-        "centreline_px": pixels,
-        "seen": seen,
-        "lowest": x[:, K // 2],
-        "noise": np.full(F, 0.001),
-        "noise_source": "scatter of the points about the centreline",
-    }
-    return Observations(**content | changes)
-
-
-def camera():
-    """Looks along +y from one metre away, z up."""
-    pose = np.eye(4)
-    pose[:3, :3] = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=float)
-    pose[:3, 3] = [0.2, -1.0, 0.0]
-    return pose
-
-
-def fitted(heldout=True, converged=True):
-    x, samples = ropes(), 4
-    out = np.zeros(F, dtype=bool)
-    out[4:6] = heldout
-    common = {"lower": 0.01, "upper": 100.0, "meaning": "weight of something"}
-    group = ParameterGroup(
-        frames=np.arange(F) + 10,
-        parameters={
-            "eta_x_G": Parameter(
-                **common | {"initial": 0.04, "value": 0.0512, "free": True},
-                verdict="determined",
-                ci95=(0.05, 0.0524),
-            ),
-            "eta_q_B": Parameter(
-                **common | {"initial": 1, "value": 2, "free": True},
-                verdict="trade-off",
-                trades_with=["eta_x_D"],
-            ),
-            "eta_x_D": Parameter(**common, initial=1, value=1, free=False, verdict="fixed"),
-        },
-        free_names=["eta_x_G", "eta_q_B"],
-        correlation=np.array([[1.0, np.nan], [np.nan, np.nan]]),
-        condition=None,
-        loss_before=2.0,
-        loss_after=0.5,
-        evaluations=12,
-        converged=True,
-        stop_reason="loss no longer decreases",
-    )
-    residual = np.full((F, K), 0.0012)
-    residual[2, 3] = np.nan
-    return FittedModel(
-        solver="thomas",
-        loss="OBJ1",
-        search="gradient",
-        control_node=0,
-        fixed_nodes=[0],
-        two_sided=False,
-        groups={"group_0": group},
-        heldout=out,
-        x=x,
-        q=np.tile([1.0, 0, 0, 0], (F, K - 1, 1)),
-        x_initial=x + 0.01,
-        residual=residual,
-        rms=np.full(F, 0.0012),
-        rms_initial=np.full(F, 0.01),
-        rms_px=np.full(F, 0.7),
-        iterated=Iterated(
-            steps=10,
-            iterations=30,
-            dt=0.1,
-            iteration=np.array([1, 10, 100, 300]),
-            distance_violation=np.full((F, samples), 1e-4),
-            length_error=np.full((F, samples), -1e-4),
-            drift=np.full(F, 1e-4 if converged else 0.02),
-            drift_allowed=1e-3,
-        ),
-        solver_converged=converged,
-        trace=np.array([2.0, 1.0, 0.5]),
-        rms_fit=0.0012,
-        rms_heldout=0.0013 if heldout else None,
-    )
-
-
-def balanced(mass_known=True, lost=False, below=False):
-    """A fit of the equilibrium model."""
-    f = fitted()
-    group = f.groups["group_0"]
-    verdict = {"verdict": "flat direction", "below": 4e-5} if below else {"verdict": "determined"}
-    bend = Parameter(
-        meaning="bending rigidity", unit="N m^2" if mass_known else "m^3", initial=1e-4, value=7e-4,
-        lower=1e-8, upper=1.0, free=True, ci95=None if below else (6.9e-4, 7.1e-4), **verdict,
-    )  # fmt: skip
-    group = group.model_copy(
-        update={
-            "parameters": {"EI": bend},
-            "free_names": ["EI"],
-            "correlation": np.eye(1),
-            "loss_unit": "chi-square",
-        }
-    )
-    converged = np.ones(F, dtype=bool)
-    converged[3] = not lost
-    other = np.full(F, np.nan)
-    other[[5, 6]] = 0.12
-    return f.model_copy(
-        update={
-            "solver": "equilibrium",
-            "search": "least-squares",
-            "iterated": None,
-            "groups": {"group_0": group},
-            "solver_converged": not lost,
-            "balance": Balance(
-                segments=80,
-                newton=np.full(F, 4),
-                residual=np.full(F, 1e-11),
-                converged=converged,
-                stability=np.where(converged, 0.01, np.nan),
-                other=other,
-                mass_known=mass_known,
-                bending_length=0.113,
-                calibration={
-                    "end_0_x": Calibration(unit="m", prior=0.0015, value=0.006, sd=0.0002),
-                    "scale": Calibration(unit="1", prior=0.003, value=0.001, sd=0.0005),
-                },
-                correlated_noise=0.0004,
-                correlation_length=0.06,
-            ),
-        }
-    )
+IN_ORDER = ["Summary", "Overlay", "Where it differs", "Parameters"]
+IN_ORDER += ["Control", "Solver", "Observations", "Provenance"]
 
 
 def test_an_equilibrium_model_is_told_in_units_with_limits_and_calibration():
@@ -244,64 +56,6 @@ def test_an_equilibrium_model_is_told_in_units_with_limits_and_calibration():
     assert "1 frame of 9 reached no equilibrium (13)" in lost
     assert "not converged" in json.dumps(figures(lost))
     assert "reached no equilibrium" not in full
-
-
-def model(**kind):
-    return Model(
-        provenance=provenance("identify", **{"observations.h5": "ef" * 32}),
-        recording="made-up",
-        length=1.0,
-        frames=np.arange(F) + 10,
-        models={"nominal": fitted(**kind)},
-    )
-
-
-def control(kind="estimate"):
-    x, nan = ropes(), np.full(F, np.nan)
-    shape = kind == "shape"
-    key = x[:, [2, 3]]
-    return Control(
-        provenance=provenance("control", **{"model.h5": "01" * 32}),
-        kind=kind,
-        loss_name="OBJ1",
-        solver="thomas",
-        control_node=0,
-        moves_orientation=shape,
-        cases=np.arange(F) + 10,
-        start=x[:, 0],
-        position=x[:, 0] + 0.002,
-        orientation=np.full((F, 4), 0.5 if shape else np.nan),
-        reference=x[:, 0] * (np.nan if shape else 1),
-        deviation=nan if shape else np.full(F, 0.0035),
-        deviation_px=nan if shape else np.full(F, 2.1),
-        loss=np.ones(F),
-        obj1=np.ones(F),
-        position_sd=np.full((F, 3), 0.001),
-        converged=np.arange(F) != 3,
-        x=x,
-        q=np.tile([1.0, 0, 0, 0], (F, K - 1, 1)),
-        length_error=np.full(F, 1e-4),
-        key_arc=np.tile([0.4, np.nan], (F, 1)),
-        key_position=key,
-        key_reference=key + 0.001,
-        key_deviation=np.full((F, 2), 0.0017),
-        key_deviation_px=np.full((F, 2), 1.0),
-        length=1.0,
-        notes=[f"a note {EVIL}"],
-    )
-
-
-def titles(page):
-    return re.findall(r"<h2>(.*?)</h2>", page)
-
-
-def without_scripts(page):
-    return re.sub(r"<script\b.*?</script>", "", page, flags=re.S)
-
-
-def figures(page):
-    found = re.findall(r'px"></div><script type="application/json">(.*?)</script>', page)
-    return [json.loads(text) for text in found]
 
 
 @pytest.fixture(scope="module")
@@ -358,6 +112,7 @@ def test_an_unconverged_solver_is_told():
     page = render_report(RunContents(observations(), model(converged=False)))
     assert "The solver has not converged" in page
     assert "depend on the iteration count and are not properties of the rope" in page
+    assert "weights of the paper’s simulation, which are no properties of a rope" in page
     assert "not properties" not in render_report(RunContents(observations(), model()))
 
 
@@ -478,7 +233,9 @@ def test_a_browser_draws_it(tmp_path, kind):
     if browser is None:
         pytest.skip("no Chromium on this machine")
     page = tmp_path / "report.html"
-    text = render_report(RunContents(observations(), model(), control(kind)))
+    made = model().model_copy(update={"models": {"nominal": balanced()}})
+    run = RunContents(observations(), made, control(kind), diagnosed("unknown"))
+    text = render_report(run)
     move = "const s = document.querySelector('input'); s.value = 5;"
     move += "s.dispatchEvent(new Event('input'));"
     moved = text.replace("</body>", f"<script>{move}</script></body>")

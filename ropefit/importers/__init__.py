@@ -7,14 +7,16 @@ from ropefit.importers.base import Entry, Importer, Options, parse_options
 from ropefit.importers.c3d import C3d
 from ropefit.importers.clouds import Clouds
 from ropefit.importers.draft import About, Draft
+from ropefit.importers.kinect import Kinect
 from ropefit.importers.mocap import Mocap
+from ropefit.importers.realsense import RealSense
 from ropefit.importers.ros import Ros
 from ropefit.importers.tum import Tum
 from ropefit.plugins import concrete
 
 __all__ = [
-    "About", "C3d", "Clouds", "Draft", "Entry", "Importer", "Mocap", "Options", "Ros", "Tum",
-    "importer", "importers", "parse_options",
+    "About", "C3d", "Clouds", "Draft", "Entry", "Importer", "Kinect", "Mocap", "Options",
+    "RealSense", "Ros", "Tum", "importer", "importers", "parse_options",
 ]  # fmt: skip
 
 

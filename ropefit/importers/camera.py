@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ropefit.errors import BadInput
+from ropefit.errors import BadInput, WrongUsage
+from ropefit.importers.numbers import rotation, vector
 
 STILL, LEVEL = 0.01, 1.0  # m, degrees: what a pose estimate of a camera at rest may wander
 
@@ -23,4 +24,15 @@ def steady_pose(source: Path, poses: np.ndarray) -> np.ndarray:
             f"{source}: the camera moves by {away.max():.3g} m and {turned.max():.3g} degrees; a "
             "recording has one camera pose, so import point clouds in a fixed frame instead"
         )
+    return pose
+
+
+def given_pose(text: str) -> np.ndarray:
+    """(4, 4) recording <- camera from x,y,z,qx,qy,qz,qw. Raises WrongUsage."""
+    value = vector("camera_pose", text, 7)
+    length = float(np.linalg.norm(value[3:]))
+    if abs(length - 1) > 0.01:
+        raise WrongUsage("--set camera_pose: its quaternion is not of unit length")
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation(np.roll(value[3:], 1) / length), value[:3]
     return pose

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 from jinja2.utils import htmlsafe_json_dumps
@@ -66,8 +68,24 @@ def table(
     )
 
 
+_kept: ContextVar[list[Figure] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def keeping() -> Iterator[list[Figure]]:
+    """Every figure that is put on a page meanwhile, in order."""
+    figures: list[Figure] = []
+    token = _kept.set(figures)
+    try:
+        yield figures
+    finally:
+        _kept.reset(token)
+
+
 def plot(figure: Figure) -> Markup:
     """A figure with its caption; drawn when the page is opened."""
+    if (kept := _kept.get()) is not None:
+        kept.append(figure)
     return Markup(
         '<figure class="plot">'
         '<div class="canvas" role="img" aria-label="{}" style="height:{}px"></div>'

@@ -140,8 +140,8 @@ def _description(
     return RopeDescription(
         length=float(rest.sum()),
         rest_lengths=rest.copy(),
-        EA=1 / np.maximum(rod.supple[:, 2].numpy(), 1e-300),
-        GA=1 / np.maximum(rod.supple[:, 0].numpy(), 1e-300),
+        EA=(1 / rod.supple[:, 2]).numpy(),  # infinite where it does not stretch
+        GA=(1 / rod.supple[:, 0]).numpy(),
         EI=rod.stiff[1:-1, 0].numpy() * at_nodes / 4,
         GJ=rod.stiff[1:-1, 2].numpy() * at_nodes / 4,
         rest_curvature=curvature[:, :2].copy(),

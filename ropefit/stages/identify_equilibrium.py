@@ -25,7 +25,7 @@ from ropefit.stages.frozen import frozen_values
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.stages.scene import node_at
-from ropefit.stages.stage import Context
+from ropefit.stages.stage import Context, Progress
 
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 
@@ -44,10 +44,10 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     for number in range(int(group.max()) + 1):
         mine = np.flatnonzero(group == number)
         inside = np.isin(mine, train)
-        context.progress(0.1 + 0.7 * number / (group.max() + 1), "least squares")
         part = _fit_group(
-            started.frames(torch.from_numpy(mine)), data.frames(mine), inside, free, o, settings
-        )
+            started.frames(torch.from_numpy(mine)), data.frames(mine), inside, free, o, settings,
+            _share_of(context, number, int(group.max()) + 1),
+        )  # fmt: skip
         groups[f"group_{number}"] = describe_group(part, o.frames[mine], free, scale, o)
         parts.append((mine, part))
     context.progress(0.9, "stability")
@@ -148,8 +148,22 @@ def priors_of(o: Observations) -> Priors:
     return Priors(**{k: v for k, v in o.priors.model_dump().items() if v is not None})
 
 
+def _share_of(context: Context, number: int, groups: int) -> Progress:
+    """The progress of one group's fit as the stage's, from 5 to 85 %."""
+
+    def progress(share: float, text: str) -> None:
+        context.progress(0.05 + 0.8 * (number + share) / groups, text)
+
+    return progress
+
+
 def nominal_fit(
-    setup: Setup, data: Data, free: list[str], o: Observations, evaluations: int
+    setup: Setup,
+    data: Data,
+    free: list[str],
+    o: Observations,
+    evaluations: int,
+    progress: Progress = lambda share, text: None,
 ) -> tuple[Fit, Noise]:
     """Fit the free parameters and the calibration errors, noise estimated on the way.
 
@@ -159,7 +173,8 @@ def nominal_fit(
     best: Fit | None = None
     terms = rope_terms(setup, free)
     screened = SCREEN if "EI" in free else (0.0,)
-    for shift in screened:
+    for count, shift in enumerate(screened):
+        progress(0.5 * count / len(screened), "where to start")
         forward = Forward(setup, terms)
         place = next((k for k, t in enumerate(terms) if t.name == "EI"), 0)
         start = forward.start()
@@ -175,6 +190,7 @@ def nominal_fit(
     if best is None:
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
     last = nearer_branch(best, data, bins)
+    progress(0.5, "least squares")
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
     return calibrated_fit(full, best.point.u, data, noise, bins, evaluations)
 
@@ -214,10 +230,12 @@ def _fit_group(
     free: list[str],
     o: Observations,
     settings: IdentifySettings,
+    progress: Progress,
 ) -> Part:
     """Fit on the training frames (mask `inside`), then settle all of the group's frames."""
     few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)
-    found, noise = nominal_fit(few, seen, free, o, settings.evaluations)
+    found, noise = nominal_fit(few, seen, free, o, settings.evaluations, progress)
+    progress(0.9, "intervals")
     told = limits(found, seen, noise, len(o.node_arc) - 1)
     whole = Forward(setup, found.forward.terms)
     start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u))

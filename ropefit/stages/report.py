@@ -7,10 +7,11 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from ropefit.artifacts import Control, Diagnosis, Model, Observations
-from ropefit.errors import StageFailed
-from ropefit.stages.run_directory import REPORT
-from ropefit.stages.stage import A, load
+from ropefit.artifacts import Control, Diagnosis, Model
+from ropefit.errors import StageFailed, WrongUsage
+from ropefit.stages.contents import read_run
+from ropefit.stages.run_directory import REPORT, existing_run
+from ropefit.stages.stage import Progress
 
 
 def write_report(directory: Path, say: Callable[[str], None]) -> Path:
@@ -19,15 +20,9 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     Raises StageFailed when there are no observations or an artifact is stale, BadInput when one is
     damaged. A kill at any instant leaves the old page or the new one.
     """
-    from ropefit.reporting.report import RunContents, render_report
+    from ropefit.reporting.report import render_report
 
-    observations, _ = load(directory, Observations)
-    run = RunContents(
-        observations,
-        _if_there(directory, Model),
-        _if_there(directory, Control),
-        _if_there(directory, Diagnosis),
-    )
+    run = read_run(directory)
     parts = ((Model, run.model), (Control, run.control), (Diagnosis, run.diagnosis))
     missing = [kind.file_name for kind, part in parts if part is None]
     if missing:
@@ -37,10 +32,34 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     return path
 
 
-def _if_there(directory: Path, kind: type[A]) -> A | None:
-    if not (directory / kind.file_name).exists():
-        return None
-    return load(directory, kind)[0]
+def print_report(
+    directory: Path, kinds: list[str], progress: Progress = lambda share, text: None
+) -> list[Path]:
+    """Every figure of a run's report as svg, pdf or png in its folder `figures`.
+
+    Raises StageFailed where matplotlib is missing or nothing can be written.
+    """
+    from ropefit.reporting.printed import print_figures
+    from ropefit.reporting.report import figures_of
+
+    figures = figures_of(read_run(directory))
+    return print_figures(figures, directory / "figures", kinds, progress)
+
+
+def compare_runs(directories: list[Path], out: Path) -> Path:
+    """One page on several runs. Raises StageFailed, WrongUsage."""
+    from ropefit.reporting.comparison import render_comparison
+
+    names = [directory.absolute().name for directory in directories]
+    if len(set(names)) < len(names):
+        names = [str(directory) for directory in directories]
+    if len(set(names)) < len(names):
+        raise WrongUsage("the same run is given twice; give different ones")
+    if out.is_dir():
+        raise WrongUsage(f"{out}: is a folder; give a file as --out")
+    runs = [read_run(existing_run(directory)) for directory in directories]
+    _write(out, render_comparison(list(zip(names, runs, strict=True))))
+    return out
 
 
 def _write(path: Path, text: str) -> None:
@@ -55,7 +74,7 @@ def _write(path: Path, text: str) -> None:
         os.replace(temporary, path)
     except OSError as error:
         raise StageFailed(
-            f"cannot write {path}: {error.strerror}; free space or give another --run"
+            f"cannot write {path}: {error.strerror}; free space or give another place"
         )
     finally:
         if temporary is not None:

@@ -15,7 +15,7 @@ PRODUCERS = {
     Control.file_name: "ropefit control",
 }
 REPORT = "report.html"
-KNOWN = {*PRODUCERS, REPORT, "figures", "identify.checkpoint.h5"}
+KNOWN = {*PRODUCERS, REPORT, "figures", "view.rrd", "identify.checkpoint.h5"}
 
 
 def is_run(directory: Path) -> bool:

@@ -23,6 +23,8 @@ from ropefit.artifacts import Artifact, Provenance, read, write
 from ropefit.artifacts.store import UNREADABLE
 from ropefit.errors import BadInput, StageFailed
 
+# What shows or hands on results, and does not change them.
+SHOWS = ("reporting/", "viewing/", "sample_data/", "cli", "console", "commands", "api", "__init__")
 S = TypeVar("S", bound="StageSettings")
 A = TypeVar("A", bound=Artifact)
 
@@ -92,6 +94,23 @@ def execute(
     if old is not None:
         return Outcome(old, path, computed=False, why=why)
     context.directory = directory
+    artifact = made(stage, inputs, hashes, settings, context)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)  # only now: a stage that fails leaves nothing
+    except OSError as error:
+        raise StageFailed(f"{directory}: cannot be made ({error.strerror}); give another --run")
+    write(path, artifact)
+    return Outcome(artifact, path, computed=True, why=why)
+
+
+def made(
+    stage: Stage[S],
+    inputs: dict[str, Any],
+    hashes: Mapping[str, str],
+    settings: S,
+    context: Context,
+) -> Any:
+    """What a stage makes of its inputs, with its provenance; not written anywhere."""
     context.key = settings.sha256() + "".join(f"{k}{v}" for k, v in sorted(hashes.items()))
     started = time.monotonic()
     content = stage.compute(inputs, settings, context)
@@ -99,19 +118,13 @@ def execute(
         stage=stage.name,
         package_version=__version__,
         code_sha256=code_sha256(),
-        inputs=hashes,
+        inputs=dict(hashes),
         settings=settings.model_dump(mode="json"),
         settings_sha256=settings.sha256(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         seconds=time.monotonic() - started,
     )
-    artifact = stage.writes(provenance=provenance, **content)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)  # only now: a stage that fails leaves nothing
-    except OSError as error:
-        raise StageFailed(f"{directory}: cannot be made ({error.strerror}); give another --run")
-    write(path, artifact)
-    return Outcome(artifact, path, computed=True, why=why)
+    return stage.writes(provenance=provenance, **content)
 
 
 def _up_to_date(
@@ -150,7 +163,7 @@ def code_sha256() -> str:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package).as_posix()
-        if not name.startswith(("reporting/", "sample_data/", "cli", "console", "commands")):
+        if not name.startswith(SHOWS):
             digest.update(name.encode() + path.read_bytes())
     return digest.hexdigest()
 
@@ -179,6 +192,11 @@ def load(directory: Path, kind: type[A]) -> tuple[A, str]:
                 f"{path}: stale, {name} has changed since; run `{command} --run {directory}`"
             )
     return artifact, digest
+
+
+def load_if_there(directory: Path, kind: type[A]) -> A | None:
+    """An artifact of a run; None where its stage has not run."""
+    return load(directory, kind)[0] if (directory / kind.file_name).exists() else None
 
 
 def stored_hash(path: Path) -> str:

@@ -4,6 +4,7 @@ from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.control import ControlSection
 from ropefit.reporting.sections.diagnosis import DiagnosisSection
 from ropefit.reporting.sections.equilibrium import EquilibriumSection
+from ropefit.reporting.sections.motion import MotionSection
 from ropefit.reporting.sections.observations import ObservationsSection
 from ropefit.reporting.sections.overlay import OverlaySection
 from ropefit.reporting.sections.parameters import ParametersSection
@@ -16,14 +17,15 @@ from ropefit.reporting.sections.summary import SummarySection
 SECTIONS: tuple[Section, ...] = (
     SummarySection(),
     OverlaySection(),
+    PicturesSection(),
     ResidualSection(),
     DiagnosisSection(),
     ParametersSection(),
+    ControlSection(),
     SolverSection(),
     EquilibriumSection(),
-    ControlSection(),
+    MotionSection(),
     ObservationsSection(),
-    PicturesSection(),
     ProvenanceSection(),
 )
 

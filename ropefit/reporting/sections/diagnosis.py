@@ -12,6 +12,7 @@ from ropefit.reporting.figures import (
     AFTER,
     BEFORE,
     MANY,
+    OBSERVED,
     Figure,
     axis,
     heat,
@@ -19,9 +20,9 @@ from ropefit.reporting.figures import (
     numbers,
     plane,
 )
-from ropefit.reporting.html import bullets, facts, heading, pair, paragraph, plot, table
+from ropefit.reporting.html import bullets, facts, heading, pair, paragraph, table
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.words import listed, millimetres, number, ranges
+from ropefit.reporting.words import millimetres, number, ranges
 
 SHOWN = 12  # candidates of the scan
 VERDICTS = {
@@ -60,13 +61,12 @@ class DiagnosisSection(Section):
             body += _causes(d)
         if d.refused:
             body += paragraph("Fitted well but not believed: " + "; ".join(d.refused) + ".", "note")
-        if d.motion:
-            told = f"To tell {listed(d.separates)} apart, {d.motion}."
-            body += paragraph(Markup(told))
-        body += pair(_map(d, before=True), _map(d, before=False))
         body += pair(_scan(d), _places(d))
-        if d.verdict != "none":
-            body += _force(d)
+        if d.causes:
+            body += heading("Before and after") + pair(_heldout(d), _by_frame(d))
+            body += pair(_map(d, before=True), _map(d, before=False))
+        else:  # after is before
+            body += pair(_heldout(d), _map(d, before=True))
         return body + _detectable(d)
 
 
@@ -123,7 +123,7 @@ def _scan(d: Diagnosis) -> Figure:
     bars = {
         "type": "bar",
         "orientation": "h",
-        "x": numbers([max(best[n], 0.0) for n in names]),
+        "x": numbers([best[n] for n in names]),
         "y": names,
         "marker": {"color": AFTER},
         "name": "log Bayes factor",
@@ -131,9 +131,13 @@ def _scan(d: Diagnosis) -> Figure:
     return Figure(
         "Score scan",
         [bars],
-        plane(axis("log Bayes factor (nats)"), axis("", showline=False), showlegend=False),
+        plane(
+            axis("log Bayes factor (nats)", zeroline=True),
+            axis("", showline=False),
+            showlegend=False,
+        ),
         "How much each effect would explain of what the nominal model left, before any was fitted. "
-        f"Below {number(d.threshold)} nats it is chance.",
+        f"Below {number(d.threshold)} nats it is chance; below zero the data speak against it.",
     )
 
 
@@ -152,18 +156,54 @@ def _places(d: Diagnosis) -> Figure:
     )
 
 
-def _force(d: Diagnosis) -> Markup:
-    up = np.linalg.norm(d.force, axis=-1)
-    colours = heat(d.frames, d.force_arc, up.T, "N/m")
-    figure = Figure(
-        "Latent force",
-        [colours],
-        plane(axis("frame"), axis("arc length s (m)")),
-        "Size of the smooth force per length that would explain what is still left "
-        f"(evidence {number(d.force_evidence, 4)} nats; {number(d.force_threshold, 4)} in a clean "
-        "recording).",
+def _heldout(d: Diagnosis) -> Figure:
+    """Held-out frames: distance left, and what each cause gains in every block of them."""
+    if d.causes:
+        traces = [
+            {
+                "type": "bar",
+                "name": f"{c.name}{f' {k + 1}' if len(d.causes) > 1 else ''}",
+                "x": [f"block {i + 1}" for i in range(len(c.heldout_gain))],
+                "y": numbers(c.heldout_gain),
+                "marker": {"color": MANY[k % len(MANY)]},
+            }
+            for k, c in enumerate(d.causes.values())
+        ]
+        return Figure(
+            "Gain in held-out frames",
+            traces,
+            plane(axis(""), axis("gain (nats)"), barmode="group"),
+            "Each block of frames was left out of a fit and predicted: how much better with the "
+            "cause than without it. Above zero: it helps where it was not fitted.",
+        )
+    sizes = {"left": d.rms_before, "noise": d.noise_white}
+    bars = {
+        "type": "bar",
+        "x": list(sizes),
+        "y": numbers([1e3 * v for v in sizes.values()]),
+        "marker": {"color": [AFTER, OBSERVED]},
+        "name": "rms",
+    }
+    return Figure(
+        "Distance left in held-out frames",
+        [bars],
+        plane(axis(""), axis("rms distance (mm)", rangemode="tozero"), showlegend=False),
+        "Frames left out of the fit and predicted by it, and the noise of a point.",
     )
-    return plot(figure)
+
+
+def _by_frame(d: Diagnosis) -> Figure:
+    """rms over the rope of the mean offset of the stations, frame by frame."""
+    rms = [1e3 * np.sqrt(np.nanmean(m**2, axis=1)) for m in (d.misfit_before, d.misfit_after)]
+    return Figure(
+        "Misfit of every frame, before and after",
+        [
+            line(d.frames, rms[0], "nominal model", BEFORE),
+            line(d.frames, rms[1], "with the causes", AFTER),
+        ],
+        plane(axis("frame"), axis("rms of the mean offsets (mm)", rangemode="tozero")),
+        "The maps below, one number a frame.",
+    )
 
 
 def _detectable(d: Diagnosis) -> Markup:

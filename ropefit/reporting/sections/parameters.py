@@ -140,7 +140,8 @@ def _correlation(group: ParameterGroup) -> Figure | None:
 def _loss(f: FittedModel) -> Figure:
     step = np.arange(len(f.trace))
     squares = next(iter(f.groups.values())).loss_unit == "chi-square"
-    scale = {"type": "log"} if f.trace.min() > 0 else {}
+    wide = f.trace.min() > 0 and f.trace.max() > 3 * f.trace.min()
+    scale = {"type": "log"} if wide else {}
     y = axis("χ² (1)" if squares else "loss (m)", **scale)
     told = f"{f.loss} on its way down ({f.search} search), summed over the frames of the fit."
     if squares:

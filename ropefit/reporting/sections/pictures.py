@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import base64
 
+import numpy as np
 from markupsafe import Markup
 
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.html import paragraph
 from ropefit.reporting.sections.base import Section
+from ropefit.reporting.sections.overlay import project
 
 
 class PicturesSection(Section):
@@ -26,7 +28,8 @@ class PicturesSection(Section):
         assert o.picture_start is not None
         body = paragraph(
             "Red: the rope where it was seen. Blue: where it was hidden and its way assumed. Green "
-            "rings: its ends.",
+            "rings: its ends."
+            + (" Dashed: simulated before the fit; yellow: after." if run.fitted else ""),
             "note",
         )
         if not o.depth_measured:
@@ -40,8 +43,26 @@ class PicturesSection(Section):
             why = o.picture_text[i] if i < len(o.picture_text) else ""
             data = base64.b64encode(o.pictures[first:last].tobytes()).decode()
             body += Markup(
-                '<figure class="picture"><img alt="Frame {}: the rope as found in the picture" '
-                'style="max-width:100%;height:auto" src="data:image/jpeg;base64,{}">'
+                '<figure class="picture"><svg viewBox="0 0 {} {}" role="img" '
+                'aria-label="Frame {}: the rope as found in the picture, and as simulated">'
+                '<image width="{}" height="{}" href="data:image/jpeg;base64,{}"/>{}</svg>'
                 "<figcaption>Frame {}: {}.</figcaption></figure>\n"
-            ).format(frame, data, frame, why)
+            ).format(
+                o.view.width, o.view.height, frame, o.view.width, o.view.height, data,
+                _simulated(run, frame), frame, why,
+            )  # fmt: skip
         return body
+
+
+def _simulated(run: RunContents, frame: int) -> Markup:
+    """The rope before and after the fit as lines over the picture."""
+    o, f = run.observations, run.fitted
+    at = np.flatnonzero(o.frames == frame)
+    if f is None or at.size == 0:
+        return Markup("")
+    lines = Markup("")
+    for x, kind in ((f.x_initial[at[0]], "before"), (f.x[at[0]], "after")):
+        uv = project(o.view, x)
+        points = " ".join(f"{u:.1f},{v:.1f}" for u, v in uv[np.isfinite(uv).all(axis=1)])
+        lines += Markup('<polyline class="{}" points="{}"/>').format(kind, points)
+    return lines

@@ -21,7 +21,8 @@ class ProvenanceSection(Section):
     title = "Provenance"
 
     def render(self, run: RunContents) -> Markup:
-        artifacts = [a for a in (run.observations, run.model, run.control) if a is not None]
+        made = (run.observations, run.model, run.diagnosis, run.control)
+        artifacts = [a for a in made if a is not None]
         head = ["stage", "read", "wrote", "settings", "version", "took", "created"]
         return _flow(artifacts) + table(head, [_row(a) for a in artifacts])
 

@@ -1,4 +1,4 @@
-"""What is left between recording and simulation: where on the rope, and when."""
+"""Where recording and simulation differ: on the rope, over the frames, by what latent force."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from ropefit.reporting.figures import (
 )
 from ropefit.reporting.html import plot
 from ropefit.reporting.sections.base import Section
+from ropefit.reporting.sections.forces import forces
 from ropefit.reporting.words import blocks
 
 
 class ResidualSection(Section):
-    """Heat map over arc length and frame, and the rms of every frame."""
+    """Heat map over arc length and frame, the rms of every frame, latent force arrows."""
 
-    title = "Residual"
+    title = "Where it differs"
 
     def applies(self, run: RunContents) -> bool:
         return run.fitted is not None
@@ -37,7 +38,11 @@ class ResidualSection(Section):
     def render(self, run: RunContents) -> Markup:
         o, f = run.observations, run.fitted
         assert f is not None
-        return plot(_by_frame(o, f)) + plot(_map(o, f))
+        body = plot(_map(o, f)) + plot(_by_frame(o, f))
+        d = run.diagnosis
+        if d is not None and d.verdict != "none":
+            body += forces(run, d)
+        return body
 
 
 def heldout_bands(frames: np.ndarray, heldout: np.ndarray) -> list[tuple[float, float]]:

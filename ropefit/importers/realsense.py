@@ -1,0 +1,136 @@
+"""RealSense recordings (.bag, .db3) through librealsense, depth registered to colour by it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from ropefit.errors import BadInput, StageFailed
+from ropefit.importers.base import Entry, Importer, Options, exists, readable, thinned
+from ropefit.importers.camera import given_pose
+from ropefit.importers.draft import Draft
+
+WAIT = 5000  # ms for the next frame of a file: longer than a disk takes
+COLOURS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
+
+
+class RealSenseOptions(Options):
+    """gap: how far apart [s] the two images of a frame may be. camera_pose: x,y,z,qx,qy,qz,qw of
+    the colour camera in the recording's frame."""
+
+    gap: float = Field(default=0.02, gt=0)
+    camera_pose: str | None = None
+
+
+class RealSense(Importer):
+    """A file that librealsense recorded, with a depth and a colour stream."""
+
+    format: ClassVar[str] = "realsense"
+    options: ClassVar[type[Options]] = RealSenseOptions
+
+    def contents(self, source: Path) -> list[Entry]:
+        rs = _library(source)
+        with readable(source, "a RealSense recording"):
+            device = rs.context().load_device(str(source))
+            return [
+                Entry(profile.stream_name(), str(profile.format()).split(".")[-1], profile.fps())
+                for sensor in device.query_sensors()
+                for profile in sensor.get_stream_profiles()
+            ]
+
+    def read(self, source: Path, options: RealSenseOptions, draft: Draft) -> None:
+        rs = _library(source)
+        found = {}  # time of the depth image -> time of the colour image
+        with _playing(rs, source) as playing:
+            for depth, color in _pairs(playing):
+                found.setdefault(depth.get_timestamp(), color.get_timestamp())
+        near = [at for at, other in found.items() if abs(at - other) <= 1e3 * options.gap]
+        if not near:
+            raise BadInput(f"{source}: no colour and depth image within {options.gap:g} s")
+        chosen = set(thinned(near, options, source))
+        align, matrix, size, scale = rs.align(rs.stream.color), None, None, 0.001
+        with _playing(rs, source) as playing:
+            scale = float(playing.profile.get_device().first_depth_sensor().get_depth_scale())
+            frame = 0
+            for depth, _ in _pairs(playing):
+                if depth.get_timestamp() not in chosen:
+                    continue
+                chosen.remove(depth.get_timestamp())
+                both = align.process(playing.frames)
+                image = both.get_color_frame()
+                lens = image.profile.as_video_stream_profile().intrinsics
+                matrix, size = (lens.fx, lens.fy, lens.ppx, lens.ppy), (lens.width, lens.height)
+                if any(abs(c) > 1e-6 for c in lens.coeffs):
+                    draft.note("the colour camera's images are distorted and are taken as they are")
+                draft.progress(frame / max(len(near), 1), f"frame {frame}")
+                deep = np.asanyarray(both.get_depth_frame().get_data()).astype(np.uint16)
+                draft.images(frame, _rgb(source, image), deep, scale, source)
+                frame += 1
+        if matrix is None or size is None:
+            raise BadInput(f"{source}: its frames cannot be read twice; is the file damaged?")
+        draft.note("frames are numbered from 0; their times are not kept in an RGB-D recording")
+        pose = given_pose(options.camera_pose) if options.camera_pose else None
+        if pose is None:
+            draft.note(
+                "no --set camera_pose: the recording's frame is the colour camera's (x right, y "
+                "down, z forward), check --gravity"
+            )
+        draft.rgbd_table(size, matrix, pose, scale)
+
+
+class _Playing:
+    """A file being played: its profile, and the pair of frames that came last."""
+
+    def __init__(self, pipeline: Any, profile: Any):
+        self.pipeline, self.profile, self.frames = pipeline, profile, None
+
+
+@contextmanager
+def _playing(rs: Any, source: Path) -> Iterator[_Playing]:
+    pipeline, config = rs.pipeline(), rs.config()
+    with readable(source, "a RealSense recording"):
+        config.enable_device_from_file(str(source), repeat_playback=False)
+        profile = pipeline.start(config)
+        try:
+            kinds = {stream.stream_type() for stream in profile.get_streams()}
+            if not {rs.stream.depth, rs.stream.color} <= kinds:
+                raise BadInput(f"{source}: needs a depth and a colour stream; see --list")
+            profile.get_device().as_playback().set_real_time(False)  # no frame is dropped
+            yield _Playing(pipeline, profile)
+        finally:
+            pipeline.stop()
+
+
+def _pairs(playing: _Playing) -> Iterator[tuple[Any, Any]]:
+    """(depth frame, colour frame), as librealsense matches them."""
+    while True:
+        more, frames = playing.pipeline.try_wait_for_frames(WAIT)
+        if not more:
+            return
+        playing.frames = frames
+        depth, color = frames.get_depth_frame(), frames.get_color_frame()
+        if depth and color:
+            yield depth, color
+
+
+def _rgb(source: Path, image: Any) -> np.ndarray:
+    name = str(image.profile.format()).split(".")[-1]
+    if name not in COLOURS:
+        raise BadInput(f"{source}: colour of format {name}; {', '.join(COLOURS)} are read")
+    return np.ascontiguousarray(np.asanyarray(image.get_data())[:, :, COLOURS[name]])
+
+
+def _library(source: Path) -> Any:
+    exists(source)
+    try:
+        import pyrealsense2
+    except ImportError:
+        raise StageFailed(
+            "RealSense recordings need librealsense; run pip install 'ropefit[realsense]'"
+        )
+    return pyrealsense2
