@@ -12,6 +12,7 @@ from ropefit.cli_options import (
     ControlAt,
     Debug,
     DebugImages,
+    Engine,
     Force,
     Json,
     Loss,
@@ -30,6 +31,7 @@ from ropefit.cli_options import (
     SearchOption,
     Solver,
     SolverOption,
+    UntilStage,
 )
 
 app = typer.Typer(
@@ -269,6 +271,64 @@ def control(
             "target": target is not None,
         }
         session.result(control(session, run, settings, target, force))
+
+
+@app.command()
+def batch(
+    recordings: Annotated[
+        list[Path], typer.Argument(help="Recordings, or folders with recordings below them.")
+    ],
+    runs: Annotated[Path, typer.Option("--runs", help="Folder to write a run for each into.")],
+    until: Annotated[UntilStage, typer.Option(help="Last stage.")] = UntilStage.report,
+    engine: Annotated[
+        Engine, typer.Option(help="Processes of this machine, or the workers of a dask scheduler.")
+    ] = Engine.local,
+    scheduler: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(help="Address of the dask scheduler, like tcp://10.0.0.1:8786."),
+    ] = None,
+    workers: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(min=1, help="Recordings at a time, local; as many as processors by default."),
+    ] = None,
+    retry: Annotated[bool, typer.Option(help="Compute those that failed before again.")] = False,
+    nodes: Nodes = 20,
+    project: Project = ProjectChoice.auto,
+    solver: SolverOption = Solver.equilibrium,
+    loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
+    search: SearchOption = None,
+    most_frames: Annotated[int, typer.Option(help="Most frames used by the fit.")] = 60,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Every stage of many recordings, side by side; failures apart; one index of all."""
+    with _session(json, quiet, debug) as session:
+        from ropefit.batch import run_batch
+
+        settings = {
+            "preprocess": {"nodes": nodes, "project": project.value},
+            "identify": {
+                "solver": solver.value,
+                "loss": loss.value,
+                "search": search.value if search else None,
+                "most_frames": most_frames,
+            },
+            "control": {"loss": loss.value},
+        }
+        session.result(
+            run_batch(
+                session,
+                recordings,
+                runs,
+                settings,
+                until.value,
+                engine.value,
+                scheduler,
+                workers,
+                retry,
+            )
+        )
 
 
 @app.command()

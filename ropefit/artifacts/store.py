@@ -82,7 +82,9 @@ def write(path: Path, artifact: Artifact) -> str:
     hash."""
     digest = content_sha256(artifact)
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        handle, temporary = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
+        )
     except OSError as error:
         raise StageFailed(f"cannot write {path}: {error.strerror}; free or choose another --run")
     try:
