@@ -66,6 +66,7 @@ class Harness:
         make(self.folder)
         self.file = sorted(self.folder.glob(pattern))[0]
         self.seed = self.file.read_bytes()
+        self.read(self.folder)  # so that no execution pays for imports
         self.watch = Watch(holder)
         self.log = state / f"{slug(name)}.json"
         self.count, self.refused, self.saved = 0, 0, 0.0
