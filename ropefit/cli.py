@@ -8,6 +8,7 @@ from typing import Annotated, Optional
 
 import typer
 
+from ropefit.cli_batch import batch
 from ropefit.cli_options import (
     ControlAt,
     Debug,
@@ -277,6 +278,7 @@ def control(
         session.result(control(session, run, settings, target, force))
 
 
+app.command()(batch)
 app.command()(report)
 app.command()(view)
 

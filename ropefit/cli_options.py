@@ -40,6 +40,23 @@ class ProjectChoice(StrEnum):
     no = "no"
 
 
+class UntilStage(StrEnum):
+    """The stages of a run, in order."""
+
+    preprocess = "preprocess"
+    identify = "identify"
+    diagnose = "diagnose"
+    control = "control"
+    report = "report"
+
+
+class Engine(StrEnum):
+    """Where a batch runs."""
+
+    local = "local"
+    dask = "dask"
+
+
 Loss = StrEnum("Loss", [(f"OBJ{i}", f"OBJ{i}") for i in range(1, 10)])
 
 OptionalPath = Optional[Path]  # noqa: UP045 (typer reads these)

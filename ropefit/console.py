@@ -40,8 +40,8 @@ class Session:
             return
         if self.debug:
             traceback.print_exception(kind, error, trace)
-        error = _as_failure(error)
-        self.errors.print(f"ropefit: {_one_line(error)}", markup=False, style="bold red")
+        error = as_failure(error)
+        self.errors.print(f"ropefit: {one_line(error)}", markup=False, style="bold red")
         raise SystemExit(error.exit_code)
 
     def say(self, text: str) -> None:
@@ -93,7 +93,7 @@ class Session:
     def result(self, data: dict[str, Any]) -> None:
         """The command's result, as one JSON object when that was asked for."""
         if self.json:
-            sys.stdout.write(json.dumps(_plain(data), allow_nan=False) + "\n")
+            sys.stdout.write(json.dumps(plain(data), allow_nan=False) + "\n")
             sys.stdout.flush()
 
 
@@ -104,7 +104,8 @@ def _console(stderr: bool) -> Console:
     return console
 
 
-def _as_failure(error: BaseException) -> RopefitError:
+def as_failure(error: BaseException) -> RopefitError:
+    """Any exception as a failure that is told in one line, with its exit code."""
     from pydantic import ValidationError
 
     if isinstance(error, RopefitError):
@@ -134,22 +135,23 @@ def _as_failure(error: BaseException) -> RopefitError:
     )
 
 
-def _one_line(error: BaseException) -> str:
+def one_line(error: BaseException) -> str:
+    """What an exception says, on one line."""
     return " ".join(str(error).split())
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """JSON without NaN: numpy to Python, non-finite numbers to null."""
     import numpy as np
 
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value

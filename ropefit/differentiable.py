@@ -63,7 +63,7 @@ class Rope:
         length = found.pop("length")
         density = observations.mass / observations.length if observations.mass else 1.0
         factor = 1.0 if nominal.balance.mass_known else float(np.linalg.norm(observations.gravity))
-        scaled = {key: factor * value for key, value in found.items()}
+        scaled: dict[str, Any] = {key: factor * value for key, value in found.items()}
         return cls(
             length=length,
             mass=density * length,

@@ -12,6 +12,7 @@ FLOORS = [
     {"cli"},
     {"cli_show"},
     {"cli_options"},
+    {"batch"},
     {"commands"},
     {"commands_identify", "commands_diagnose", "commands_show"},
     {"console"},
@@ -36,7 +37,7 @@ FLOORS = [
 LONG = {
     "ropefit/solvers/kernels.py": 500,
     "ropefit/solvers/newton_kernels.py": 1300,
-    "ropefit/cli.py": 380,  # the options of every command, nothing else
+    "ropefit/cli.py": 430,  # the options of every command, nothing else
 }
 HEAVY = {"torch", "open3d", "cv2", "numpy", "scipy", "h5py", "numba", "plotly", "pydantic"}
 

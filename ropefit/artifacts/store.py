@@ -21,9 +21,11 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from ropefit.artifacts.base import Artifact, array_spec
+from ropefit.artifacts.migrations import migrated
 from ropefit.errors import BadInput, StageFailed
 
 MAX_BYTES = 4 << 30  # an artifact that declares more than this is refused before allocation
+MAX_ENTRIES = 100_000
 MAX_RATIO = 2000  # gzip does not reach it: an array that declares more than its data can hold
 # What h5py raises for a file that is truncated, damaged or not as a schema says.
 UNREADABLE = (OSError, KeyError, RuntimeError, TypeError, ValueError, MemoryError)
@@ -68,13 +70,18 @@ def content_sha256(artifact: Artifact) -> str:
     for path, value, _ in sorted(leaves(artifact), key=lambda leaf: leaf[0]):
         if path in NOT_CONTENT:
             continue
-        digest.update(path.encode())
-        if isinstance(value, str):
-            digest.update(value.encode())
-        else:
-            digest.update(f"{value.dtype.str}{value.shape}".encode())
-            digest.update(np.ascontiguousarray(value).tobytes())
+        _add(digest, path, value)
     return digest.hexdigest()
+
+
+def _add(digest: Any, path: str, value: np.ndarray | str) -> None:
+    """One entry of an artifact into its hash."""
+    digest.update(path.encode())
+    if isinstance(value, str):
+        digest.update(value.encode())
+    else:
+        digest.update(f"{value.dtype.str}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).tobytes())
 
 
 def write(path: Path, artifact: Artifact) -> str:
@@ -82,7 +89,9 @@ def write(path: Path, artifact: Artifact) -> str:
     hash."""
     digest = content_sha256(artifact)
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        handle, temporary = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
+        )
     except OSError as error:
         raise StageFailed(f"cannot write {path}: {error.strerror}; free or choose another --run")
     try:
@@ -127,18 +136,17 @@ def read(path: Path, kind: type[A]) -> tuple[A, str]:
     Raises BadInput when the file is truncated, of another schema or version, or altered.
     """
     fix = f"make it anew with the command that wrote it, or delete {path.name}"
+    source = _Source(path)
     try:
         with h5py.File(path, "r") as file:
             name, version = _identity(file, path)
             if name != kind.schema_name:
                 raise BadInput(f"{path}: holds {name}, expected {kind.schema_name}; {fix}")
-            if version != kind.schema_version:
-                raise BadInput(
-                    f"{path}: is {name} version {version}, this ropefit reads version "
-                    f"{kind.schema_version}; {fix}"
-                )
             stored = str(file.attrs.get("content_sha256", ""))
-            raw = _read_group(file, kind, path)
+            if version == kind.schema_version:
+                raw = _read_group(file, kind, source)
+            else:
+                raw = _read_old(file, kind, version, stored, source, fix)
     except UNREADABLE as error:
         raise BadInput(f"{path}: not a readable HDF5 file ({_one_line(error)}); {fix}")
     try:
@@ -147,10 +155,61 @@ def read(path: Path, kind: type[A]) -> tuple[A, str]:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or kind.schema_name
         raise BadInput(f"{path}: {where}: {first['msg']}; {fix}")
-    digest = content_sha256(artifact)
+    # An old file was checked as it is; its hash is what others know it by.
+    digest = content_sha256(artifact) if version == kind.schema_version else stored
     if digest != stored:
         raise BadInput(f"{path}: contents do not match their hash (damaged or edited); {fix}")
     return artifact, digest
+
+
+def _read_old(
+    file: h5py.File, kind: type[Artifact], version: int, stored: str, source: _Source, fix: str
+) -> dict[str, Any]:
+    """The tree of an earlier version, its hash checked, brought to the present one."""
+    digest = hashlib.sha256(f"{kind.schema_name}/{version}".encode())
+    contents = _read_any(file, source)
+    for name, value in sorted(_flat(contents), key=lambda leaf: leaf[0]):
+        if name not in NOT_CONTENT:
+            _add(digest, name, value)
+    tree = migrated(kind.schema_name, version, kind.schema_version, _parsed(contents))
+    if tree is None:
+        raise BadInput(
+            f"{source}: is {kind.schema_name} version {version}, this ropefit reads up to version "
+            f"{kind.schema_version}; {fix}"
+        )
+    if digest.hexdigest() != stored:
+        raise BadInput(f"{source}: contents do not match their hash (damaged or edited); {fix}")
+    return tree
+
+
+def _read_any(group: h5py.Group, source: _Source) -> dict[str, Any]:
+    """{name: array, JSON text or tree} of whatever a group holds."""
+    return {
+        name: _read_value(node, source)
+        if isinstance(node, h5py.Dataset)
+        else _read_any(node, source)
+        for name, node in _entries(group, source)
+    }
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray | str]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}/")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _parsed(tree: dict[str, Any]) -> dict[str, Any]:
+    """The tree with its JSON texts read."""
+    return {
+        name: _parsed(value)
+        if isinstance(value, dict)
+        else json.loads(value)
+        if isinstance(value, str)
+        else value
+        for name, value in tree.items()
+    }
 
 
 def _identity(file: h5py.File, path: Path) -> tuple[str, int]:
@@ -168,48 +227,79 @@ def identity(path: Path) -> tuple[str, int]:
         raise BadInput(f"{path}: not a readable HDF5 file ({_one_line(error)}); make it anew")
 
 
-def _read_group(group: h5py.Group, kind: type[BaseModel], path: Path) -> dict[str, Any]:
+def _read_group(group: h5py.Group, kind: type[BaseModel], source: _Source) -> dict[str, Any]:
     raw: dict[str, Any] = {}
     if not isinstance(group, h5py.Group):
-        raise BadInput(f"{path}: {group.name} is a value where a group belongs; make it anew")
-    for name, node in _entries(group, path):
+        raise BadInput(f"{source}: {group.name} is a value where a group belongs; make it anew")
+    for name, node in _entries(group, source):
         field = kind.model_fields.get(name)
         if field is None:
-            raise BadInput(f"{path}: unknown entry {node.name}; written by another ropefit?")
+            raise BadInput(f"{source}: unknown entry {node.name}; written by another ropefit?")
         if isinstance(node, h5py.Dataset):
-            raw[name] = _read_dataset(node, path)
+            raw[name] = _read_dataset(node, source)
             continue
         part = _part_type(field.annotation)
         if part is None or not isinstance(node, h5py.Group):
-            raise BadInput(f"{path}: {node.name} is a group where a value belongs; make it anew")
+            raise BadInput(f"{source}: {node.name} is a group where a value belongs; make it anew")
         if get_origin(field.annotation) is dict:
-            raw[name] = {key: _read_group(item, part, path) for key, item in _entries(node, path)}
+            raw[name] = {
+                key: _read_group(item, part, source) for key, item in _entries(node, source)
+            }
         else:
-            raw[name] = _read_group(node, part, path)
+            raw[name] = _read_group(node, part, source)
     # An empty dict[str, Part] has no group in the file; its default restores it.
     return raw
 
 
-def _entries(group: h5py.Group, path: Path) -> Iterator[tuple[str, Any]]:
+class _Source:
+    """A file that is read, and how much of it: links may show one entry under many names."""
+
+    def __init__(self, path: Path):
+        self.path, self.entries, self.bytes = path, 0, 0
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def take(self, node: Any, size: int) -> None:
+        """Count an entry of a size [bytes]. Raises BadInput beyond what an artifact may hold."""
+        self.entries += 1
+        self.bytes += size
+        if self.entries > MAX_ENTRIES or self.bytes > MAX_BYTES:
+            raise BadInput(f"{self}: declares more than it can hold, at {node.name}")
+
+
+def _entries(group: h5py.Group, source: _Source) -> Iterator[tuple[str, Any]]:
     """(name, group or dataset) in the order of writing; links are refused, never followed."""
     for name in map(str, group):
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise BadInput(f"{path}: {group.name}/{name} is a link; artifacts hold their own data")
+            raise BadInput(
+                f"{source}: {group.name}/{name} is a link; artifacts hold their own data"
+            )
+        source.take(group, 0)
         yield name, group[name]
 
 
-def _read_dataset(node: h5py.Dataset, path: Path) -> Any:
+def _read_dataset(node: h5py.Dataset, source: _Source) -> Any:
+    value = _read_value(node, source)
+    return json.loads(value) if isinstance(value, str) else value
+
+
+def _read_value(node: h5py.Dataset, source: _Source) -> np.ndarray | str:
+    """An array or a JSON text; refused before anything is allocated that is not there."""
     if node.is_virtual or node.external:
         raise BadInput(
-            f"{path}: {node.name} is kept in another file; artifacts hold their own data"
+            f"{source}: {node.name} is kept in another file; artifacts hold their own data"
         )
     if node.dtype.hasobject:
         if node.shape != ():
-            raise BadInput(f"{path}: {node.name} is not a single text; make it anew")
-        return json.loads(str(node.asstr()[()]))
+            raise BadInput(f"{source}: {node.name} is not a single text; make it anew")
+        return str(node.asstr()[()])
     size = MAX_BYTES + 1 if node.size is None else node.size * node.dtype.itemsize
     if size > min(MAX_BYTES, MAX_RATIO * node.id.get_storage_size()):
-        raise BadInput(f"{path}: {node.name} declares {node.shape} entries, more than it can hold")
+        raise BadInput(
+            f"{source}: {node.name} declares {node.shape} entries, more than it can hold"
+        )
+    source.take(node, size)
     return node[()]
 
 

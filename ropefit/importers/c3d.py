@@ -6,6 +6,7 @@ another one, which leaves its arrays in a file without pickles.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -20,23 +21,24 @@ from ropefit.importers.draft import Draft
 from ropefit.importers.markers import MarkerOptions, deliver
 
 MAX_BYTES = 2 << 30
-MOST_MEMORY = 8 << 30
-PATIENCE = 20.0  # s, besides what the size of the file needs; a damaged one never ends
+MEMORY, GROWTH = 2 << 30, 8  # bytes of addresses for the reader; more for each of the file's
+PATIENCE = 8.0  # s, besides what the size of the file needs; a damaged one never ends
 SPEED = 1e6  # bytes/s, slower than any machine reads
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "dm": 0.1, "in": 0.0254}
 MISSING = 7  # exit code of the other process where ezc3d is not installed
 
-READ = f"""
+READ = """
 import sys
 try:
     import resource
-    resource.setrlimit(resource.RLIMIT_AS, ({MOST_MEMORY}, {MOST_MEMORY}))
+    most = int(sys.argv[3])
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
 except (ImportError, ValueError):
     pass
 try:
     import ezc3d
 except ImportError:
-    sys.exit({MISSING})
+    sys.exit(7)  # MISSING
 import numpy as np
 file = ezc3d.c3d(sys.argv[1])
 point = file["parameters"]["POINT"]
@@ -83,9 +85,11 @@ def _read(source: Path) -> tuple[list[str], float, np.ndarray, str]:
             raise BadInput(f"{source}: not a C3D file")
     with tempfile.TemporaryDirectory() as folder, readable(source, "C3D"):
         out = Path(folder) / "points.npz"
-        command = [sys.executable, "-c", READ, str(source.resolve()), str(out)]
+        most = str(MEMORY + GROWTH * source.stat().st_size)
+        command = [sys.executable, "-c", READ, str(source.resolve()), str(out), most]
+        alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread takes addresses
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
+            done = subprocess.run(command, capture_output=True, text=True, timeout=limit, env=alone)
         except subprocess.TimeoutExpired:
             raise BadInput(f"{source}: not readable as C3D (no answer after {limit:.0f} s)")
         if done.returncode == MISSING:

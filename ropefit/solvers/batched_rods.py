@@ -89,12 +89,12 @@ def ropes_of(problem: Problem, device: torch.device) -> Ropes:
     fields = (rods.length, rods.supple, rods.stiff, rods.rest[..., 1:], rods.load, rods.moment,
               rods.gauge)  # fmt: skip
     beyond = put(held.node)[:, None] > torch.arange(segments, device=device)
-    return Ropes(
+    return Ropes._make([
         *(put(array)[of] for array in fields),
         put(held.clamp), put(held.direction), put(held.offset), put(held.compliance), active,
         (beyond & active[..., None]).to(torch.float64),
         torch.full((frames,), bool(held.free), device=device),
-    )  # fmt: skip
+    ])  # fmt: skip
 
 
 def skew(v: Tensor) -> Tensor:

@@ -3,7 +3,6 @@ noise."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -21,6 +20,7 @@ from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.perception.tracing import Tracer
 from ropefit.recordings import Masks, Recording
 from ropefit.stages.stage import Context, Stage, StageSettings
+from ropefit.stages.threads import threads
 
 MOST_GAPS = 0.2  # of the frames: more are no gaps but steps
 
@@ -105,7 +105,7 @@ def _traced(tracer: Tracer, album: Album, frames: list[int]) -> Iterator[tuple[i
             album.reject(frame, str(reason))
             return str(reason)
 
-    with ThreadPoolExecutor(max(len(os.sched_getaffinity(0)), 1)) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         yield from zip(frames, pool.map(one, frames), strict=True)
 
 

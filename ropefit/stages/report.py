@@ -10,6 +10,7 @@ from pathlib import Path
 from ropefit.artifacts import Control, Diagnosis, Model
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.stages.contents import read_run
+from ropefit.stages.lock import working_on
 from ropefit.stages.run_directory import REPORT, existing_run
 from ropefit.stages.stage import Progress
 
@@ -28,7 +29,9 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     if missing:
         say(f"the report has no part on {' and '.join(missing)}: not in this run")
     path = directory / REPORT
-    _write(path, render_report(run))
+    text = render_report(run)
+    with working_on(directory):
+        _write(path, text)
     return path
 
 
@@ -65,7 +68,9 @@ def compare_runs(directories: list[Path], out: Path) -> Path:
 def _write(path: Path, text: str) -> None:
     temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        handle, temporary = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
+        )
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)
             file.flush()

@@ -22,6 +22,7 @@ from ropefit import __version__
 from ropefit.artifacts import Artifact, Provenance, read, write
 from ropefit.artifacts.store import UNREADABLE
 from ropefit.errors import BadInput, StageFailed
+from ropefit.stages.lock import working_on
 
 # What shows or hands on results, and does not change them.
 SHOWS = ("reporting/", "viewing/", "sample_data/", "cli", "console", "commands", "api", "__init__")
@@ -84,21 +85,51 @@ def execute(
     external: Mapping[str, str] | None = None,
     force: bool = False,
 ) -> Outcome[Any]:
-    """Run a stage in a run directory, unless its output is already what it would compute."""
+    """Run a stage in a run directory, unless its output is already what it would compute.
+
+    Raises Busy when another process works on the run.
+    """
+    old, why, inputs, hashes = _look(stage, directory, settings, external, force)
+    if old is not None:
+        return Outcome(old, directory / stage.writes.file_name, computed=False, why=why)
+    with working_on(directory):
+        # Until the run was ours another process may have changed it, or done the work.
+        old, why, inputs, hashes = _look(stage, directory, settings, external, force)
+        if old is not None:
+            return Outcome(old, directory / stage.writes.file_name, computed=False, why=why)
+        return _compute(stage, directory, settings, context, inputs, hashes, why)
+
+
+def _look(
+    stage: Stage[S],
+    directory: Path,
+    settings: S,
+    external: Mapping[str, str] | None,
+    force: bool,
+) -> tuple[Artifact | None, str, dict[str, Any], dict[str, str]]:
+    """The output if it is what would be computed, else None; why; inputs and their hashes."""
     inputs: dict[str, Any] = {}
     hashes = dict(external or {})
     for kind in stage.reads:
         inputs[kind.file_name], hashes[kind.file_name] = load(directory, kind)
+    if force:
+        return None, "asked to", inputs, hashes
     path = directory / stage.writes.file_name
-    old, why = (None, "asked to") if force else _up_to_date(path, stage, hashes, settings)
-    if old is not None:
-        return Outcome(old, path, computed=False, why=why)
+    return *_up_to_date(path, stage, hashes, settings), inputs, hashes
+
+
+def _compute(
+    stage: Stage[S],
+    directory: Path,
+    settings: S,
+    context: Context,
+    inputs: dict[str, Any],
+    hashes: dict[str, str],
+    why: str,
+) -> Outcome[Any]:
+    path = directory / stage.writes.file_name
     context.directory = directory
     artifact = made(stage, inputs, hashes, settings, context)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)  # only now: a stage that fails leaves nothing
-    except OSError as error:
-        raise StageFailed(f"{directory}: cannot be made ({error.strerror}); give another --run")
     write(path, artifact)
     return Outcome(artifact, path, computed=True, why=why)
 

@@ -1,0 +1,306 @@
+"""Kill -9 at random instants of all stages: is every artifact the old one or the new one?
+
+python -m benchmarks.kills [--kills 300] [--write docs/results.md] [--json FILE]
+
+Two sets of settings take turns in one run directory, so that there is always something old to lose.
+Half of the kills come at a random time, half at a random step of writing (before or after a file is
+made, filled, flushed, renamed or removed). After each, every file must be, by hash, that of an
+undisturbed run of either settings; the next process goes on in what was left.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+
+from benchmarks.document import parser, publish
+from ropefit import commands
+from ropefit.artifacts import ARTIFACTS, Checkpoint
+from ropefit.artifacts.store import identity, read
+from ropefit.console import Session
+from ropefit.stages import diagnose, identify, search
+from ropefit.stages.run_directory import REPORT
+from ropefit.stages.stage import Stage
+from tests.factories import marker_recording
+
+KILLED = -signal.SIGKILL
+FAST = {"solver": "thomas", "steps": 4, "iterations": 3, "evaluations": 25, "free": ["eta_x_G"]}
+STEPS = [  # of writing: where a process may die between two of them
+    (os, "replace"), (os, "fsync"), (os, "chmod"), (os, "unlink"), (tempfile, "mkstemp"),
+    (h5py.Group, "create_dataset"), (h5py.File, "__init__"), (h5py.File, "close"),
+]  # fmt: skip
+
+
+@dataclass
+class Chain:
+    """What is run: its name, and for each of its two settings the calls, by stage."""
+
+    name: str
+    calls: list[list[tuple[str, Callable[[Path], Any]]]]
+    files: list[dict[str, str]] = field(default_factory=list)  # {file: hash} by settings
+    seconds: float = 0.0
+    steps: int = 0
+
+
+def chains(recording: Path, scratch: Path) -> list[Chain]:
+    """The paper's fit with its checkpoints, and the equilibrium with its diagnosis.
+
+    The equilibrium's fit and diagnosis are computed once; in the runs that are killed they are
+    replayed from memory: between reading and writing they touch no file.
+    """
+    quiet = Session(quiet=True)
+
+    def observe(nodes: int) -> Callable[[Path], Any]:
+        settings = {"nodes": nodes, "project": "auto"}
+        return lambda run: commands.preprocess(quiet, recording, run, settings, False)
+
+    def fit(settings: dict[str, Any]) -> Callable[[Path], Any]:
+        return lambda run: commands.identify(quiet, run, settings, None, False)
+
+    def estimate(run: Path) -> Any:
+        return commands.control(quiet, run, {"evaluations": 15}, None, False)
+
+    def explain(run: Path) -> Any:
+        return commands.diagnose(quiet, run, {"most_frames": 4}, None, False)
+
+    def tell(run: Path) -> Any:
+        return commands.report(quiet, run)
+
+    paper = [
+        [
+            ("preprocess", observe(n)),
+            ("identify", fit(FAST)),
+            ("control", estimate),
+            ("report", tell),
+        ]
+        for n in (6, 7)
+    ]
+    few = {"most_frames": 4}
+    equilibrium = [
+        [
+            ("preprocess", observe(n)),
+            ("identify", fit(few)),
+            ("diagnose", explain),
+            ("report", tell),
+        ]
+        for n in (6, 7)
+    ]
+    return [Chain("paper's solver", paper), Chain("equilibrium, diagnosis", equilibrium)]
+
+
+class Replay:
+    """A stage's computation: the first time real, then as it was."""
+
+    def __init__(self, stage: Stage[Any]):
+        self.real, self.kept = stage.compute, {}
+        object.__setattr__(stage, "compute", self)
+
+    def __call__(self, inputs: dict[str, Any], settings: Any, context: Any) -> dict[str, Any]:
+        if getattr(settings, "solver", "equilibrium") != "equilibrium":
+            return self.real(inputs, settings, context)
+        if context.key not in self.kept:
+            self.kept[context.key] = self.real(inputs, settings, context)
+        time.sleep(0.05)
+        return self.kept[context.key]
+
+
+def hashes(run: Path) -> dict[str, str]:
+    """{file: hash of its content} of a run; raises RopefitError if an artifact is damaged."""
+    found = {}
+    for path in sorted(run.iterdir()) if run.exists() else []:
+        if path.name.startswith("."):
+            continue
+        if path.name == REPORT:
+            found[path.name] = str(hash(path.read_bytes()))
+            continue
+        schema = identity(path)[0]
+        kind = next(kind for kind in ARTIFACTS if kind.schema_name == schema)
+        found[path.name] = read(path, kind)[1]
+    return found
+
+
+def run_chain(chain: Chain, which: int, run: Path, told: int | None = None) -> None:
+    """All stages; the number of the one under way goes to file descriptor `told`."""
+    for number, (_, call) in enumerate(chain.calls[which]):
+        if told is not None:
+            os.write(told, bytes([number]))
+        call(run)
+
+
+def count_steps(at: int | None) -> list[int]:
+    """Count steps of writing in this process; at the given one it kills itself."""
+    count = [0]
+
+    def step() -> None:
+        count[0] += 1
+        if at is not None and count[0] == at:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def counted(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            step()
+            result = function(*arguments, **options)
+            step()
+            return result
+
+        return call
+
+    for owner, name in STEPS:
+        setattr(owner, name, counted(getattr(owner, name)))
+    return count
+
+
+def prepare(chain: Chain, scratch: Path) -> None:
+    """Undisturbed runs: what files must be, how long it takes, how many steps of writing."""
+    for which in (0, 1):
+        run = scratch / f"reference {chain.name} {which}"
+        run_chain(chain, which, run)
+        chain.files.append(hashes(run))
+    read_end, write_end = os.pipe()
+    started = time.monotonic()
+    if os.fork() == 0:  # what it costs when all is compiled, apart from the first run's start
+        count = count_steps(None)
+        run_chain(chain, 0, scratch / f"timed {chain.name}")
+        os.write(write_end, str(count[0]).encode())
+        os._exit(0)
+    os.wait()
+    chain.seconds = time.monotonic() - started
+    chain.steps = int(os.read(read_end, 100))
+
+
+@dataclass
+class Tally:
+    """Kills by stage, and what was found after them."""
+
+    kills: Counter[str] = field(default_factory=Counter)
+    finished: int = 0
+    damaged: list[str] = field(default_factory=list)
+    other: list[str] = field(default_factory=list)
+    unequal: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+
+
+def disturb(chain: Chain, kills: int, run: Path, rng: np.random.Generator) -> Tally:
+    """Kill until there are enough; what was found."""
+    tally, which = Tally(), 0
+    while True:
+        enough = sum(tally.kills.values()) >= kills
+        by_step = not enough and rng.random() < 0.5
+        at = int(rng.integers(1, chain.steps + 1)) if by_step else None
+        read_end, write_end = os.pipe()
+        child = os.fork()
+        if child == 0:
+            count_steps(at)
+            try:
+                run_chain(chain, which, run, write_end)
+            except BaseException as error:
+                print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
+                os._exit(1)
+            os._exit(0)
+        os.close(write_end)
+        if not enough and not by_step:
+            time.sleep(float(rng.uniform(0, chain.seconds)))
+            os.kill(child, signal.SIGKILL)  # a process that has ended waits for us: its own number
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        stages = os.read(read_end, 100)
+        os.close(read_end)
+        _check(chain, run, tally)
+        if code == KILLED:
+            tally.kills[chain.calls[which][stages[-1]][0] if stages else "start"] += 1
+        elif code != 0:
+            tally.unequal.append(f"exit code {code}")
+            if enough:
+                return tally
+        else:
+            tally.finished += 1
+            _finished(chain, which, run, tally)
+            if enough:
+                return tally
+            which = 1 - which
+
+
+def _check(chain: Chain, run: Path, tally: Tally) -> None:
+    try:
+        found = hashes(run)
+    except Exception as error:
+        tally.damaged.append(str(error))
+        return
+    for name, digest in found.items():
+        if name != Checkpoint.file_name and digest not in (f.get(name) for f in chain.files):
+            tally.other.append(name)
+
+
+def _finished(chain: Chain, which: int, run: Path, tally: Tally) -> None:
+    """A run that came to its end: the same numbers, and nothing else in the folder."""
+    found = hashes(run)
+    if found != chain.files[which]:
+        wrong = {
+            n for n in {*found, *chain.files[which]} if found.get(n) != chain.files[which].get(n)
+        }
+        tally.unequal.append(f"{sorted(wrong)} after {sum(tally.kills.values())} kills")
+    tally.left += [path.name for path in run.iterdir() if path.name not in found]
+
+
+def measure(kills: int, scratch: Path, seed: int = 0) -> dict[str, Tally]:
+    """Prepare and disturb both chains."""
+    torch.set_num_threads(1)
+    search.CHECKPOINT_EVERY = 0.0  # at every step: so that many are interrupted
+    Replay(diagnose.STAGE)
+    Replay(identify.STAGE)
+    recording = marker_recording(scratch / "recording", frames=4)
+    out = {}
+    for number, chain in enumerate(chains(recording, scratch)):
+        prepare(chain, scratch)
+        part = kills // 2 if number == 0 else kills - kills // 2
+        rng = np.random.default_rng([seed, number])
+        out[chain.name] = disturb(chain, part, scratch / f"run {number}", rng)
+    return out
+
+
+def main() -> None:
+    """Print the table; exit 1 if anything was lost."""
+    p = parser(__doc__)
+    p.add_argument("--kills", type=int, default=300)
+    p.add_argument("--seed", type=int, default=0)
+    options = p.parse_args()
+    scratch = Path(tempfile.mkdtemp(prefix="ropefit-kills-"))
+    try:
+        found = measure(options.kills, scratch, options.seed)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    stages = ["start", "preprocess", "identify", "diagnose", "control", "report"]
+    lines = [
+        "Kill -9, half at random times, half at random steps of writing a file; written by",
+        "`python -m benchmarks.kills`. *Damaged*: an artifact that cannot be read or whose hash is",
+        "wrong; *other*: neither the old file nor the new one; *unequal*: a resumed run that ended",
+        "with other bytes than an undisturbed one; *left*: files it left behind. Fit and diagnosis",
+        "of the equilibrium are replayed (between reading and writing they touch no file).",
+        "",
+        f"| chain | {' | '.join(stages)} | finished | damaged | other | unequal | left |",
+        "|---" * (len(stages) + 6) + "|",
+    ]
+    for name, t in found.items():
+        counts = " | ".join(str(t.kills[stage]) for stage in stages)
+        rest = f"{len(t.damaged)} | {len(t.other)} | {len(t.unequal)} | {len(t.left)}"
+        lines.append(f"| {name} | {counts} | {t.finished} | {rest} |")
+    data = {name: vars(t) | {"kills": dict(t.kills)} for name, t in found.items()}
+    publish(options, "kills", "\n".join(lines) + "\n", data)
+    if any(t.damaged or t.other or t.unequal or t.left for t in found.values()):
+        raise SystemExit("something was lost: see --json")
+
+
+if __name__ == "__main__":
+    main()

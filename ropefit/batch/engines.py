@@ -1,0 +1,93 @@
+"""Where tasks run: in processes here, or on workers of a dask scheduler, both through joblib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Protocol
+
+from ropefit.batch.records import State
+from ropefit.batch.task import Task, run_task
+from ropefit.errors import RopefitError, StageFailed, WrongUsage
+from ropefit.stages.threads import processors
+
+Result = tuple[str, State, str]
+
+
+class WorkerDied(Exception):
+    """A process that computed a task is gone; which one, only the records can tell."""
+
+
+class Engine(Protocol):
+    """Runs tasks, as many at a time as it has workers."""
+
+    def run(self, tasks: list[Task]) -> Iterator[Result]:
+        """Results as they come. Raises WorkerDied."""
+        ...
+
+
+class Local:
+    """Processes on this machine; each is used for many recordings."""
+
+    def __init__(self, workers: int | None = None):
+        self.workers = workers or processors()
+
+    def run(self, tasks: list[Task]) -> Iterator[Result]:
+        from joblib import Parallel, delayed, parallel_config
+        from joblib.externals.loky.process_executor import BrokenProcessPool
+
+        workers = min(self.workers, len(tasks))
+        threads = max(processors() // max(workers, 1), 1)
+        with parallel_config(backend="loky", inner_max_num_threads=threads):
+            # With one worker joblib would compute in this process, which must outlive its tasks:
+            # it gets two, and never more than one task.
+            pool = Parallel(
+                n_jobs=max(workers, 2),
+                pre_dispatch=workers,  # type: ignore[arg-type]
+                batch_size=1,  # type: ignore[arg-type]
+                return_as="generator_unordered",
+            )
+            try:
+                yield from pool(delayed(run_task)(task) for task in tasks)  # type: ignore[misc]
+            except BrokenProcessPool as error:
+                raise WorkerDied from error
+
+
+class Dask:
+    """Workers of a dask scheduler: they must see the same folders and have the same ropefit."""
+
+    def __init__(self, scheduler: str | None):
+        if scheduler is None:
+            raise WrongUsage(
+                "--engine dask needs the address of its scheduler: --scheduler ADDRESS"
+            )
+        try:
+            import distributed  # noqa: F401
+        except ImportError:
+            raise RopefitError("--engine dask needs dask: pip install 'ropefit[cluster]'")
+        self.scheduler = scheduler
+
+    def run(self, tasks: list[Task]) -> Iterator[Result]:
+        from distributed import Client
+        from distributed.comm.core import CommClosedError
+        from distributed.scheduler import KilledWorker
+        from joblib import Parallel, delayed, parallel_config
+
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(Client(self.scheduler, timeout=10, set_as_default=False))
+                stack.enter_context(parallel_config("dask", scheduler_host=self.scheduler))
+                pool = Parallel(
+                    n_jobs=-1,
+                    pre_dispatch="all",
+                    batch_size=1,  # type: ignore[arg-type]
+                    return_as="generator_unordered",
+                )
+                yield from pool(delayed(run_task)(task) for task in tasks)  # type: ignore[misc]
+            except KilledWorker as error:
+                raise WorkerDied from error
+            except (OSError, CommClosedError, TimeoutError) as error:
+                raise StageFailed(
+                    f"scheduler {self.scheduler}: no answer or no workers "
+                    f"({type(error).__name__}); start them and run the same command to go on"
+                )
