@@ -191,8 +191,9 @@ def _step(
     def allowed(rows: Tensor) -> Tensor:
         p, x, part = some(r, rows), x_now[rows] + share[rows, None] * aside[rows], share[rows]
         tried = bent(p, turned(q_now[rows], part[:, None, None] * turn[rows]), new[rows], x)
-        there = lagrangian(p, new[rows], x, tried) - part * push[rows]
-        gap = imbalance(p, new[rows], x, tried)[1][:, :-3]
+        there = lagrangian(p, new[rows], x, tried) - part * push[rows]  # pyright: ignore[reportIndexIssue]
+        _, short = imbalance(p, new[rows], x, tried)
+        gap = short[:, :-3]
         there = there + 0.5 * weight[rows] * (gap**2).sum(1)
         return there <= value[rows] + 1e-4 * part * slope[rows].clamp_max(0.0) + noise[rows]
 
