@@ -54,6 +54,8 @@ class Effect(ABC):
     quantities: ClassVar[tuple[Quantity, ...]]
     # Shapes change in proportion at small sizes; others are looked for by their whole response.
     linear: ClassVar[bool] = True
+    # Small sizes are an error of the set-up, which every fit allows for within its prior.
+    calibrated: ClassVar[bool] = False
     # Quantities that are components of one vector are told as its size, under this name and unit.
     vector: ClassVar[tuple[str, str] | None] = None
 

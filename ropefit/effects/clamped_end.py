@@ -57,6 +57,7 @@ class TiltedClamp(Effect):
     name = "clamped_end"
     locus = "end"
     vector = ("tilt", "rad")
+    calibrated = True
     quantities = (Quantity("tilt_1", "rad", 0.05), Quantity("tilt_2", "rad", 0.05))
 
     def applies(self, setup: Setup) -> bool:

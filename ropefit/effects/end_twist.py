@@ -14,6 +14,7 @@ class EndTwist(Effect):
 
     name = "end_twist"
     locus = "end"
+    calibrated = True
     quantities = (Quantity("angle", "rad", 0.5),)
 
     def applies(self, setup: Setup) -> bool:

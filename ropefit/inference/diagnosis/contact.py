@@ -11,6 +11,7 @@ from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.least_squares import Fit
 
 DEEP = 2.0  # noise sd by which the nominal rope must sink below where the data stop
+LOWER = 0.008  # m
 NONE = np.zeros((1, 0))
 
 
@@ -72,8 +73,9 @@ def _bars(found: Fit) -> list[tuple[Family, np.ndarray]]:
     span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
     across = np.cross(span, up)
     heading = float(np.arctan2(across @ second, across @ first))
-    out = []
-    for radius in (0.01, 0.03):
-        start = np.array([*(centre - origin - radius * up), radius, heading])
-        out.append((Family(Obstacle(), NONE), start))
-    return out
+    # Just where the data stop, and lower, where a rope that cannot settle at once may.
+    return [
+        (Family(Obstacle(), NONE), np.array([*(centre - origin - (r + d) * up), r, heading]))
+        for r in (0.01, 0.03)
+        for d in (0.0, LOWER)
+    ]

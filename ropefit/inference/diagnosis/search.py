@@ -115,7 +115,7 @@ def search(
         if winner is None:
             break
         same = _equivalents(winner, rivals, current.cost)
-        winner, same = _measurement_first(winner, same)
+        winner, same = _measurement_first(*_simplest_first(winner, same))
         p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
         current = winner.fit
@@ -185,7 +185,8 @@ def _winner(rivals: list[Rival], threshold: float, rms: float, refused: list[str
         worse = heldout_rms(rival.fit)[0] > 1.01 * rms
         # A calibration error far outside its prior explains held-out frames as well as the effect
         # of the same kind does: there the evidence is in the prior.
-        physics = rival.family.effect.kind == "physics"
+        effect = rival.family.effect
+        physics = effect.kind == "physics" and not effect.calibrated
         agreeing = float((rival.gains > 0).mean()) >= AGREEING and rival.gains.sum() > 0
         sizes = np.abs(rival.values()[: rival.family.size]) / rival.term.scale[: rival.family.size]
         if rival.family.effect.linear and sizes.max() > IMPLAUSIBLE:
@@ -211,6 +212,13 @@ def _equivalents(winner: Rival, rivals: list[Rival], before: float) -> list[Riva
         if behind < SET_NATS or (share > SAME_SIGNAL and behind < SAME_NATS):
             out.append(rival)
     return out
+
+
+def _simplest_first(winner: Rival, same: list[Rival]) -> tuple[Rival, list[Rival]]:
+    """In a tie the one with the fewest values is named first (DIAGNOSIS, section 5)."""
+    tied = [r for r in (winner, *same) if winner.evidence - r.evidence < SET_NATS]
+    first = min(tied, key=lambda r: (r.term.size, -r.evidence))
+    return first, [r for r in (winner, *same) if r is not first]
 
 
 def _measurement_first(winner: Rival, same: list[Rival]) -> tuple[Rival, list[Rival]]:
