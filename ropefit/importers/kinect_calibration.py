@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -128,10 +129,10 @@ class Register:
         straight = np.where(self.inside, depth[self.at[..., 1], self.at[..., 0]], 0)
         metres = straight.astype(float)
         if (straight == 0).any() and (straight > 0).any():
-            nearest = distance_transform_edt(
+            nearest: Any = distance_transform_edt(
                 straight == 0, return_distances=False, return_indices=True
             )
-            metres = metres[tuple(nearest)]
+            metres = metres[nearest[0], nearest[1]]
         z = np.maximum(metres, 1.0) * 1e-3
         points = np.concatenate([self.rays * z[..., None], z[..., None]], axis=-1)
         turn = self.shot.rotation @ self.deep.rotation.T

@@ -29,7 +29,7 @@ def serve_run(
     steps = list(frames(run))
     g = run.observations.gravity
     if np.linalg.norm(g) > 0:
-        server.scene.set_up_direction(tuple(float(v) for v in -g / np.linalg.norm(g)))
+        server.scene.set_up_direction(-g / np.linalg.norm(g))
     slider = server.gui.add_slider("frame", 0, max(len(steps) - 1, 1), 1, 0)
     shown: list[Any] = []
 
