@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -64,13 +63,14 @@ class Rope:
         length = found.pop("length")
         density = observations.mass / observations.length if observations.mass else 1.0
         factor = 1.0 if nominal.balance.mass_known else float(np.linalg.norm(observations.gravity))
-        scaled: dict[str, Any] = {key: factor * value for key, value in found.items()}
         return cls(
             length=length,
             mass=density * length,
+            EI=factor * found["EI"],
+            GJ=factor * found["GJ"],
+            EA=factor * found.get("EA", math.inf),
             gravity=torch.tensor(observations.gravity),
             segments=segments or nominal.balance.segments,
-            **scaled,
         )
 
     def __call__(self, ends: Tensor, clamps: Tensor | None = None, throw: bool = True) -> Tensor:

@@ -122,7 +122,8 @@ def test_kinect_streams_are_matched_by_time(tmp_path):
     assert sight.color is not None
     assert sight.depth[144, 160] == pytest.approx(1.0)
     assert sight.color[144, 160, 1] == pytest.approx(100, abs=6)  # that of the second colour image
-    late = kinect(tmp_path / "late.mkv", depth_lag=0.5)
+    (tmp_path / "late").mkdir()
+    late = kinect(tmp_path / "late" / "k.mkv", depth_lag=0.5)
     with pytest.raises(BadInput, match="no colour and depth image within"):
         brought(late, "kinect")
 

@@ -91,7 +91,8 @@ def test_every_option_is_described():
 
 def test_the_readme_shows_commands_that_exist():
     text = (ROOT / "README.md").read_text()
-    shown = re.findall(r"^(?:\.venv/bin/)?ropefit (\w+)", text, re.MULTILINE)
+    typed = "\n".join(re.findall(r"```\n(.*?)```", text, re.DOTALL))
+    shown = re.findall(r"^(?:\.venv/bin/)?ropefit (\w+)", typed, re.MULTILINE)
     assert shown
     assert set(shown) <= set(commands())
     for link in re.findall(r"\]\(((?:docs|examples|sample_data)/[^)#]+)\)", text):

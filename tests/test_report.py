@@ -244,7 +244,7 @@ def test_a_browser_draws_it(tmp_path, kind):
     flags += ["--virtual-time-budget=8000", "--enable-logging=stderr", "--v=0"]
     flags += [f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri()]
     command = [browser, *flags]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400, check=False)
     drawn = re.findall(r'<svg class="main-svg"', done.stdout)
     assert len(drawn) >= len(figures(text))
     assert "<output>Frame 15, 0.50 s, held out</output>" in done.stdout

@@ -53,15 +53,16 @@ def run(tmp_path):
 
 
 def test_eighty_columns_without_colour(run):
-    for command in (["inspect", "run"], ["report"], ["control"], ["--help"]):
+    lost = ["report", "--run", "no-run-of-this-name"]
+    for command in (["inspect", "run"], ["report"], lost, ["--help"]):
         shown = on_a_terminal(command, run, NO_COLOR="1")
         assert shown.strip()
         assert not re.search(r"\x1b\[[0-9;]*3[0-7]m", shown), command
         for line in ESCAPE.sub("", shown).splitlines():
             assert len(line) <= 80, line
     # Words are not torn.
-    failed = ESCAPE.sub("", on_a_terminal(["control"], run))
-    assert "run `ropefit" in " ".join(failed.split())
+    failed = " ".join(ESCAPE.sub("", on_a_terminal(lost, run)).split())
+    assert "run `ropefit preprocess RECORDING --run no-run-of-this-name`" in failed
 
 
 def test_completion_of_commands_options_and_values(tmp_path):

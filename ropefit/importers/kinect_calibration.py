@@ -132,7 +132,7 @@ class Register:
             nearest: Any = distance_transform_edt(
                 straight == 0, return_distances=False, return_indices=True
             )
-            metres = metres[tuple(nearest)]
+            metres = metres[nearest[0], nearest[1]]
         z = np.maximum(metres, 1.0) * 1e-3
         points = np.concatenate([self.rays * z[..., None], z[..., None]], axis=-1)
         turn = self.shot.rotation @ self.deep.rotation.T

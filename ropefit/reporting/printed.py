@@ -24,7 +24,7 @@ RESOLUTION = 300  # dots per inch, of PNG
 NAMED = {"ink": "black", "soft": "#626a75", "ground": "white", "band": "#626a75"}
 MARKERS = {"diamond": "D", "diamond-open": "D", "circle-open": "o", "x": "x", "square": "s"}
 DASHES = {"dot": ":", "dash": "--"}
-STYLE: Any = {
+STYLE: dict[Any, Any] = {
     "font.size": 7, "axes.linewidth": 0.6, "lines.linewidth": 1.0, "legend.fontsize": 6,
     "legend.frameon": False, "svg.fonttype": "none", "pdf.fonttype": 42, "axes.unicode_minus": True,
     "svg.hashsalt": "ropefit",
