@@ -11,18 +11,22 @@ from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.least_squares import Fit
 
 DEEP = 2.0  # noise sd by which the nominal rope must sink below where the data stop
-LOWER = 0.008  # m
+LOWER = (0.0, 0.001, 0.002, 0.004, 0.006)  # m below where the data stop, until the rope settles
 NONE = np.zeros((1, 0))
 
 
-def proposals(found: Fit) -> list[tuple[Family, np.ndarray]]:
-    """Families with the values (SI) from which their fits start; ropes held at both ends only."""
+Start = tuple[Family, np.ndarray]
+
+
+def proposals(found: Fit) -> list[list[Start]]:
+    """Families with the values (SI) from which their fits start, and others in case these do not
+    settle; ropes held at both ends only."""
     if bool(torch.isnan(found.point.setup.ends).any()):
         return []  # a cantilever that lies on something has no smooth path there
     return [*_planes(found), *_bars(found)]
 
 
-def _planes(found: Fit) -> list[tuple[Family, np.ndarray]]:
+def _planes(found: Fit) -> list[list[Start]]:
     """A plane under the lowest stations of all frames, where the fitted rope sinks below it."""
     s, setup = found.stations, found.point.setup
     up = -(setup.gravity / setup.gravity.norm()).numpy()
@@ -41,7 +45,7 @@ def _planes(found: Fit) -> list[tuple[Family, np.ndarray]]:
         return []
     starts = [floor, float(np.quantile(lowest[np.isfinite(lowest)], 0.3))]
     family = Family(SupportPlane(), NONE)
-    return [(family, np.array([h, 0.0, 0.0])) for h in starts]
+    return [[(family, np.array([h, 0.0, 0.0]))] for h in starts]
 
 
 def _moves(found: Fit) -> np.ndarray:
@@ -49,7 +53,7 @@ def _moves(found: Fit) -> np.ndarray:
     return np.einsum("md,mda->ma", found.stations.residual, found.stations.basis)
 
 
-def _bars(found: Fit) -> list[tuple[Family, np.ndarray]]:
+def _bars(found: Fit) -> list[list[Start]]:
     """A bar under the place in space near which the data lie above the fitted rope the most."""
     s, setup = found.stations, found.point.setup
     up = -(setup.gravity / setup.gravity.norm()).numpy()
@@ -73,9 +77,8 @@ def _bars(found: Fit) -> list[tuple[Family, np.ndarray]]:
     span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
     across = np.cross(span, up)
     heading = float(np.arctan2(across @ second, across @ first))
-    # Just where the data stop, and lower, where a rope that cannot settle at once may.
+    family = Family(Obstacle(), NONE)
     return [
-        (Family(Obstacle(), NONE), np.array([*(centre - origin - (r + d) * up), r, heading]))
+        [(family, np.array([*(centre - origin - (r + d) * up), r, heading])) for d in LOWER]
         for r in (0.01, 0.03)
-        for d in (0.0, LOWER)
     ]

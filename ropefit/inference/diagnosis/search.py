@@ -10,9 +10,9 @@ import numpy as np
 from ropefit.inference.diagnosis.background import measure
 from ropefit.inference.diagnosis.branch_repair import repaired
 from ropefit.inference.diagnosis.columns import Columns, Responses
-from ropefit.inference.diagnosis.contact import proposals
+from ropefit.inference.diagnosis.contact import Start, proposals
 from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
-from ropefit.inference.diagnosis.families import Family, families
+from ropefit.inference.diagnosis.families import NARROWEST, Family, families
 from ropefit.inference.diagnosis.latent import Latent, latent_force
 from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms
 from ropefit.inference.forward import Forward
@@ -75,7 +75,7 @@ def search(
         seen = match(data, nominal.point.seen, bins).scatter[0]
         noise = replace(noise, white=tuple(float(v) for v in seen))
         nominal = fit(nominal.forward, data, noise, bins, nominal.point.u, 5, tolerance=1e-5)
-    columns = _columns(nominal, data, bins)
+    columns = _columns(nominal, data, bins, [])
     noise = measure(nominal, columns, noise)
     start = nominal.forward
     start.last = nominal.point.solution
@@ -85,7 +85,7 @@ def search(
     latent, crowded = None, False
     for round_ in range(MOST_EFFECTS + 1):
         progress(0.2 + 0.2 * round_, "scan")
-        columns = _columns(current, data, bins)
+        columns = _columns(current, data, bins, accepted)
         project = Projection(current)
         setup = current.point.setup
         scorers = [Scorer(c, project, c.family.scales(setup)) for c in columns]
@@ -145,33 +145,41 @@ def _repair(found: Fit, data: Data, noise: Noise, bins: int) -> Fit:
     return again if again.cost < found.cost else found
 
 
-def _columns(current: Fit, data: Data, bins: int) -> list[Columns]:
+def _columns(current: Fit, data: Data, bins: int, accepted: list[Found]) -> list[Columns]:
+    """Of every family, but those accepted already that have no other place to be."""
     responses = Responses(current, data, bins)
-    return [responses.of(family) for family in families(current.point.setup)]
+    taken = {_key(f.rival.family) for f in accepted if not f.rival.family.effect.place_names}
+    every = families(current.point.setup)
+    return [responses.of(family) for family in every if _key(family) not in taken]
+
+
+def _key(family: Family) -> tuple[str, int]:
+    return type(family.effect).__name__, family.effect.end
 
 
 def _rivals(
-    current: Fit, scan: list[Scored], touching: list[tuple[Family, np.ndarray]], data: Data,
+    current: Fit, scan: list[Scored], touching: list[list[Start]], data: Data,
     noise: Noise, bins: int, threshold: float,
 ) -> list[Rival]:  # fmt: skip
     """Full fits of the families that a scan puts in front, and of contact where it was proposed."""
     best = scan[0].log_factor
     leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * best)][:LEADERS]
     starts = [
-        (s.family, np.concatenate([s.sizes, s.family.places[s.best]]))
+        [(s.family, np.concatenate([s.sizes, s.family.places[s.best]]))]
         for s in leaders
         if s.log_factor > 0.6 * threshold
     ]
     starts += touching
     out: dict[tuple[str, int], Rival] = {}
-    for family, start in starts:
-        rival = fit_rival(current, family, start, data, noise, bins)
+    for choices in starts:
+        fitted = (fit_rival(current, family, at, data, noise, bins) for family, at in choices)
+        rival = next((rival for rival in fitted if rival is not None), None)
         if rival is None:
             continue
         better = _repair(rival.fit, data, noise, bins)
         if better is not rival.fit:
-            rival = fit_rival(current, family, rival.values(), data, noise, bins) or rival
-        key = (type(family.effect).__name__, family.effect.end)
+            rival = fit_rival(current, rival.family, rival.values(), data, noise, bins) or rival
+        key = _key(rival.family)
         if key not in out or rival.evidence > out[key].evidence:
             out[key] = rival
     return sorted(out.values(), key=lambda r: -r.evidence)
@@ -215,8 +223,12 @@ def _equivalents(winner: Rival, rivals: list[Rival], before: float) -> list[Riva
 
 
 def _simplest_first(winner: Rival, same: list[Rival]) -> tuple[Rival, list[Rival]]:
-    """In a tie the one with the fewest values is named first (DIAGNOSIS, section 5)."""
-    tied = [r for r in (winner, *same) if winner.evidence - r.evidence < SET_NATS]
+    """In a tie the one with the fewest values is named first (DIAGNOSIS, section 5); a stretch too
+    narrow to be resolved is a point."""
+    width = dict(zip(winner.term.names, winner.values(), strict=True)).get("width", np.inf)
+    length = float(winner.fit.forward.base.properties.length.sum())
+    reach = SAME_NATS if width < 1.5 * NARROWEST * length else SET_NATS
+    tied = [r for r in (winner, *same) if winner.evidence - r.evidence < reach]
     first = min(tied, key=lambda r: (r.term.size, -r.evidence))
     return first, [r for r in (winner, *same) if r is not first]
 

@@ -50,6 +50,8 @@ def fit_rival(
     forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
     begin = np.concatenate([smaller.point.u, np.zeros(term.size)])
     try:
+        if not forward.at(begin).solution.converged.all():
+            return None
         most = 25 if family.effect.linear else 12
         found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
