@@ -55,7 +55,7 @@ class Chain:
     steps: int = 0
 
 
-def chains(recording: Path, scratch: Path) -> list[Chain]:
+def chains(recording: Path) -> list[Chain]:
     """The paper's fit with its checkpoints, and the equilibrium with its diagnosis.
 
     The equilibrium's fit and diagnosis are computed once; in the runs that are killed they are
@@ -254,17 +254,23 @@ def _finished(chain: Chain, which: int, run: Path, tally: Tally) -> None:
     tally.left += [path.name for path in run.iterdir() if path.name not in found]
 
 
-def measure(kills: int, scratch: Path, seed: int = 0) -> dict[str, Tally]:
-    """Prepare and disturb both chains."""
+def measure(
+    kills: int, scratch: Path, seed: int = 0, which: int | None = None, until: str = "report"
+) -> dict[str, Tally]:
+    """Prepare and disturb both chains, or one of them, up to a stage."""
     torch.set_num_threads(1)
     search.CHECKPOINT_EVERY = 0.0  # at every step: so that many are interrupted
     Replay(diagnose.STAGE)
     Replay(identify.STAGE)
     recording = marker_recording(scratch / "recording", frames=4)
     out = {}
-    for number, chain in enumerate(chains(recording, scratch)):
+    for number, chain in enumerate(chains(recording)):
+        if which not in (None, number):
+            continue
+        last = [name for name, _ in chain.calls[0]].index(until) + 1
+        chain.calls = [calls[:last] for calls in chain.calls]
         prepare(chain, scratch)
-        part = kills // 2 if number == 0 else kills - kills // 2
+        part = kills if which is not None else kills // 2 if number == 0 else kills - kills // 2
         rng = np.random.default_rng([seed, number])
         out[chain.name] = disturb(chain, part, scratch / f"run {number}", rng)
     return out
@@ -275,10 +281,12 @@ def main() -> None:
     p = parser(__doc__)
     p.add_argument("--kills", type=int, default=300)
     p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--chain", type=int, choices=(0, 1), default=None, help="one of the two")
+    p.add_argument("--until", default="report", help="last stage")
     options = p.parse_args()
     scratch = Path(tempfile.mkdtemp(prefix="ropefit-kills-"))
     try:
-        found = measure(options.kills, scratch, options.seed)
+        found = measure(options.kills, scratch, options.seed, options.chain, options.until)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     stages = ["start", "preprocess", "identify", "diagnose", "control", "report"]
