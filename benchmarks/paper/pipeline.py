@@ -73,14 +73,15 @@ class CameraTable(Strict):
 
 
 class Rendered(Strict):
-    """A rope moved by a simulator and seen by a depth camera. tell_clamps: the recording gives the
-    orientations of ends that are held; marks: arc lengths [m] of red bands."""
+    """A rope moved by a simulator and seen by a depth camera; without a camera only the truth is
+    kept. tell_clamps: the recording gives the orientations of ends that are held; marks: arc
+    lengths [m] of red bands."""
 
     kind: Literal["rendered"]
     simulator: Literal["mujoco", "elastica"]
     rope: RopeTable
     motion: Motion
-    camera: CameraTable
+    camera: CameraTable | None = None
     tell_clamps: bool = False
     marks: list[float] = Field(default_factory=list)
     seed: int = 0
@@ -90,12 +91,14 @@ class Derived(Strict):
     """A recording made of what a run holds: "shapes", a fitted model's particles as markers;
     "points", the observed points as clouds; "side0" and "side1", those on one side of the gripper.
 
-    where: only frames whose ends are at most this many rope lengths apart.
+    where: only frames whose ends are at most this many rope lengths apart. tell_clamps: give the
+    orientations that the ends had.
     """
 
     kind: Literal["shapes", "points", "side0", "side1"]
     run: str
     where: float | None = None
+    tell_clamps: bool = False
 
 
 class RunTable(Strict):

@@ -15,6 +15,7 @@ from benchmarks.paper.pipeline import Derived, MiddleTable, Rendered
 from benchmarks.paper.rendering import baxter_gripper, frame, looking, needle_driver, post, wall
 from benchmarks.paper.worlds import Truth, shapes
 from ropefit.artifacts import Model, Observations
+from ropefit.perception.camera import Camera
 from ropefit.stages.stage import load
 
 Array = np.ndarray
@@ -32,12 +33,34 @@ def make(folder: Path, recording: Rendered) -> None:
         return
     truth = shapes(recording)
     _start(folder)
+    rng = np.random.default_rng([20261121, recording.seed])
+    if recording.camera is not None:
+        _see(folder, recording, truth, looking(*vars(recording.camera).values()), rng)
+    positions, turns = _measured(truth, rng)
+    told = [clamped and recording.tell_clamps for clamped in truth.held]
+    _write_ends(folder, positions, turns, told)
+    np.savez_compressed(
+        folder / "truth.npz",
+        arc=truth.arc,
+        nodes=truth.nodes,
+        gripper=truth.gripper,
+        held=truth.held,
+        positions=truth.positions,
+        orientations=truth.orientations,
+        measured=turns,
+    )
+    (folder / SPEC).write_text(spec)
+
+
+def _see(
+    folder: Path, recording: Rendered, truth: Truth, eye: Camera, rng: np.random.Generator
+) -> None:
+    """Pictures of all frames, and the manifest that goes with them."""
     (folder / "color").mkdir()
     (folder / "depth").mkdir()
-    rng = np.random.default_rng([20261121, recording.seed])
-    rope, eye = recording.rope, looking(recording.camera.position, recording.camera.target)
+    rope = recording.rope
     for t, nodes in enumerate(truth.nodes):
-        local, tip = eye.local(nodes), eye.local(truth.gripper[t])
+        local, tip = eye.local(nodes), eye.local(truth.gripper[t : t + 1])[0]
         if isinstance(recording.motion, MiddleTable):
             boxes = needle_driver(tip, rope.diameter / 2)
         else:
@@ -47,10 +70,8 @@ def make(folder: Path, recording: Rendered) -> None:
             truth.arc, local, rope.diameter / 2, rope.color, recording.marks, boxes, rng
         )
         cv2.imwrite(str(folder / "color" / f"{t:06d}.png"), color[..., ::-1])
-        millimetres = np.round(1000 * np.nan_to_num(depth, posinf=0.0)).astype(np.uint16)
+        millimetres = np.round(1000 * depth).astype(np.uint16)
         cv2.imwrite(str(folder / "depth" / f"{t:06d}.png"), millimetres)
-    told = [clamped and recording.tell_clamps for clamped in truth.held]
-    _write_ends(folder, *_measured(truth, rng), told)
     rows = ", ".join("[" + ", ".join(f"{v:.9f}" for v in row) + "]" for row in eye.pose)
     sensor = (
         '[rgbd]\ncolor = "color/{frame:06d}.png"\ndepth = "depth/{frame:06d}.png"\n'
@@ -59,14 +80,6 @@ def make(folder: Path, recording: Rendered) -> None:
     )
     about = {"length": rope.length, "diameter": rope.diameter, "mass": rope.mass}
     _write_manifest(folder, about, sensor)
-    np.savez_compressed(
-        folder / "truth.npz",
-        arc=truth.arc,
-        nodes=truth.nodes,
-        gripper=truth.gripper,
-        orientations=truth.orientations,
-    )
-    (folder / SPEC).write_text(spec)
 
 
 def derive(folder: Path, recording: Derived, run: Path, source: Path | None) -> None:
@@ -89,6 +102,10 @@ def derive(folder: Path, recording: Derived, run: Path, source: Path | None) -> 
         kept = np.arange(len(o.frames))
     else:
         (folder / "clouds").mkdir()
+        if recording.tell_clamps:
+            assert source is not None
+            true = load_truth(source)
+            told, turns = list(true["held"]), true["measured"][o.frames]
         clouds = [
             o.points[a:b] for a, b in zip(o.point_start[:-1], o.point_start[1:], strict=True)
         ]

@@ -6,6 +6,7 @@ own axes.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -13,6 +14,7 @@ from benchmarks.rendered import HEIGHT, WIDTH, box, camera, rays, sensed, shaded
 from ropefit.perception.camera import Camera
 
 Array = np.ndarray
+BLUR = 0.6  # px, of the lens
 FINE = 4001  # points of the curve that a tube is laid around
 BAND = 0.008  # m, length of a mark
 RED = (0.75, 0.05, 0.05)
@@ -84,7 +86,7 @@ def frame(
     for centre, size, shade in boxes:
         scene.add_triangles(box(centre, size))
         colors.append(np.array(shade))
-    u, v = (np.arange(2 * WIDTH) + 0.5) / 2 - 0.5, (np.arange(2 * HEIGHT) + 0.5) / 2 - 0.5
-    image = shaded(scene, np.array(colors), rays(u, v), rng)
-    hit = scene.cast_rays(o3d.core.Tensor(rays(np.arange(WIDTH), np.arange(HEIGHT))), nthreads=1)
+    grid = rays(np.arange(WIDTH), np.arange(HEIGHT))
+    image = cv2.GaussianBlur(shaded(scene, np.array(colors), grid, rng), (0, 0), BLUR)
+    hit = scene.cast_rays(o3d.core.Tensor(grid), nthreads=1)
     return image, sensed(hit["t_hit"].numpy().astype(float), rng)

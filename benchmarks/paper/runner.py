@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.paper.pipeline import Derived, Experiment, RunTable, TargetTable
 from benchmarks.paper.recordings import derive, load_truth, make
-from ropefit.artifacts import Control
+from ropefit.artifacts import Control, Observations
 
 
 @dataclass(frozen=True)
@@ -61,23 +61,40 @@ def perform(experiment: Experiment, place: Place, only: set[str] | None = None) 
         for target, table in experiment.targets.items():
             make(place.recording(table.recording), experiment.recordings[table.recording])
             _write_targets(place, target, table)
-        said[name] = _stages(name, run, place)
+        _share(experiment, name, place)
+        said[name] = _stages(name, run, place, said)
         place.said.parent.mkdir(parents=True, exist_ok=True)
         place.said.write_text(json.dumps(said, indent=1))
     return said
 
 
-def _stages(name: str, run: RunTable, place: Place) -> dict[str, Any]:
+def _share(experiment: Experiment, name: str, place: Place) -> None:
+    """Give a run the observations of an earlier one that were made likewise; preprocess then finds
+    them up to date, or makes its own."""
+    run, mine = experiment.runs[name], place.run(name) / Observations.file_name
+    for other, same in experiment.runs.items():
+        if other == name or mine.exists():
+            return
+        made = place.run(other) / Observations.file_name
+        alike = (same.recording, same.preprocess) == (run.recording, run.preprocess)
+        if alike and made.exists():
+            mine.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(made, mine)
+
+
+def _stages(name: str, run: RunTable, place: Place, before: dict[str, Any]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     folder = place.run(name)
     stages = [("preprocess", f"{place.recording(run.recording)} {run.preprocess}")]
     stages += [("identify", run.identify)] if run.identify is not None else []
     stages += [("diagnose", run.diagnose)] if run.diagnose is not None else []
     for stage, options in stages:
+        options = _filled(options, place, before)
         out[stage] = _ropefit(stage, options, name, place, run.fails == stage)
         if "failed" in out[stage]:
             return out
     for key, options in run.control.items():
+        options = _filled(options, place, before)
         out[f"control {key}"] = _ropefit("control", options, name, place, False)
         kept = place.control(name, key)
         kept.parent.mkdir(parents=True, exist_ok=True)
@@ -85,10 +102,27 @@ def _stages(name: str, run: RunTable, place: Place) -> dict[str, Any]:
     return out
 
 
+def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
+    """Options with {runs}, {targets}, {value[RUN][NAME]} and {weights[RUN]}, every parameter of an
+    earlier run as a start, put in."""
+    value = {
+        run: {name: p["value"] for name, p in one["parameters"].items()}
+        for run, said in before.items()
+        if "groups" in said.get("identify", {})
+        for one in [next(iter(said["identify"]["groups"].values()))]
+    }
+    weights = {
+        run: " ".join(f"--start {name}={v!r}" for name, v in known.items())
+        for run, known in value.items()
+    }
+    runs, targets = place.folder / "runs", place.folder / "targets"
+    return options.format(runs=runs, targets=targets, value=value, weights=weights)
+
+
 def _ropefit(stage: str, options: str, run: str, place: Place, may_fail: bool) -> dict[str, Any]:
     """The JSON of one command; {"failed": its line, "code": ...} of one whose failure counts."""
-    words = shlex.split(options.format(runs=place.folder / "runs", targets=place.folder / "targets"))
-    command = [sys.executable, "-m", "ropefit", stage, *words, "--run", str(place.run(run))]
+    command = [sys.executable, "-m", "ropefit", stage, *shlex.split(options)]
+    command += ["--run", str(place.run(run))]
     begin = time.monotonic()
     done = subprocess.run([*command, "--quiet", "--json"], capture_output=True, text=True)
     print(f"{run}: {stage} {options} ({time.monotonic() - begin:.0f} s)", file=sys.stderr)
