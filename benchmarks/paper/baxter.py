@@ -1,12 +1,13 @@
-"""The inextensible rope: tables, figures and explanations from the runs of pipelines/baxter.toml."""
+"""The inextensible rope: tables and explanations from the runs of pipelines/baxter.toml."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from benchmarks.losses import MEANING
+from benchmarks.paper import baxter_explained as explained
 from benchmarks.paper import baxter_figures as figures
-from benchmarks.paper.document import Claim, claims, diagnosed, millimetres, picture, table
+from benchmarks.paper.document import Claim, claims, millimetres, picture, table
 from benchmarks.paper.results import PAPER_WEIGHTS, SYMBOL, Results, lengths
 
 THOMAS = {"eta_x_G": 0.024, "eta_x_D": 0.48, "eta_x_S": 1.16, "eta_q_S": 0.52, "eta_q_B": 1.49,
@@ -14,7 +15,6 @@ THOMAS = {"eta_x_G": 0.024, "eta_x_D": 0.48, "eta_x_S": 1.16, "eta_q_S": 0.52, "
 JACOBI = {"eta_x_G": "0.26 / 0.001", "eta_x_D": 1.19, "eta_x_S": 0.80, "eta_q_S": 1.19,
           "eta_q_B": 0.80, "eta_SOR": 0.79}  # fmt: skip
 BUDGETS = (30, 100, 300)
-GROUPS = {"group_0": "bending", "group_1": "tensioned"}
 
 
 def section(r: Results) -> str:
@@ -22,7 +22,7 @@ def section(r: Results) -> str:
     parts = [
         "## Inextensible rope (Baxter)\n",
         _projection(r), _parameters(r), _jacobi(r), _losses(r), _solvers(r), _distance(r),
-        _explained(r), _flattened(r),
+        explained.gravity(r), explained.flattened(r),
     ]  # fmt: skip
     return "\n".join(parts)
 
@@ -83,34 +83,26 @@ def _parameters(r: Results) -> str:
 
 def _jacobi(r: Results) -> str:
     one = r.values("jacobi")
-    rows = [
-        [SYMBOL[n], f"{one[n]:.3g}" if n in one else "-", JACOBI[n]] for n in PAPER_WEIGHTS
-    ]
+    rows = [[SYMBOL[n], f"{one[n]:.3g}" if n in one else "-", JACOBI[n]] for n in PAPER_WEIGHTS]
     runs = []
     for budget in BUDGETS:
         name = f"jacobi-{budget}"
-        weight = {g: r.values(name, g)["eta_x_G"] for g in GROUPS}
-        m = r.model(name)
-        rms = {g: np.sqrt((m.rms[_rows(r, name, g)] ** 2).mean()) for g in GROUPS}
+        weight = {g: r.values(name, g)["eta_x_G"] for g in explained.GROUPS}
+        rms = explained.rms_by_state(r, name, name)
         runs.append([
             budget, f"{weight['group_0']:.3g}", f"{weight['group_1']:.3g}",
             f"{weight['group_0'] / weight['group_1']:.2g}",
-            *(f"{1e3 * rms[g]:.2f}" for g in GROUPS),
+            *(f"{1e3 * rms[g]:.2f}" for g in explained.GROUPS),
             f"{1e2 * np.median(r.said[name]['identify']['drift']):.2f} %",
         ])  # fmt: skip
-    m = r.model("jacobi-one")
-    lone = {g: np.sqrt((m.rms[_rows(r, "jacobi-100", g)] ** 2).mean()) for g in GROUPS}
-    two = {
-        g: np.sqrt((r.model("jacobi-100").rms[_rows(r, "jacobi-100", g)] ** 2).mean())
-        for g in GROUPS
-    }
-    gravity = {g: r.values("jacobi-100", g)["eta_x_G"] for g in GROUPS}
+    lone = explained.rms_by_state(r, "jacobi-one", "jacobi-100")
+    two = explained.rms_by_state(r, "jacobi-100", "jacobi-100")
+    gravity = {g: r.values("jacobi-100", g)["eta_x_G"] for g in explained.GROUPS}
     return (
         "### Weights of the Jacobi solver\n\n"
         "All six fitted to all frames (10 steps of 20 iterations):\n\n"
         + table(["weight", "here", "paper, bending / tensioned"], rows)
-        + "\nThe paper's weights kept, gravity fitted to bending and to tensioned frames (one step):"
-        "\n\n"
+        + "\nThe paper's weights, gravity fitted to bending and to tensioned frames, one step:\n\n"
         + table(
             ["iterations", "η_x^G bending", "tensioned", "ratio", "rms bending [mm]",
              "tensioned [mm]", "drift, iterated twice as long"],
@@ -135,11 +127,6 @@ def _jacobi(r: Results) -> str:
             ),
         ])
     )  # fmt: skip
-
-
-def _rows(r: Results, run: str, group: str) -> np.ndarray:
-    frames = r.said[run]["identify"]["groups"][group]["frames"]
-    return np.isin(r.observations(run).frames, frames)
 
 
 def _losses(r: Results) -> str:
@@ -258,79 +245,6 @@ def _distance(r: Results) -> str:
                 bool(j[high] > 2 * t[high]),
                 "Jacobi passes a correction on by one particle an iteration, Thomas through the "
                 "whole rope",
-            ),
-        ])
-    )  # fmt: skip
-
-
-def _explained(r: Results) -> str:
-    m = r.model("equilibrium")
-    noise = float(np.median(r.observations("equilibrium").noise))
-    rows = [
-        ["EI, all frames", r.interval("diagnosed", "EI")],
-        ["EI, bending frames", r.interval("equilibrium-states", "EI", "group_0")],
-        ["EI, tensioned frames", r.interval("equilibrium-states", "EI", "group_1")],
-        ["EA, all frames", r.interval("equilibrium", "EA")],
-        ["true", "EI 0.0007 N m^2, inextensible"],
-    ]
-    split = {g: np.sqrt((m.rms[_rows(r, "jacobi-100", g)] ** 2).mean()) for g in GROUPS}
-    found = {run: [e["name"] for e in r.said[run]["diagnose"]["effects"]]
-             for run in ("diagnosed", "jacobi-shapes")}  # fmt: skip
-    return (
-        "### Why two gravity weights\n\n"
-        "One parameter set of the equilibrium model, on the same data:\n\n"
-        + table(["parameter", "value (95 %)"], rows)
-        + f"\nRms {millimetres(split['group_0'])} in bending and "
-        f"{millimetres(split['group_1'])} in tensioned frames; noise of a point "
-        f"{millimetres(noise)}.\n\n"
-        + claims([
-            Claim(
-                "bending and tensioned states need different gravity weights",
-                f"one set fits both: rms {millimetres(m.rms_fit)}",
-                m.rms_fit > 3 * noise,
-                "gravity has one size; what changes between the states is how far Jacobi gets",
-                explains=False,
-            ),
-            Claim(
-                "is the rope extensible after all? (not asked)",
-                "`diagnose` on the recording: " + diagnosed(r.said["diagnosed"]),
-                "axial_extensibility" in found["diagnosed"],
-                "the data hold no stretch: nothing physical is behind the second weight",
-                explains=False,
-            ),
-            Claim(
-                "Jacobi's distance constraint does not fully converge",
-                "`diagnose` on Jacobi's own shapes: " + diagnosed(r.said["jacobi-shapes"]),
-                "under_converged" in found["jacobi-shapes"],
-                "the shapes are recognised as those of a solver that stopped on its way",
-            ),
-        ])
-    )  # fmt: skip
-
-
-def _flattened(r: Results) -> str:
-    o = r.observations("sideways")
-    off = float(np.sqrt((o.point_offset**2).mean()))
-    found = r.said["flattened"]["diagnose"]
-    names = [e["name"] for e in found["effects"]]
-    held = found["heldout"]
-    return (
-        "### What the projection hides\n\n"
-        "The same rope, both ends clamped, the gripper swept and turned sideways. Its points are "
-        "projected as the paper does, and then taken for what was measured.\n\n"
-        + picture(figures.flattened(r), "One frame from above: measured, and as projected.")
-        + "\n"
-        + claims([
-            Claim(
-                "projected points are the truth to compare with",
-                f"the projection took away {millimetres(off)} rms; `diagnose` on what is left: "
-                f"{diagnosed(r.said['flattened'])}; held-out rms "
-                f"{millimetres(held['rms_before_m'])} before, {millimetres(held['rms_after_m'])} "
-                "after",
-                "lost_out_of_plane" not in names,
-                "a rope whose ends turn sideways leaves the plane, and the projection hides it; "
-                "`ropefit preprocess` keeps such a rope in 3D unless told otherwise",
-                explains=False,
             ),
         ])
     )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from ropefit.reporting.figures import AFTER, BEFORE, OBSERVED, TARGET
 
 mpl.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402 (the backend comes first)
+import matplotlib.pyplot as plt
 
 DATA, FITTED, START, TRUE = OBSERVED, AFTER, BEFORE, TARGET
 DPI = 90

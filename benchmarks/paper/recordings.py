@@ -106,9 +106,7 @@ def derive(folder: Path, recording: Derived, run: Path, source: Path | None) -> 
             assert source is not None
             true = load_truth(source)
             told, turns = list(true["held"]), true["measured"][o.frames]
-        clouds = [
-            o.points[a:b] for a, b in zip(o.point_start[:-1], o.point_start[1:], strict=True)
-        ]
+        clouds = [o.points[a:b] for a, b in zip(o.point_start[:-1], o.point_start[1:], strict=True)]
         if recording.kind != "points":
             assert source is not None
             clouds, ends, turns, about = _one_side(source, o, clouds, int(recording.kind[-1]))
@@ -200,5 +198,3 @@ def load_truth(folder: Path) -> dict[str, Array]:
     """What is true of a rendered recording."""
     with np.load(folder / "truth.npz") as data:
         return {name: data[name] for name in data.files}
-
-

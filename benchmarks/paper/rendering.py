@@ -40,9 +40,9 @@ def baxter_gripper(tip: Array) -> list[Box]:
     """Two jaws before and behind the rope's end, which hide 3 to 4 cm of it, and the hand."""
     jaw = np.array([0.070, 0.070, 0.018])
     return [
-        (tip + [0, 0, -0.022], jaw, JAW),
-        (tip + [0, 0, 0.022], jaw, JAW),
-        (tip + [0, -0.085, 0], np.array([0.08, 0.10, 0.09]), JAW),
+        (tip + np.array([0, 0, -0.022]), jaw, JAW),
+        (tip + np.array([0, 0, 0.022]), jaw, JAW),
+        (tip + np.array([0, -0.085, 0]), np.array([0.08, 0.10, 0.09]), JAW),
     ]
 
 
@@ -53,12 +53,12 @@ def wall(behind: float) -> list[Box]:
 
 def post(tip: Array) -> list[Box]:
     """What holds the other end, behind the rope."""
-    return [(tip + [0.012, 0, 0.03], np.array([0.024, 0.04, 0.04]), (0.30, 0.31, 0.33))]
+    return [(tip + np.array([0.012, 0, 0.03]), np.array([0.024, 0.04, 0.04]), (0.30, 0.31, 0.33))]
 
 
 def needle_driver(tip: Array, radius: float) -> list[Box]:
     """A thin tool from above that holds the rope from behind: nothing of it is hidden."""
-    return [(tip + [0, -0.05, radius + 0.012], np.array([0.006, 0.11, 0.006]), JAW)]
+    return [(tip + np.array([0, -0.05, radius + 0.012]), np.array([0.006, 0.11, 0.006]), JAW)]
 
 
 def frame(

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.pipeline import Derived, Experiment, RunTable, TargetTable
+from benchmarks.paper.pipeline import Derived, Experiment, Rendered, RunTable, TargetTable
 from benchmarks.paper.recordings import derive, load_truth, make
 from ropefit.artifacts import Control, Observations
 
@@ -39,15 +39,14 @@ class Place:
         """The control.h5 of one of a run's several."""
         return self.folder / "control" / f"{run}-{name}.h5"
 
-    @property
-    def said(self) -> Path:
-        return self.folder / "said.json"
+    def said(self, run: str) -> Path:
+        """What the commands of a run said."""
+        return self.folder / "said" / f"{run}.json"
 
 
-def perform(experiment: Experiment, place: Place, only: set[str] | None = None) -> dict[str, Any]:
-    """What every command said, {run: {stage: JSON}}. Raises SystemExit where one fails that should
-    not. only: runs to do again; the others keep what they said before."""
-    said: dict[str, Any] = json.loads(place.said.read_text()) if only else {}
+def perform(experiment: Experiment, place: Place, only: set[str] | None = None) -> None:
+    """Make the recordings and run the commands; what they say is kept. Raises SystemExit where one
+    fails that should not. only: these runs, where the others are done."""
     for name, run in experiment.runs.items():
         if only and name not in only:
             continue
@@ -59,13 +58,20 @@ def perform(experiment: Experiment, place: Place, only: set[str] | None = None) 
         else:
             make(folder, source)
         for target, table in experiment.targets.items():
-            make(place.recording(table.recording), experiment.recordings[table.recording])
+            recording = experiment.recordings[table.recording]
+            assert isinstance(recording, Rendered)
+            make(place.recording(table.recording), recording)
             _write_targets(place, target, table)
         _share(experiment, name, place)
-        said[name] = _stages(name, run, place, said)
-        place.said.parent.mkdir(parents=True, exist_ok=True)
-        place.said.write_text(json.dumps(said, indent=1))
-    return said
+        said = _stages(name, run, place, recall(experiment, place))
+        place.said(name).parent.mkdir(parents=True, exist_ok=True)
+        place.said(name).write_text(json.dumps(said, indent=1))
+
+
+def recall(experiment: Experiment, place: Place) -> dict[str, Any]:
+    """{run: {stage: JSON}} of what commands said, of the runs that are done."""
+    done = [name for name in experiment.runs if place.said(name).exists()]
+    return {name: json.loads(place.said(name).read_text()) for name in done}
 
 
 def _share(experiment: Experiment, name: str, place: Place) -> None:
@@ -103,8 +109,8 @@ def _stages(name: str, run: RunTable, place: Place, before: dict[str, Any]) -> d
 
 
 def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
-    """Options with {runs}, {targets}, {value[RUN][NAME]} and {weights[RUN]}, every parameter of an
-    earlier run as a start, put in."""
+    """Options with {runs}, {targets}, {value[RUN][NAME]} and {weights[RUN]}, every weight of an
+    earlier run but gravity's as a start, put in."""
     value = {
         run: {name: p["value"] for name, p in one["parameters"].items()}
         for run, said in before.items()
@@ -112,7 +118,9 @@ def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
         for one in [next(iter(said["identify"]["groups"].values()))]
     }
     weights = {
-        run: " ".join(f"--start {name}={v!r}" for name, v in known.items())
+        run: " ".join(
+            f"--start {name}={v!r}" for name, v in known.items() if not name.startswith("eta_x_G")
+        )
         for run, known in value.items()
     }
     runs, targets = place.folder / "runs", place.folder / "targets"

@@ -130,9 +130,7 @@ def _held_in_the_middle(rope: RopeTable, motion: MiddleTable) -> Truth:
     free = np.tile([1.0, 0.0, 0.0, 0.0], (motion.frames, 1))
     parts = []
     for side, length in enumerate((motion.at, rope.length - motion.at)):
-        part = rope.model_copy(
-            update={"length": length, "mass": rope.mass * length / rope.length}
-        )
+        part = rope.model_copy(update={"length": length, "mass": rope.mass * length / rope.length})
         far = np.tile(ends[side], (motion.frames, 1))
         pair, turns = (far, grip), (free, level)
         if side == 1:
