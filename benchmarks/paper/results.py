@@ -13,7 +13,6 @@ from benchmarks.paper.pipeline import Experiment
 from benchmarks.paper.recordings import load_truth
 from benchmarks.paper.runner import Place
 from ropefit.artifacts import Control, FittedModel, Model, Observations
-from ropefit.artifacts.store import read
 from ropefit.stages.scene import pinhole
 from ropefit.stages.stage import load
 
@@ -41,7 +40,7 @@ class Results:
         return load(self.place.run(run), Model)[0].nominal
 
     def control(self, run: str, name: str) -> Control:
-        return read(self.place.control(run, name), Control)[0]
+        return load(self.place.control(run, name), Control)[0]
 
     def truth(self, recording: str) -> dict[str, np.ndarray]:
         return load_truth(self.place.recording(recording))

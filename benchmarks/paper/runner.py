@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import shlex
 import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.pipeline import Derived, Experiment, Rendered, RunTable, TargetTable
+from benchmarks.paper.pipeline import Derived, Experiment, Rendered, TargetTable
 from benchmarks.paper.recordings import derive, load_truth, make
-from ropefit.artifacts import Control, Observations
+from ropefit.artifacts import Model, Observations
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,8 @@ class Place:
         return self.folder / "targets" / f"{name}.csv"
 
     def control(self, run: str, name: str) -> Path:
-        """The control.h5 of one of a run's several."""
-        return self.folder / "control" / f"{run}-{name}.h5"
+        """The run directory of one of a run's several control stages."""
+        return self.folder / "control" / f"{run}-{name}"
 
     def said(self, run: str) -> Path:
         """What the commands of a run said."""
@@ -62,8 +64,7 @@ def perform(experiment: Experiment, place: Place, only: set[str] | None = None) 
             assert isinstance(recording, Rendered)
             make(place.recording(table.recording), recording)
             _write_targets(place, target, table)
-        _share(experiment, name, place)
-        said = _stages(name, run, place, recall(experiment, place))
+        said = _stages(experiment, name, place)
         place.said(name).parent.mkdir(parents=True, exist_ok=True)
         place.said(name).write_text(json.dumps(said, indent=1))
 
@@ -74,38 +75,45 @@ def recall(experiment: Experiment, place: Place) -> dict[str, Any]:
     return {name: json.loads(place.said(name).read_text()) for name in done}
 
 
-def _share(experiment: Experiment, name: str, place: Place) -> None:
-    """Give a run the observations of an earlier one that were made likewise; preprocess then finds
-    them up to date, or makes its own."""
-    run, mine = experiment.runs[name], place.run(name) / Observations.file_name
+def _shared(experiment: Experiment, name: str, place: Place) -> dict[str, Any] | None:
+    """Give a run the observations of an earlier one that are made likewise, and tell what was said
+    there; None where it has to make its own."""
+    run, before = experiment.runs[name], recall(experiment, place)
     for other, same in experiment.runs.items():
-        if other == name or mine.exists():
-            return
-        made = place.run(other) / Observations.file_name
+        if other == name:
+            return None
         alike = (same.recording, same.preprocess) == (run.recording, run.preprocess)
-        if alike and made.exists():
-            mine.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(made, mine)
+        if alike and other in before:
+            place.run(name).mkdir(parents=True, exist_ok=True)
+            shutil.copy(place.run(other) / Observations.file_name, place.run(name))
+            return before[other]["preprocess"]
+    return None
 
 
-def _stages(name: str, run: RunTable, place: Place, before: dict[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    folder = place.run(name)
-    stages = [("preprocess", f"{place.recording(run.recording)} {run.preprocess}")]
+def _stages(experiment: Experiment, name: str, place: Place) -> dict[str, Any]:
+    run, before, folder = experiment.runs[name], recall(experiment, place), place.run(name)
+    shared = _shared(experiment, name, place)
+    out: dict[str, Any] = {"preprocess": shared} if shared else {}
+    own = f"{place.recording(run.recording)} {run.preprocess}"
+    stages = [] if shared else [("preprocess", own)]
     stages += [("identify", run.identify)] if run.identify is not None else []
     stages += [("diagnose", run.diagnose)] if run.diagnose is not None else []
     for stage, options in stages:
         options = _filled(options, place, before)
-        out[stage] = _ropefit(stage, options, name, place, run.fails == stage)
+        out[stage] = _ropefit(stage, options, folder, run.fails == stage)
         if "failed" in out[stage]:
             return out
-    for key, options in run.control.items():
-        options = _filled(options, place, before)
-        out[f"control {key}"] = _ropefit("control", options, name, place, False)
-        kept = place.control(name, key)
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(folder / Control.file_name, kept)
-    return out
+
+    def controlled(item: tuple[str, str]) -> tuple[str, dict[str, Any]]:
+        key, options = item
+        mine = place.control(name, key)
+        mine.mkdir(parents=True, exist_ok=True)
+        for artifact in (Observations, Model):
+            shutil.copy(folder / artifact.file_name, mine)
+        return f"control {key}", _ropefit("control", _filled(options, place, before), mine, False)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return out | dict(pool.map(controlled, run.control.items()))
 
 
 def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
@@ -127,18 +135,18 @@ def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
     return options.format(runs=runs, targets=targets, value=value, weights=weights)
 
 
-def _ropefit(stage: str, options: str, run: str, place: Place, may_fail: bool) -> dict[str, Any]:
+def _ropefit(stage: str, options: str, run: Path, may_fail: bool) -> dict[str, Any]:
     """The JSON of one command; {"failed": its line, "code": ...} of one whose failure counts."""
     command = [sys.executable, "-m", "ropefit", stage, *shlex.split(options)]
-    command += ["--run", str(place.run(run))]
+    command += ["--run", str(run)]
     begin = time.monotonic()
     done = subprocess.run([*command, "--quiet", "--json"], capture_output=True, text=True)
-    print(f"{run}: {stage} {options} ({time.monotonic() - begin:.0f} s)", file=sys.stderr)
+    print(f"{run.name}: {stage} {options} ({time.monotonic() - begin:.0f} s)", file=sys.stderr)
     if done.returncode == 0:
         return json.loads(done.stdout)
     line = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "no message"
     if not may_fail:
-        raise SystemExit(f"{run}: {stage}: {line}")
+        raise SystemExit(f"{run.name}: {stage}: {line}")
     return {"failed": line, "code": done.returncode}
 
 
