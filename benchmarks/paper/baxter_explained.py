@@ -25,17 +25,15 @@ def gravity(r: Results) -> str:
     m = r.model("equilibrium")
     noise = float(np.median(r.observations("equilibrium").noise))
     rows = [
-        ["EI, all frames", r.interval("diagnosed", "EI")],
+        ["EI, all frames", r.interval("equilibrium", "EI")],
         ["EI, bending frames", r.interval("equilibrium-states", "EI", "group_0")],
         ["EI, tensioned frames", r.interval("equilibrium-states", "EI", "group_1")],
-        ["EA, all frames", r.interval("equilibrium", "EA")],
         ["true", "EI 0.0007 N m^2, inextensible"],
     ]
     split = rms_by_state(r, "equilibrium", "jacobi-100")
     found = {run: [e["name"] for e in r.said[run]["diagnose"]["effects"]]
-             for run in ("diagnosed", "jacobi-shapes")}  # fmt: skip
+             for run in ("equilibrium", "jacobi-shapes")}  # fmt: skip
     return (
-        "### Why two gravity weights\n\n"
         "One parameter set of the equilibrium model, on the same data:\n\n"
         + table(["parameter", "value (95 %)"], rows)
         + f"\nRms {millimetres(split['group_0'])} in bending and "
@@ -51,8 +49,8 @@ def gravity(r: Results) -> str:
             ),
             Claim(
                 "is the rope extensible after all? (not asked)",
-                "`diagnose` on the recording: " + diagnosed(r.said["diagnosed"]),
-                "axial_extensibility" in found["diagnosed"],
+                "`diagnose` on the recording: " + diagnosed(r.said["equilibrium"]),
+                "axial_extensibility" in found["equilibrium"],
                 "the data hold no stretch: nothing physical is behind the second weight",
                 explains=False,
             ),
@@ -73,7 +71,6 @@ def flattened(r: Results) -> str:
     names = [e["name"] for e in found["effects"]]
     held = found["heldout"]
     return (
-        "### What the projection hides\n\n"
         "The same rope, both ends clamped, the gripper swept and turned sideways. Its points are "
         "projected as the paper does, and then taken for what was measured.\n\n"
         + picture(figures.flattened(r), "One frame from above: measured, and as projected.")

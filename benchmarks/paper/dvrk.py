@@ -19,7 +19,7 @@ from benchmarks.paper.drawing import (
     save,
 )
 from benchmarks.paper.pipeline import MiddleTable, Rendered
-from benchmarks.paper.results import SYMBOL, Results, at_arc, cloud, pixels
+from benchmarks.paper.results import SYMBOL, Results, assemble, at_arc, cloud, pixels
 
 PAPER = {"eta_x_G_0": 3, "eta_x_G_1": 25, "eta_x_D": 0.87, "eta_x_S": 0.873, "eta_q_S": 1.0,
          "eta_q_B": 1.30, "eta_SOR": 0.61}  # fmt: skip
@@ -28,9 +28,19 @@ KEY = 0.12  # m, the reference marker
 
 def section(r: Results) -> str:
     """Markdown of the whole experiment."""
-    return "\n".join(
-        ["## Extensible rod (dVRK)\n", _weights(r), _thomas(r), _key_points(r), _explained(r)]
-    )
+    parts = {
+        "Weights of the Jacobi solver, by grid search": (
+            ("jacobi", "jacobi-one", "jacobi-relaxed", "jacobi-tensioned"),
+            _weights,
+        ),
+        "Thomas on a rod that stretches": (("jacobi", "thomas"), _thomas),
+        "Key points": (("jacobi",), _key_points),
+        "Why the two sides want different gravity": (
+            ("tensioned", "relaxed", "relaxed-own", "reachable"),
+            _explained,
+        ),
+    }
+    return assemble(r, "Extensible rod (dVRK)", parts)
 
 
 def _setup(r: Results) -> tuple[Rendered, MiddleTable]:
@@ -67,7 +77,7 @@ def _weights(r: Results) -> str:
     return (
         f"The true rod is stretched by {1e2 * tense.min():.1f} to {1e2 * tense.max():.1f} % on the "
         f"tensioned side and by {1e2 * slack.min():.1f} to {1e2 * slack.max():.1f} % on the "
-        "relaxed one.\n\n### Weights of the Jacobi solver, by grid search\n\n"
+        "relaxed one.\n\n"
         + table(["weight", "here", "verdict", "paper"], rows)
         + "\n"
         + table(["gravity weights", "rms [mm]"], [[k, f"{1e3 * v:.2f}"] for k, v in rms.items()])
@@ -119,7 +129,7 @@ def _thomas(r: Results) -> str:
         f"to {1e2 * said['length_error']:.2f} %"
     )  # fmt: skip
     worse = failed or said["rms_fit_m"] > 1.2 * jacobi.rms_fit
-    return "### Thomas on a rod that stretches\n\n" + claims([
+    return claims([
         Claim(
             "Thomas diverges and cannot simulate the rod",
             here,
@@ -146,7 +156,6 @@ def _key_points(r: Results) -> str:
     node = r.model("jacobi").control_node
     apart = 1e3 * np.linalg.norm(o.centreline[:, node] - truth["gripper"][o.frames], axis=1)
     return (
-        "### Key points\n\n"
         "Control point and reference marker, neither of them used, against the truth.\n\n"
         + table(["loss", "point", "median [px]", "largest [px]", "median [mm]", "largest [mm]"],
                 rows)
@@ -201,7 +210,6 @@ def _explained(r: Results) -> str:
     carried, own = r.model("relaxed").rms_fit, r.model("relaxed-own").rms_fit
     names = [e["name"] for e in r.said["reachable"]["diagnose"]["effects"]]
     return (
-        "### Why the two sides want different gravity\n\n"
         "Each side of the gripper as a rope of the equilibrium model, clamped by the gripper:\n\n"
         + table(["side", "EI (95 %)", "EA (95 %)", "rms [mm]"], rows)
         + f"\nNoise of a point {millimetres(noise)}.\n\n"

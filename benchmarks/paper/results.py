@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,20 @@ class Results:
         if p["ci95"] is None:
             return f"{p['value']:.3g}{unit} ({p['verdict']})"
         return f"{p['value']:.3g}{unit} ({p['ci95'][0]:.3g} to {p['ci95'][1]:.3g})"
+
+
+Part = Callable[[Results], str]
+
+
+def assemble(r: Results, title: str, parts: dict[str, tuple[tuple[str, ...], Part]]) -> str:
+    """A chapter of parts {heading: (runs that it needs, its text)}; a part whose runs are not done
+    says so."""
+    out = [f"## {title}\n"]
+    for heading, (needs, part) in parts.items():
+        missing = [run for run in needs if run not in r.said]
+        text = part(r) if not missing else f"Not run: {', '.join(missing)}.\n"
+        out.append(f"### {heading}\n\n{text}")
+    return "\n".join(out)
 
 
 def states(o: Observations) -> tuple[int, int]:

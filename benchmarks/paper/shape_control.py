@@ -13,7 +13,7 @@ from benchmarks.discovery.setting import FIXED_END
 from benchmarks.paper.document import Claim, claims, diagnosed, millimetres, picture, table
 from benchmarks.paper.drawing import FITTED, START, TRUE, curve, front, panels, save
 from benchmarks.paper.pipeline import Rendered, SweepTable
-from benchmarks.paper.results import Results
+from benchmarks.paper.results import Results, assemble
 from benchmarks.paper.worlds import directions, oriented, settled
 
 RUNS = {
@@ -39,6 +39,11 @@ class Done:
 
 def section(r: Results) -> str:
     """Markdown of the whole experiment."""
+    parts = {"Three points as the target": (tuple(RUNS), _reached)}
+    return assemble(r, "Shape control (Baxter)", parts)
+
+
+def _reached(r: Results) -> str:
     done = {(run, target): _carry_out(r, run, target) for run in RUNS for target in TARGETS}
     rows = [
         [
@@ -55,7 +60,6 @@ def section(r: Results) -> str:
     names = [e["name"] for e in r.said["pinned"]["diagnose"]["effects"]]
     angle = float(np.degrees(done["thomas", "turned"].angle).mean())
     return (
-        "## Shape control (Baxter)\n\n"
         "Three points of the rope are the target. What each model asks of the gripper is carried "
         "out on the true rope, whose gripper clamps it; without orientation the gripper keeps its "
         "own. Distances at the three points, and rms over the whole rope.\n\n"
