@@ -111,9 +111,9 @@ def distance(r: Results) -> Path:
             axes[1].plot(i.iteration, rest * (1 + i.length_error[row]), **how)
             edges = np.linalg.norm(np.diff(m.x[row], axis=0), axis=1)
             axes[2].plot(1e3 * np.abs(edges - rest / len(edges)), **how)
-    axes[0].set(xlabel="iteration", ylabel="largest |C^D| [mm]", yscale="log", xscale="log")
+    axes[0].set(xlabel="iteration", ylabel="largest ‖C^D‖ [mm]", yscale="log", xscale="log")
     axes[1].set(xlabel="iteration", ylabel="length [m]", xscale="log")
-    axes[2].set(xlabel="pair", ylabel="|C^D| at the end [mm]", yscale="log")
+    axes[2].set(xlabel="pair", ylabel="‖C^D‖ at the end [mm]", yscale="log")
     axes[1].legend(frameon=False, fontsize=7)
     return save(figure, r.figures, "distance")
 

@@ -43,7 +43,7 @@ def table(columns: list[str], rows: Iterable[Iterable[Any]]) -> str:
 
 def picture(path: Path, caption: str) -> str:
     """A figure beside the document, with its caption."""
-    return f"![{caption}](figures/{path.name})\n\n*{caption}*\n"
+    return f"![{path.stem}](figures/{path.name})\n\n*{caption}*\n"
 
 
 def millimetres(value: float) -> str:

@@ -26,12 +26,15 @@ def panels(columns: int, width: float = 3.4, height: float = 2.8) -> tuple[Any, 
 
 def curve(axes: Any, x: np.ndarray, color: str, label: str, **style: Any) -> None:
     """A rope (N, 3) [m] seen from the front, in mm."""
+    style = {"linewidth": 1.0} | style
     axes.plot(1e3 * x[:, 0], 1e3 * x[:, 2], color=color, label=label, **style)
 
 
 def points(axes: Any, x: np.ndarray, color: str, label: str, up: int = 2, size: float = 2) -> None:
     """Points (N, 3) [m] from the front (up = 2) or from above (up = 1), in mm."""
-    axes.scatter(1e3 * x[:, 0], 1e3 * x[:, up], s=size, color=color, label=label, linewidths=0)
+    axes.scatter(
+        1e3 * x[:, 0], 1e3 * x[:, up], s=size, color=color, label=label, linewidths=0, zorder=3
+    )
 
 
 def front(axes: Any, title: str) -> None:
