@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from benchmarks.paper.document import Claim, claims
+from benchmarks.paper.document import Claim, claims, diagnosed
 from benchmarks.paper.pipeline import Experiment, Rendered, RopeTable, SweepTable, read
 from benchmarks.paper.rendering import looking
 from benchmarks.paper.runner import Place, recall
@@ -112,6 +112,15 @@ def test_a_claim_gives_its_reason_only_for_the_outcome_that_it_explains():
     assert lost.row().endswith("**differs**: not explained |")
     assert other.row().endswith("**differs**: since d |")
     assert claims([kept, lost]).count("\n") == 4
+
+
+def test_a_diagnosis_is_told_with_its_size_and_what_it_may_be_as_well():
+    size = {"value": 0.3, "unit": "N", "ci95": [0.2, 0.4]}
+    effect = {"name": "tether", "parameters": {"EA": size}, "equivalent_to": ["tether", "kink"]}
+    told = diagnosed({"diagnose": {"verdict": "found", "effects": [effect]}})
+    assert told == "verdict *found*: `tether`, EA 0.3 N (0.2 to 0.4), or as well kink"
+    none = diagnosed({"diagnose": {"verdict": "none", "effects": []}})
+    assert none == "verdict *none*, no effect named"
 
 
 def test_nothing_is_recalled_of_runs_that_were_not_done(tmp_path):
