@@ -132,8 +132,9 @@ def _jacobi(r: Results) -> str:
                 f"one for both, tensioned frames are off by {millimetres(lone['group_1'])} "
                 f"instead of {millimetres(two['group_1'])}",
                 gravity["group_0"] > 1.5 * gravity["group_1"],
-                "unfinished iterations stretch a taut rope the more, the more gravity moves it: "
-                "see *Why two gravity weights*",
+                "a state is where the iterations happened to stop. More of them bring neither the "
+                "two weights together nor the rope closer: gravity acts once, and the hard bending "
+                "constraint goes on straightening the rope; see *Why two gravity weights*",
             ),
         ])
     )  # fmt: skip

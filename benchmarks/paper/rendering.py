@@ -6,6 +6,8 @@ own axes.
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -72,8 +74,9 @@ def frame(
 ) -> tuple[Array, Array]:
     """(color (H, W, 3) uint8, depth (H, W) [m]) of a centreline (n, 3) in the camera's axes at arc
     lengths (n,) [m]; marks: arc lengths of red bands."""
-    import open3d as o3d
+    import open3d
 
+    o3d: Any = open3d  # its stubs miss what its constructors take
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     s = np.linspace(arc[0], arc[-1], FINE)
     curve = CubicSpline(arc, nodes)(s)
