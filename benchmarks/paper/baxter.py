@@ -121,8 +121,8 @@ def _jacobi(r: Results) -> str:
         + "\n"
         + picture(
             figures.jacobi_states(r),
-            "Jacobi with the paper's other weights: the gravity weight of bending frames and that "
-            "of tensioned ones, each on both.",
+            "Jacobi with the paper's other weights, 100 iterations: rms of every frame, taut in "
+            "the middle, by the paper's gravity weight, one for all frames and one for each state.",
         )
         + "\n"
         + claims([
@@ -163,7 +163,10 @@ def _losses(r: Results) -> str:
         + table(["loss", "meaning", "OBJ1 [m]", "median error [mm]", "largest [mm]", "converged"],
                 rows)
         + "\n"
-        + picture(figures.losses(r), "The rope found by each loss in one frame, and OBJ1.")
+        + picture(
+            figures.losses(r),
+            "One frame from above (y over x, mm): points and the rope found by each loss; OBJ1.",
+        )
         + "\n"
         + claims([
             Claim(

@@ -52,16 +52,16 @@ def thomas_fit(r: Results) -> Path:
 
 
 def jacobi_states(r: Results) -> Path:
-    o, two = r.observations("jacobi-100"), r.model("jacobi-100")
-    one, start = r.model("jacobi-one"), r.model("jacobi-100").x_initial
-    figure, axes = panels(2)
-    for axis, row, title in zip(axes, extremes(r), ("bending", "tensioned"), strict=True):
-        points(axis, cloud(o, row), DATA, "points")
-        curve(axis, start[row], START, "paper's 0.26")
-        curve(axis, one.x[row], TRUE, "one weight")
-        curve(axis, two.x[row], FITTED, "a weight for each state", linestyle="--")
-        front(axis, title)
-    axes[0].legend(frameon=False, fontsize=7)
+    frames, two = r.observations("jacobi-100").frames, r.model("jacobi-100")
+    figure, axes = panels(1, 5.0)
+    for rms, color, label in (
+        (two.rms_initial, START, "the paper's 0.26"),
+        (r.model("jacobi-one").rms, DATA, "one weight"),
+        (two.rms, FITTED, "a weight for each state"),
+    ):
+        axes[0].plot(frames, 1e3 * rms, color=color, label=label)
+    axes[0].set(xlabel="frame", ylabel="rms [mm]", ylim=(0, None))
+    axes[0].legend(frameon=False, fontsize=8)
     return save(figure, r.figures, "jacobi")
 
 
@@ -71,10 +71,10 @@ def losses(r: Results) -> Path:
     figure, axes = plt.subplots(2, 5, figsize=(12, 4.6))
     cells = list(axes.flat)
     for axis, name in zip(cells, names, strict=False):
-        points(axis, cloud(o, row), DATA, "points")
-        curve(axis, r.control("thomas", name).x[row], FITTED, name)
-        front(axis, name)
-        axis.set(xlabel="", ylabel="")
+        points(axis, cloud(o, row), DATA, "points", up=1)
+        x = r.control("thomas", name).x[row]
+        axis.plot(1e3 * x[:, 0], 1e3 * x[:, 1], color=FITTED, linewidth=1)
+        axis.set(title=name, ylim=(-80, 80))
     sums = [float(np.mean(r.control("thomas", name).obj1)) for name in names]
     cells[-1].bar([name[3:] for name in names], sums, color=START)
     cells[-1].set(title="OBJ1 [m] by loss", yscale="log")
