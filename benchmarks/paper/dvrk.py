@@ -135,8 +135,8 @@ def _thomas(r: Results) -> str:
             "Thomas diverges and cannot simulate the rod",
             here,
             worse,
-            "no side is pulled more than 2 % beyond its length here, and 100 iterations give way to "
-            "that; its weights were searched by gradient, Jacobi's on a coarse grid",
+            "no side is pulled more than 2 % beyond its length here, and 100 iterations give way "
+            "to that; its weights were searched by gradient, Jacobi's on a coarse grid",
             explains=False,
         )
     ])  # fmt: skip
