@@ -51,6 +51,7 @@ exporters: $(STAMP)
 	$(BIN)/python -m benchmarks.exporters --setup --write docs/results.md
 
 include pipelines/batch.mk
+include pipelines/paper.mk
 
 clean:
 	rm -rf $(VENV) $(RUN) .pytest_cache .ruff_cache .hypothesis

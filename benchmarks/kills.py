@@ -27,7 +27,7 @@ import numpy as np
 import torch
 
 from benchmarks.document import parser, publish
-from ropefit import commands
+from ropefit import commands, commands_show
 from ropefit.artifacts import ARTIFACTS, Checkpoint
 from ropefit.artifacts.store import identity, read
 from ropefit.console import Session
@@ -74,10 +74,10 @@ def chains(recording: Path) -> list[Chain]:
         return commands.control(quiet, run, {"evaluations": 15}, None, False)
 
     def explain(run: Path) -> Any:
-        return commands.diagnose(quiet, run, {"most_frames": 4}, None, False)
+        return commands.diagnose(quiet, run, {"most_frames": 4}, None, None, False)
 
     def tell(run: Path) -> Any:
-        return commands.report(quiet, run)
+        return commands_show.report(quiet, [], run, [], None)
 
     paper = [
         [

@@ -128,7 +128,7 @@ def render(kind: Kind, rng: np.random.Generator, loop: bool) -> Frame:
     arc, curve = shape(rng, loop)
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     colors = [np.array(kind.color)]
-    scene.add_triangles(_tube(arc, curve, kind.diameter / 2))
+    scene.add_triangles(tube(arc, curve, kind.diameter / 2))
     meets = crossings(camera().project(curve))
     hidden_arc = _hidden(rng, arc, [arc[i] for pair in meets for i in pair])
     for low, high in hidden_arc:
@@ -136,23 +136,23 @@ def render(kind: Kind, rng: np.random.Generator, loop: bool) -> Frame:
         inside = curve[(arc >= low) & (arc <= high)]
         middle = inside.mean(axis=0) * 0.8
         size = float(np.linalg.norm(np.ptp(inside, axis=0))) * 0.8
-        scene.add_triangles(_box(middle, [0.75 * size, 0.75 * size, 0.02]))
+        scene.add_triangles(box(middle, [0.75 * size, 0.75 * size, 0.02]))
         colors.append(np.array([0.35, 0.33, 0.36]) + rng.uniform(-0.05, 0.05, 3))
     ground = np.array([0.52, 0.50, 0.47])
-    scene.add_triangles(_box([0, 0, DISTANCE + 0.33], [6, 6, 0.02]))
+    scene.add_triangles(box([0, 0, DISTANCE + 0.33], [6, 6, 0.02]))
     colors.append(ground)
     for _ in range(5):  # clutter on the ground
         place = [rng.uniform(-0.8, 0.8), rng.uniform(-0.45, 0.45), DISTANCE + 0.28]
-        scene.add_triangles(_box(place, rng.uniform([0.03, 0.03, 0.02], [0.2, 0.15, 0.08])))
+        scene.add_triangles(box(place, rng.uniform([0.03, 0.03, 0.02], [0.2, 0.15, 0.08])))
         colors.append(rng.uniform(0.25, 0.75) * np.array([1, 1, 1]) + rng.uniform(-0.06, 0.06, 3))
     u, v = (np.arange(2 * WIDTH) + 0.5) / 2 - 0.5, (np.arange(2 * HEIGHT) + 0.5) / 2 - 0.5
-    color = _colors(scene, np.array(colors), _rays(u, v), rng)
-    hit = scene.cast_rays(o3d.core.Tensor(_rays(np.arange(WIDTH), np.arange(HEIGHT))), nthreads=1)
+    color = shaded(scene, np.array(colors), rays(u, v), rng)
+    hit = scene.cast_rays(o3d.core.Tensor(rays(np.arange(WIDTH), np.arange(HEIGHT))), nthreads=1)
     truth = hit["t_hit"].numpy().astype(float)
     pixels = np.round(camera().project(curve)).astype(int)
     front = truth[pixels[:, 1], pixels[:, 0]] < curve[:, 2] - 0.04  # something stands before it
     crossing = (float(arc[meets[0][0]]), float(arc[meets[0][1]])) if meets else None
-    return Frame(color, _sensed(truth, rng), curve, arc, front, crossing)
+    return Frame(color, sensed(truth, rng), curve, arc, front, crossing)
 
 
 def _hidden(
@@ -171,14 +171,14 @@ def _hidden(
     return out
 
 
-def _rays(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def rays(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     eye = camera()
     grid = np.stack(np.meshgrid((u - eye.cx) / eye.fx, (v - eye.cy) / eye.fy), axis=-1)
     ones = np.ones((*grid.shape[:2], 1))
     return np.concatenate([np.zeros((*grid.shape[:2], 3)), grid, ones], axis=-1).astype(np.float32)
 
 
-def _colors(scene, colors: np.ndarray, rays: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def shaded(scene, colors: np.ndarray, rays: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(H, W, 3) uint8: shaded, with cast shadows, texture on the ground and sensor noise."""
     o3d = _open3d()
 
@@ -201,7 +201,7 @@ def _colors(scene, colors: np.ndarray, rays: np.ndarray, rng: np.random.Generato
     return np.clip(np.round(image), 0, 255).astype(np.uint8)
 
 
-def _sensed(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def sensed(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(H, W) [m] as a depth camera gives it: noise, flying pixels, losses, whole millimetres."""
     kernel = np.ones((3, 3), np.uint8)
     near, far = cv2.erode(depth, kernel), cv2.dilate(depth, kernel)
@@ -213,7 +213,7 @@ def _sensed(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.round(out * 1000) / 1000
 
 
-def _box(center, size):
+def box(center, size):
     o3d = _open3d()
 
     mesh = o3d.t.geometry.TriangleMesh.create_box(*(float(value) for value in size))
@@ -221,7 +221,7 @@ def _box(center, size):
     return mesh.translate(o3d.core.Tensor(corner))
 
 
-def _tube(arc: np.ndarray, curve: np.ndarray, radius: float, rings: int = 800, sides: int = 24):
+def tube(arc: np.ndarray, curve: np.ndarray, radius: float, rings: int = 800, sides: int = 24):
     o3d = _open3d()
 
     spline = CubicSpline(arc[::20], curve[::20])
