@@ -128,6 +128,8 @@ class Forward:
         conditions = Conditions(setup.ends, setup.clamp)
         start = start or self.last
         rod = setup.rod()
+        if rod.load.ndim == 3:
+            rod = rod.each(len(rod.load))
         if setup.potentials:
             solution, conditions, rod = solve_with_potentials(
                 rod, conditions, setup.potentials, start
@@ -183,23 +185,27 @@ def respond(point: Point, changes: list[Change]) -> np.ndarray:
     for changed in changes:
         with forward_ad.dual_level():
             setup = changed()
-            rod.append([_tangent(t) for t in setup.rod()])
-            ends.append(_tangent(setup.ends))
-            clamp.append(_turn(setup.clamp))
-            direct.append(_tangent(setup.seen(x)))
+            rod.append([tangent_of(t) for t in setup.rod()])
+            ends.append(tangent_of(setup.ends))
+            clamp.append(turn_of(setup.clamp))
+            direct.append(tangent_of(setup.seen(x)))
             force.append(springs(setup.potentials, x))
     fields = [np.stack([row[i] for row in rod]) for i in range(6)]
     rods, frames = point.rod, len(x)
-    if any(f is not None for f in force):  # a potential's forces differ from frame to frame
-        load = np.stack([0.0 * x.numpy() if f is None else f for f in force], axis=1)
-        if rods.length.ndim == 1:
-            rods = Rod(*(t.expand(frames, *t.shape) for t in rods))
-        fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
-        fields[4] = fields[4] + load
-    elif rods.length.ndim == 1:
+    by_frame = fields[4].ndim == 4  # loads that differ from frame to frame, (P, F, N+1, 3)
+    load = np.moveaxis(fields[4], 1, 0) if by_frame else None
+    if any(f is not None for f in force):  # as do a potential's forces
+        pushed = np.stack([0.0 * x.numpy() if f is None else f for f in force], axis=1)
+        load = (fields[4] if load is None else load) + pushed
+    if load is not None:
+        rods = rods.each(frames)
+    if rods.length.ndim == 1:
         fields = [f[None] for f in fields]
     else:
-        fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
+        fields = [
+            load if k == 4 and load is not None else np.broadcast_to(f, (frames, *f.shape))
+            for k, f in enumerate(fields)
+        ]
     directions = Directions(
         *fields,
         ends=np.nan_to_num(np.stack(ends, axis=1)),
@@ -210,13 +216,13 @@ def respond(point: Point, changes: list[Change]) -> np.ndarray:
     return np.moveaxis(dx, 1, 0) + np.stack(direct)
 
 
-def _tangent(t: Tensor) -> np.ndarray:
+def tangent_of(t: Tensor) -> np.ndarray:
     """The tangent of a dual tensor, zeros where it has none."""
     tangent_ = forward_ad.unpack_dual(t).tangent
     return np.zeros(tuple(t.shape)) if tangent_ is None else tangent_.numpy().copy()
 
 
-def _turn(clamp: Tensor) -> np.ndarray:
+def turn_of(clamp: Tensor) -> np.ndarray:
     """(F, 2, 3) the tangent of frames as turns about their own axes."""
     primal, tangent_ = forward_ad.unpack_dual(clamp)
     if tangent_ is None:

@@ -52,6 +52,16 @@ class Rod(NamedTuple):
         """(R, N+1) [m] rest arc length of the nodes."""
         return torch.nn.functional.pad(self.length.cumsum(-1), (1, 0))
 
+    def each(self, frames: int) -> Rod:
+        """The rod once for each of `frames`, also what was the same in all."""
+        dims = (1, 2, 2, 2, 2, 2)
+        return Rod(
+            *(
+                t if t.ndim > d else t.expand(frames, *t.shape)
+                for t, d in zip(self, dims, strict=True)
+            )
+        )
+
 
 def uniform(
     *,

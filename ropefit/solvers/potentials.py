@@ -73,7 +73,7 @@ def solve_with_potentials(
     """
     if start is None or not start.converged.all():
         start = solve(rod, conditions)
-    length, weight = float(rod.length.sum()), float(rod.load.norm(dim=-1).sum())
+    length, weight = float(rod.length.sum()), float(rod.load.norm(dim=-1).sum(-1).mean())
     x = torch.from_numpy(start.x)
     force, _ = force_and_stiffness(potentials, x)
     deep = float(force.norm(dim=-1).max()) > weight
@@ -109,7 +109,7 @@ def _settle(
         )  # fmt: skip
         rods = rod
         if load is not None:
-            rods = Rod(*(t.expand(len(x), *t.shape) for t in rod))
+            rods = rod.each(len(x))
             rods = rods._replace(load=rods.load + load)
         current = solve(rods, held, guess, limit=LIMIT)
         moved = np.abs(current.x - before).max(axis=(1, 2))

@@ -108,6 +108,11 @@ def _fit(o: Observations, f: FittedModel) -> str:
 def _trust(f: FittedModel, length: float) -> Markup:
     if f.balance:
         return _trust_equilibrium(f, f.balance)
+    if f.stepped:
+        return Markup(
+            "Every clip was simulated open loop from its first two frames, with the rope's inertia "
+            "and damping."
+        )
     assert f.iterated is not None
     if f.solver_converged:
         solver = "The solver converged, so the shape does not depend on the iteration count"
@@ -181,6 +186,8 @@ def _key_numbers(o: Observations, f: FittedModel) -> dict[str, str]:
     solver = "converged" if f.solver_converged else "not converged"
     if f.balance:
         solver = f"{int(f.balance.converged.sum())} of {len(o.frames)} in equilibrium"
+    if f.stepped:
+        solver = f"{f.stepped.clips} clips in motion"
     unseen = millimetres(f.rms_heldout) if f.rms_heldout is not None else "none held out"
     return {
         "Before the fit": millimetres(rms(f.rms_initial)),
