@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 import torch.autograd.forward_ad as forward_ad
+from scipy.interpolate import CubicSpline
 
 from ropefit.inference.forward import Forward, Point, tangent_of, turn_of
 from ropefit.rod.moving import Moving, moving, undamped
@@ -27,12 +28,16 @@ STEP = 1e-4  # of a search variable: the first states' differences
 FAILED = 1  # status of frames that were not reached
 
 
+FINENESS = (1, 2, 4)  # steps for each frame: more where fewer do not converge
+
+
 class Run(NamedTuple):
-    """One clip as it was simulated."""
+    """One clip as it was simulated, with `fine` steps from frame to frame."""
 
     drive: Drive
     start: Start
     trajectory: Trajectory
+    fine: int
 
 
 @dataclass
@@ -62,17 +67,14 @@ class MotionForward(Forward):
         force, status = np.full((frames, n, 3), np.nan), np.full(frames, FAILED)
         iterations, runs = np.zeros(frames, dtype=np.int64), []
         for clip in self.clips:
-            drive = self._drive(setup, clip)
-            first = self._first(rope, drive, clip)
-            found = solve(rope, drive, first)
-            reached = clip[: found.done[0]]
-            x[reached] = found.x[0, : len(reached)]
-            q[reached], force[reached] = (
-                found.q[0, : len(reached)],
-                found.force[0, : len(reached)],
-            )
-            status[reached], iterations[clip] = 0, found.iterations[0]
-            runs.append(Run(drive, first, found))
+            run = self._run(setup, rope, clip)
+            found = run.trajectory
+            reached = clip[: 1 + (found.done[0] - 1) // run.fine]
+            frames_of = slice(None, len(reached) * run.fine, run.fine)
+            x[reached], q[reached] = found.x[0, frames_of], found.q[0, frames_of]
+            force[reached] = found.force[0, frames_of]
+            status[reached], iterations[clip] = 0, found.iterations[0, :: run.fine]
+            runs.append(run)
         seen = setup.seen(torch.from_numpy(x)).numpy().copy()
         solution = Solution(
             q, x, force, np.zeros((frames, 0)), x[:, 0], status, iterations, np.zeros(frames)
@@ -107,10 +109,22 @@ class MotionForward(Forward):
             if not run.trajectory.converged[0]:
                 continue
             first = [np.stack([s[number][k] for s in starts])[None] for k in range(3)]
-            directions = Directions(*by_rod, moved[None, :, clip], turned[None, :, clip], *first)
+            path = [finer(self.time[clip], v[:, clip], run.fine, 1)[None] for v in (moved, turned)]
+            directions = Directions(*by_rod, *path, *first)
             dx, _ = tangent(point.rope, run.drive, run.start, run.trajectory, directions)
-            out[:, clip] += dx[0]
+            out[:, clip] += dx[0][:, :: run.fine]
         return out
+
+    def _run(self, setup: Setup, rope: Moving, clip: np.ndarray) -> Run:
+        """Simulate one clip, with more steps if it needs them."""
+        drive = self._drive(setup, clip)
+        for fine in FINENESS:
+            refined = refine(drive, fine)
+            first = self._first(rope, drive, clip)
+            found = solve(rope, refined, first)
+            if found.converged[0]:
+                break
+        return Run(refined, first, found, fine)
 
     def _drive(self, setup: Setup, clip: np.ndarray) -> Drive:
         index = torch.from_numpy(clip)
@@ -173,6 +187,33 @@ def first_state(rope: Moving, drive: Drive, observed: np.ndarray, every: int) ->
         arrived = torch.from_numpy(solve(rope, once, Start(x0, q0, v)).x[:, 1])
         v = v + torch.nan_to_num(x1 - arrived) / step
     return Start(x0, q0, v)
+
+
+def refine(drive: Drive, fine: int) -> Drive:
+    """The drive of one clip with `fine` steps for each of its own."""
+    if fine == 1:
+        return drive
+    time = drive.time[0].numpy()
+    ends = finer(time, drive.ends[0].numpy(), fine)
+    clamp = finer(time, drive.clamp[0].numpy(), fine)
+    clamp /= np.linalg.norm(clamp, axis=-1, keepdims=True)
+    times = torch.from_numpy(_between(time, fine))[None]
+    return Drive(times, torch.from_numpy(ends)[None], torch.from_numpy(clamp)[None])
+
+
+def finer(time: np.ndarray, values: np.ndarray, fine: int, axis: int = 0) -> np.ndarray:
+    """Values at time (T,) on a spline through them, `fine` for each interval. What is NaN at some
+    time is so at all."""
+    if fine == 1:
+        return values
+    known = np.isfinite(values).all(axis=axis, keepdims=True)
+    curve = CubicSpline(time, np.nan_to_num(values), axis=axis)(_between(time, fine))
+    return np.where(known, curve, np.nan)
+
+
+def _between(time: np.ndarray, fine: int) -> np.ndarray:
+    places = np.arange((len(time) - 1) * fine + 1) / fine
+    return np.interp(places, np.arange(len(time)), time)
 
 
 def fields(rope: Moving) -> list[torch.Tensor]:

@@ -60,18 +60,16 @@ def spread_of(found: Fit, clips: list[np.ndarray], time: np.ndarray) -> Spread:
         partners = sorted(
             {labels[j] for j in range(len(sd)) if j != k and abs(correlation[k, j]) > STRONG}
         )
-        verdict = "determined"
+        verdict, width = "determined", quantile * sd[k]
         if not found.converged:
             verdict = "not converged"
         elif min(u - low[k], high[k] - u) < EDGE * (high[k] - low[k]):
             verdict = "at bound"
-        elif sd[k] > WIDE:
+        elif (sd[k] if term.log else 2 * width / (high[k] - low[k])) > WIDE:
             verdict = "trade-off" if partners else "flat direction"
-        width = min(quantile * sd[k], 50.0)
-        value = float(term.value(np.array([u]))[0])
-        told[term.name] = [
-            value, value * np.exp(-width), value * np.exp(width), verdict, partners
-        ]  # fmt: skip
+        around = (u, u - min(width, 50.0), u + min(width, 50.0))
+        value, least, most = (float(term.value(np.array([v]))[0]) for v in around)
+        told[term.name] = [value, least, most, verdict, partners]
     many = len(told)
     values = np.linalg.eigvalsh(correlation[:many, :many])
     return Spread(

@@ -39,3 +39,12 @@ def third(q: np.ndarray) -> np.ndarray:
     """(..., 3) the tangents R(q) e3."""
     w, x, y, z = np.moveaxis(q, -1, 0)
     return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
+
+
+def continuous(q: np.ndarray) -> np.ndarray:
+    """(F, ..., 4) the same rotations; of the two quaternions of each, the nearer to the last."""
+    out = q.copy()
+    for t in range(1, len(out)):
+        against = np.nan_to_num((out[t] * out[t - 1]).sum(-1, keepdims=True)) < 0
+        out[t] = np.where(against, -out[t], out[t])
+    return out

@@ -11,25 +11,20 @@ from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference.forward import Term
 from ropefit.inference.least_squares import Noise, fit
-from ropefit.inference.motion import MotionForward, MotionPoint, Run
+from ropefit.inference.motion import MotionForward, MotionPoint
 from ropefit.inference.motion_spread import spread_of
-from ropefit.inference.motion_terms import unknowns
+from ropefit.inference.motion_terms import PAIR, grips, unknowns
 from ropefit.inference.stations import Data
-from ropefit.inference.terms import DEGREE, nuisance, rope_term, turn_clamp
-from ropefit.rod.carried import carried
-from ropefit.rod.moving import Damping
 from ropefit.rod.setup import Setup
 from ropefit.stages.identify_equilibrium import held_node, priors_of
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.motion_model import motion_model, told_units
-from ropefit.stages.motion_of import centrelines, clips_of
-from ropefit.stages.rope_setup import base_setup, data_in_space
+from ropefit.stages.motion_of import clips_of
+from ropefit.stages.motion_setup import EVERY, Span, span_of
 from ropefit.stages.stage import Context
 
-FINEST = 40  # segments, about: a clip of 500 frames takes some 0.1 s
 SHORTEST = 20  # frames of a clip
-ROUND_OFF = 100  # frames of motion that count as one of --most-frames shapes
-PAIR = 6.0  # degrees: how far the line of two held markers may lie from the rope's own
+OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes
 LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get below
 
 
@@ -40,82 +35,67 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
             "--solver dynamics needs markers: clouds show no motion along the rope; "
             "use --solver equilibrium"
         )
-    node = held_node(o, settings.control_at)
-    clips = [c for c in clips_of(o.time) if len(c) >= SHORTEST]
-    if not clips:
-        raise BadInput(
-            f"no {SHORTEST} frames follow each other without a gap in time; "
-            "use --solver equilibrium for single shapes"
-        )
-    setup, every, lines = motion_setup(o)
-    if not all(np.isfinite(lines[c[:2]]).all() for c in clips):
+    node, clips = held_node(o, settings.control_at), long_clips(o)
+    span = span_of(o)
+    if not all(np.isfinite(span.lines[c[:2]]).all() for c in clips):
         raise BadInput("the first two frames of a clip show too few markers to start from")
-    data, known = data_in_space(o), unknowns(setup)
-    free = _free_names(settings, o, setup)
+    free = free_names(settings, o, span.setup)
+    terms = terms_of(o, span.setup, free)
     train, out = held_back(clips, len(o.frames), settings.holdout)
-    train = train[: max(1, settings.most_frames * ROUND_OFF // len(train[0]))]
-    terms = _terms(o, setup, free)
-    forward = MotionForward(setup, terms, None, o.time, train, lines, every)
+    train = train[: max(1, settings.most_frames * OF_MOTION // len(train[0]))]
+    forward = _forward(o, span, terms, train)
     used = np.isin(np.arange(len(o.frames)), np.concatenate(train))
-    masked = Data(data.points, data.share, data.mask & used[:, None], data.material, data.eye)
+    data = span.data
+    seen = Data(data.points, data.share, data.mask & used[:, None], data.material, data.eye)
     noise = Noise(marker=max(float(np.median(o.noise)), LEAST_NOISE))
     context.progress(0.1, "least squares")
-    began = forward.at(forward.start())
-    _check(began.solution.converged[used], began.runs)
-    found = fit(forward, masked, noise, 1, forward.start(), settings.evaluations, tolerance=1e-5)
+    _check(forward.at(forward.start()), train)
+    found = fit(forward, seen, noise, 1, forward.start(), settings.evaluations, tolerance=1e-5)
     context.progress(0.8, "all clips")
-    whole = MotionForward(setup, terms, None, o.time, clips, lines, every)
+    whole = _forward(o, span, terms, clips)
     point, first = whole.at(found.point.u), whole.at(forward.start())
-    every_clip = np.concatenate(clips)
-    _check(point.solution.converged[every_clip], point.runs)
+    _check(point, clips)
     spread = spread_of(found, train, o.time)
+    model = motion_model(
+        o, span, settings.loss, node, clips, out, found, spread, free, point, first,
+        np.concatenate(train),
+    )  # fmt: skip
+    if not out.any():
+        context.say("no frame held out: the fit is judged on its own frames")
     return {
         "recording": o.recording,
         "length": o.length,
         "frames": o.frames,
-        "models": {
-            "nominal": motion_model(
-                o, settings.loss, node, every, data, clips, out, found, spread, free, point, first,
-                np.concatenate(train), known,
-            )
-        },
-    }  # fmt: skip
+        "models": {"nominal": model},
+    }
 
 
-def restored_motion(o: Observations, model: FittedModel) -> MotionPoint:
+def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
     """The motion of a recording as an identified rope makes it, of this recording or of another of
     the same rope in the same grips: each clip open loop from its first two frames."""
     assert model.stepped is not None
-    setup, every, lines = motion_setup(o)
+    span = span_of(o)
     group = next(iter(model.groups.values()))
-    terms, u = _terms(o, setup, group.free_names), []
-    factor = told_units(o, unknowns(setup))
+    terms, u = terms_of(o, span.setup, group.free_names), []
+    factor = told_units(o, span.setup)
     for term in terms:
         if term.nuisance:
             values = [model.stepped.calibration[f"{term.name}_{n}"].value for n in term.names]
         else:
             values = [group.parameters[term.name].value / factor[term.name]]
         u.append(term.search(np.array(values)))
+    return span, _forward(o, span, terms, long_clips(o)).at(np.concatenate(u))
+
+
+def long_clips(o: Observations) -> list[np.ndarray]:
+    """Indices of the frames of each clip. Raises BadInput."""
     clips = [c for c in clips_of(o.time) if len(c) >= SHORTEST]
-    forward = MotionForward(setup, terms, None, o.time, clips, lines, every)
-    return forward.at(np.concatenate(u))
-
-
-def motion_setup(o: Observations) -> tuple[Setup, int, np.ndarray]:
-    """The nominal rope in motion; how many of its segments lie in one of the observations'; and
-    the observed rope (F, K, 3) [m] at the observations' nodes.
-
-    Clamps whose twist is not seen are carried along: they do not roll about the rope.
-    """
-    every = max(1, round(FINEST / (len(o.node_arc) - 1)))
-    setup = base_setup(o, every * (len(o.node_arc) - 1))
-    lines = centrelines(o, o.node_arc)
-    zero = torch.zeros_like(setup.properties.length)
-    setup = setup._replace(damping=Damping(zero, zero, zero, zero), motion=None)
-    if not o.end_twist_known and all(setup.clamped):
-        held = carried(setup.clamp.numpy(), lines, clips_of(o.time))
-        setup = setup._replace(clamp=torch.from_numpy(held), give=torch.zeros_like(setup.give))
-    return setup, every, lines
+    if not clips:
+        raise BadInput(
+            f"no {SHORTEST} frames follow each other without a gap in time; "
+            "use --solver equilibrium for single shapes"
+        )
+    return clips
 
 
 def held_back(
@@ -124,54 +104,47 @@ def held_back(
     """The clips to fit, and which of all frames (F,) no fit sees: whole clips, or the last part of
     a single one, which is then predicted on from where the fit stops."""
     out = np.zeros(frames, dtype=bool)
-    if share == 0:
-        return clips, out
-    count = round(share * len(clips)) if len(clips) > 1 else 0
-    if count:
-        hidden = np.linspace(0, len(clips) - 1, count + 2)[1:-1].round().astype(int)
-        for k in hidden:
-            out[clips[k]] = True
-        return [c for k, c in enumerate(clips) if k not in hidden], out
-    if len(clips) > 1:
-        return clips, out
-    keep = int((1 - share) * len(clips[0]))
-    out[clips[0][keep:]] = True
-    return [clips[0][:keep]], out
+    if len(clips) == 1:
+        keep = len(clips[0]) - int(share * len(clips[0]))
+        out[clips[0][keep:]] = True
+        return [clips[0][:keep]], out
+    count = round(share * len(clips))
+    hidden = np.linspace(0, len(clips) - 1, count + 2)[1:-1].round().astype(int)
+    for k in hidden:
+        out[clips[k]] = True
+    return [c for k, c in enumerate(clips) if k not in hidden], out
 
 
-def _free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> list[str]:
+def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> list[str]:
+    """The parameters that are fitted. Raises WrongUsage."""
+    allowed = unknowns(setup)
+    if settings.free is not None:
+        for name in settings.free:
+            if name not in allowed:
+                raise WrongUsage(f"unknown parameter {name}; one of {', '.join(allowed)}")
+        return sorted(settings.free, key=list(allowed).index)
     names = ["EI", "bend_damping", "air_damping"]
     if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
         names.insert(1, "GJ")
-    if o.length_source == "estimated":
-        names.append("length")
-    if settings.free is None:
-        return names
-    allowed = unknowns(setup)
-    for name in settings.free:
-        if name not in allowed:
-            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(allowed)}")
-    return sorted(settings.free, key=list(allowed).index)
+    return names + (["length"] if o.length_source == "estimated" else [])
 
 
-def _terms(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
-    """The free parameters, and how far clamps are turned from what the recording tells, the same in
-    every frame."""
-    known = unknowns(setup)
-    rope = [
-        rope_term(n, "", known[n].start, known[n].low, known[n].high, known[n].apply) for n in free
-    ]
-    prior = priors_of(o).end_orientation * DEGREE
-    if not o.end_twist_known:
-        prior = max(prior, PAIR * DEGREE)
-    return rope + [
-        nuisance(f"clamp_{end}", ["x", "y", "z"], ["rad"] * 3, turn_clamp(end), [prior] * 3)
-        for end in range(2)
-        if setup.clamped[end]
-    ]
+def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
+    """The free parameters, then the errors of the grips."""
+    known, degrees = unknowns(setup), priors_of(o).end_orientation
+    pairs = PAIR if not o.end_twist_known else 0.0
+    return [known[name].term(name) for name in free] + grips(setup, max(degrees, pairs))
 
 
-def _check(converged: np.ndarray, runs: list[Run]) -> None:
-    if not converged.all():
-        why = next(r.trajectory.why() for r in runs if not r.trajectory.converged[0])
-        raise NotConverged(f"the motion cannot be simulated: {why}")
+def _forward(
+    o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]
+) -> MotionForward:
+    return MotionForward(span.setup, terms, None, o.time, clips, span.lines, EVERY)
+
+
+def _check(point: MotionPoint, clips: list[np.ndarray]) -> None:
+    for clip, run in zip(clips, point.runs, strict=True):
+        if not point.solution.converged[clip].all():
+            raise NotConverged(
+                f"the clip from frame {clip[0]} cannot be simulated: {run.trajectory.why()}"
+            )
