@@ -10,8 +10,8 @@ from scipy import stats
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.uncertainty import STRONG
 
-BLOCK = 1.0  # s: residuals further apart count as independent
-WIDE = 1.0  # sd of a logarithm from which the data hardly say anything
+BLOCK = 0.5  # s: residuals further apart count as independent
+WIDE = 1.1  # half width of a logarithm's interval from which the data hardly say anything
 EDGE = 0.005  # of the range
 
 
@@ -45,7 +45,7 @@ def spread_of(found: Fit, clips: list[np.ndarray], time: np.ndarray) -> Spread:
         count += int(inside.max()) + 1
     score = np.zeros((count, found.jacobian.shape[1]))
     np.add.at(score, block[frame], found.jacobian * found.z[:, None])
-    own = len(found.forward.terms)
+    own = sum(not t.nuisance for t in found.forward.terms)
     inflate = count / max(count - own, 1)
     meat = inflate * score.T @ score + np.diag(_information(found.prior))
     covariance = bread @ meat @ bread
@@ -65,7 +65,7 @@ def spread_of(found: Fit, clips: list[np.ndarray], time: np.ndarray) -> Spread:
             verdict = "not converged"
         elif min(u - low[k], high[k] - u) < EDGE * (high[k] - low[k]):
             verdict = "at bound"
-        elif (sd[k] if term.log else 2 * width / (high[k] - low[k])) > WIDE:
+        elif (width if term.log else 2 * width / (high[k] - low[k])) > WIDE:
             verdict = "trade-off" if partners else "flat direction"
         around = (u, u - min(width, 50.0), u + min(width, 50.0))
         value, least, most = (float(term.value(np.array([v]))[0]) for v in around)

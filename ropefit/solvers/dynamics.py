@@ -171,7 +171,8 @@ class _Simulate(torch.autograd.Function):
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, *grads):
-        problem, s = ctx.problem, ctx.trajectory
+        problem: Problem = ctx.problem
+        s: Trajectory = ctx.trajectory
         clips, steps, n = s.q.shape[:3]
         out = _changes(clips, clips, steps, n)
         force = np.nan_to_num(s.force)

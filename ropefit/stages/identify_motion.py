@@ -108,7 +108,7 @@ def held_back(
         keep = len(clips[0]) - int(share * len(clips[0]))
         out[clips[0][keep:]] = True
         return [clips[0][:keep]], out
-    count = round(share * len(clips))
+    count = min(round(share * len(clips)), len(clips) - 1)
     hidden = np.linspace(0, len(clips) - 1, count + 2)[1:-1].round().astype(int)
     for k in hidden:
         out[clips[k]] = True
