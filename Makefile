@@ -44,6 +44,8 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.equilibrium --write docs/results.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
 	$(BIN)/python -m benchmarks.devices --write docs/results.md
+	$(BIN)/python -m benchmarks.dynamics --write docs/results.md
+	$(BIN)/python -m benchmarks.real --write docs/results.md
 	$(BIN)/python -m benchmarks.perception --write docs/results.md
 
 # An environment for each simulator under build/simulators, then how far exported ropes are off.

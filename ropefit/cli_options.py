@@ -10,11 +10,12 @@ import typer
 
 
 class Solver(StrEnum):
-    """The paper's solvers, or the rod in equilibrium."""
+    """The paper's solvers, the rod in equilibrium, or the rod in motion."""
 
     jacobi = "jacobi"
     thomas = "thomas"
     equilibrium = "equilibrium"
+    dynamics = "dynamics"
 
 
 class Search(StrEnum):
@@ -91,7 +92,7 @@ DebugImages = Annotated[
     typer.Option(help="Folder to write every intermediate picture into."),
 ]
 SolverOption = Annotated[
-    Solver, typer.Option(help="The paper's solvers, or the rod in equilibrium.")
+    Solver, typer.Option(help="The paper's solvers, the rod in equilibrium, or in motion.")
 ]
 LossOption = Annotated[Loss, typer.Option(help="Loss to fit.")]  # type: ignore[valid-type]
 SearchOption = Annotated[

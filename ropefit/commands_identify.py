@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ropefit.artifacts import FittedModel, Model
+from ropefit.artifacts import FittedModel, Model, Stepped
 from ropefit.console import Session
 from ropefit.stages.stage import Outcome
 
@@ -74,6 +74,8 @@ def _say_how_it_settled(session: Session, m: FittedModel) -> None:
             f"{m.iterated.steps} x {m.iterated.iterations} iterations and are not properties of "
             "the rope"
         )
+    if m.stepped:
+        _say_how_it_moved(session, m.stepped)
     if m.balance is None:
         return
     b = m.balance
@@ -90,12 +92,30 @@ def _say_how_it_settled(session: Session, m: FittedModel) -> None:
         session.say(f"{twice} of {len(b.other)} frames have a second stable equilibrium")
 
 
+def _say_how_it_moved(session: Session, s: Stepped) -> None:
+    if not s.mass_known:
+        session.say(
+            "the mass is not known: motion too fixes rigidities and dampings over the weight per "
+            f"length only; bending length (EI/w)^(1/3) = {s.bending_length:.4g} m"
+        )
+    short = int((s.clip < 0).sum())
+    if short:
+        session.say(f"{short} frames belong to no clip that is long enough: left as observed")
+
+
 def _settled(m: FittedModel) -> dict[str, Any]:
     """How the states were found, for --json."""
     if m.iterated:
         return {
             "drift": float(np.median(m.iterated.drift)),
             "length_error": float(np.mean(np.abs(m.iterated.length_error[:, -1]))),
+        }
+    if m.stepped:
+        return {
+            "clips": m.stepped.clips,
+            "mass_known": m.stepped.mass_known,
+            "bending_length_m": m.stepped.bending_length,
+            "calibration": {n: item.model_dump() for n, item in m.stepped.calibration.items()},
         }
     assert m.balance is not None
     b = m.balance

@@ -7,7 +7,7 @@ import torch
 from ropefit.effects import CATALOGUE, Effect, Obstacle, StiffSection, SupportPlane, Tether
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.forward import Forward, Term
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import Motion, Setup
 from tests.concealed import rope
 
 PLACES = {"point": [0.403], "interval": [0.411, 0.207]}
@@ -17,9 +17,18 @@ DRAWN = [(kind, end) for kind in CATALOGUE for end in ((0, 1) if kind.locus == "
 
 def pinned() -> Setup:
     """The test rope, with a plane for projections."""
-    setup = rope(40, 4)
+    setup = moving(rope(40, 4))
     normal = torch.tensor([[[0.0, 1.0, 0.0]]], dtype=torch.float64).expand(4, 1, 3)
     return setup._replace(seen=setup.seen._replace(normal=normal))
+
+
+def moving(setup: Setup) -> Setup:
+    """The setup with a motion, of smooth accelerations of some m/s²."""
+    frames, phase = len(setup.ends), torch.arange(3.0, dtype=torch.float64)
+    t = torch.arange(frames, dtype=torch.float64)[:, None, None]
+    nodes = torch.sin(t + 3 * setup.arc[:, None] + phase)
+    ends = torch.cos(t + torch.arange(2.0)[:, None] + phase)
+    return setup._replace(motion=Motion(nodes, 5 * nodes, ends, -3 * ends, 2 * ends))
 
 
 def clamped() -> Setup:

@@ -12,6 +12,7 @@ from ropefit.artifacts.model import (
     Model,
     Parameter,
     ParameterGroup,
+    Stepped,
 )
 from ropefit.artifacts.observations import DroppedFrame, Observations, View
 from ropefit.artifacts.store import content_sha256, identity, read, write
@@ -35,6 +36,7 @@ __all__ = [
     "ParameterGroup",
     "Part",
     "Provenance",
+    "Stepped",
     "View",
     "content_sha256",
     "identity",

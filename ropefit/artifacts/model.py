@@ -94,6 +94,18 @@ class Balance(Part):
     correlation_length: float = quantity("m", default=0.0)
 
 
+class Stepped(Part):
+    """How the rope in motion was simulated: clip by clip, open loop from its first two frames."""
+
+    segments: int = Field(description="of the rod that was solved; nodes are some of its nodes")
+    clips: int
+    clip: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]  # -1: too short a clip
+    newton: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]  # iterations of a step
+    mass_known: bool = Field(description="false: all is told over the weight per length")
+    bending_length: float = quantity("m", "(EI / weight per length)^(1/3)")
+    calibration: dict[str, Calibration] = Field(default_factory=dict)
+
+
 class FittedModel(Part):
     """A model of the rope: how it was solved and fitted, and its state in every frame."""
 
@@ -117,6 +129,7 @@ class FittedModel(Part):
     solver_converged: bool
     iterated: Iterated | None = Field(default=None, description="solvers of the paper")
     balance: Balance | None = Field(default=None, description="the equilibrium solver")
+    stepped: Stepped | None = Field(default=None, description="the dynamics")
     trace: Annotated[np.ndarray, ArraySpec(("step",))]  # loss [m] or chi-square along the search
 
     rms_fit: float = quantity("m")

@@ -6,11 +6,13 @@ A new effect is one file and its line here, see docs/adding-an-effect.md.
 from ropefit.effects.axial_extensibility import AxialExtensibility
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.clamped_end import ClampedEnd, TiltedClamp
+from ropefit.effects.damping import Damping
 from ropefit.effects.depth_bias import DepthBias, DepthGain
 from ropefit.effects.distributed_load import DistributedLoad
 from ropefit.effects.end_offset import EndOffset
 from ropefit.effects.end_twist import EndTwist
 from ropefit.effects.gravity_misalignment import GravityMisalignment
+from ropefit.effects.inertia import Inertia
 from ropefit.effects.intrinsic_curvature import FreeCurvature, IntrinsicCurvature
 from ropefit.effects.kink import FreeKink, Kink
 from ropefit.effects.lost_out_of_plane import LostOutOfPlane
@@ -22,6 +24,7 @@ from ropefit.effects.soft_section import SoftSection
 from ropefit.effects.stiff_section import StiffSection
 from ropefit.effects.support_plane import SupportPlane
 from ropefit.effects.tether import Tether
+from ropefit.effects.time_lag import TimeLag
 from ropefit.effects.too_coarse import TooCoarse
 from ropefit.effects.under_converged import UnderConverged
 
@@ -42,6 +45,9 @@ CATALOGUE: tuple[type[Effect], ...] = (
     Tether,
     SupportPlane,
     Obstacle,
+    Inertia,
+    Damping,
+    TimeLag,
     ScaleError,
     EndOffset,
     GravityMisalignment,

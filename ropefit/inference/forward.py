@@ -112,6 +112,8 @@ class Forward:
         conditions = Conditions(setup.ends, setup.clamp)
         start = start or self.last
         rod = setup.rod()
+        if rod.load.ndim == 3:
+            rod = rod.each(len(rod.load))
         if setup.potentials:
             solution, conditions, rod = solve_with_potentials(
                 rod, conditions, setup.potentials, start

@@ -24,6 +24,7 @@ from ropefit.solvers.potentials import force_and_stiffness
 
 Change = Callable[[float], Setup]  # the setup where one value has moved by so many of its scales
 STEP = 1e-5
+LOAD = Rod._fields.index("load")
 
 
 @dataclass
@@ -45,18 +46,19 @@ def respond(point: Point, changes: list[Change]) -> np.ndarray:
     x = torch.from_numpy(point.solution.x)
     slopes = [_slopes(point.setup, changed, x) for changed in changes]
     rods, frames = point.rod, len(x)
-    fields = [np.stack([s.rod[i] for s in slopes]) for i in range(len(rods))]
-    if rods.length.ndim == 1 and any(s.force is not None for s in slopes):
-        # A potential's forces differ from frame to frame.
-        rods = Rod(*(t.expand(frames, *t.shape) for t in rods))
-    if rods.length.ndim == 1:
-        fields = [f[None] for f in fields]
-    else:
-        fields = [np.broadcast_to(f, (frames, *f.shape)) for f in fields]
-    if any(s.force is not None for s in slopes):
-        none = np.zeros(tuple(x.shape))
-        load = np.stack([none if s.force is None else s.force for s in slopes], axis=1)
-        fields[4] = fields[4] + load
+    # Loads that differ from frame to frame: of inertia, and the forces of potentials.
+    if any(s.force is not None or s.rod[LOAD].ndim == 3 for s in slopes):
+        rods = rods.each(frames)
+    fields = []
+    for k in range(len(rods)):
+        values = [s.rod[k] for s in slopes]
+        if k == LOAD:
+            values = [s.rod[k] if s.force is None else s.rod[k] + s.force for s in slopes]
+        if rods.length.ndim == 1:
+            fields.append(np.stack(values)[None])
+        else:
+            own = rods[k].shape[1:]
+            fields.append(np.stack([np.broadcast_to(v, (frames, *own)) for v in values], axis=1))
     directions = Directions(
         *fields,
         ends=np.stack([s.ends for s in slopes], axis=1),

@@ -51,7 +51,7 @@ def _stiffness(f: FittedModel | None) -> str:
     """What was identified, as the end of a sentence."""
     if f is None:
         return ""
-    if f.balance is None:
+    if f.balance is None and f.stepped is None:
         return (
             "; it was fitted by weights of the paper’s simulation, which are no properties of a "
             "rope"

@@ -52,6 +52,16 @@ class Rod(NamedTuple):
         """(R, N+1) [m] rest arc length of the nodes."""
         return torch.nn.functional.pad(self.length.cumsum(-1), (1, 0))
 
+    def each(self, frames: int) -> Rod:
+        """The rod once for each of `frames`, also what was the same in all."""
+        dims = (1, 2, 2, 2, 2, 2)
+        return Rod(
+            *(
+                t if t.ndim > d else t.expand(frames, *t.shape)
+                for t, d in zip(self, dims, strict=True)
+            )
+        )
+
 
 def uniform(
     *,
@@ -102,15 +112,15 @@ def build(
     nodes beside it, so properties may jump.
     """
     half_bend, half_twist = 0.5 * p.length / p.bend, 0.5 * p.length / p.twist
-    soft = torch.stack([_at_nodes(half_bend), _at_nodes(half_bend), _at_nodes(half_twist)], dim=-1)
+    soft = torch.stack([at_nodes(half_bend), at_nodes(half_bend), at_nodes(half_twist)], dim=-1)
     if give is not None:
         soft = _with_give(soft, give)
     ends = torch.ones(soft.shape[-2], 1, dtype=soft.dtype, device=soft.device)
     ends[0], ends[-1] = float(clamped[0]), float(clamped[1])
-    turn = _at_nodes(0.5 * p.length[..., None] * p.curvature, -2)
+    turn = at_nodes(0.5 * p.length[..., None] * p.curvature, -2)
     if kinks is not None:
         turn = turn + kinks
-    mass = _at_nodes(0.5 * p.density * p.length)
+    mass = at_nodes(0.5 * p.density * p.length)
     load = mass[..., None] * gravity
     return Rod(
         length=p.length,
@@ -129,7 +139,7 @@ def half_turn(turn: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
     return turn * torch.sinc(half / torch.pi) / 2
 
 
-def _at_nodes(value: Tensor, dim: int = -1) -> Tensor:
+def at_nodes(value: Tensor, dim: int = -1) -> Tensor:
     """Sum over the segments beside each node: (..., N) -> (..., N+1)."""
     zero = torch.zeros_like(value.narrow(dim, 0, 1))
     return torch.cat([value, zero], dim) + torch.cat([zero, value], dim)

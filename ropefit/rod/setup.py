@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.moving import Damping
 from ropefit.rod.rod import Properties, Rod, build
 
 
@@ -60,10 +61,27 @@ class Potential(NamedTuple):
     share: Tensor
 
 
+class Motion(NamedTuple):
+    """How the rope moved in each of F frames, as observed: velocity (F, N+1, 3) [m/s] and
+    acceleration (F, N+1, 3) [m/s²] of the nodes; of the ends (F, 2, 3); clamp_rate (F, 2, 3)
+    [rad/s] of the clamps about their own axes. Zero where an end is not held."""
+
+    velocity: Tensor
+    acceleration: Tensor
+    end_velocity: Tensor
+    end_acceleration: Tensor
+    clamp_rate: Tensor
+
+    def frames(self, index: Tensor) -> Motion:
+        """The same in some of the frames."""
+        return Motion(*(item[index] for item in self))
+
+
 class Setup(NamedTuple):
     """F frames of one rope of N segments.
 
-    properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) [N]; moment (2, 3) [N m];
+    properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) or (F, N+1, 3) [N];
+    moment (2, 3) [N m];
     give (2, 2) [rad/(N m)] of the clamps; kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial
     compliance besides 1/EA; ends (F, 2, 3) [m], clamp
     (F, 2, 4), NaN where not held; clamped: whether each end is; seen; potentials.
@@ -81,10 +99,12 @@ class Setup(NamedTuple):
     clamped: tuple[bool, bool]
     seen: Seen
     potentials: tuple[Potential, ...] = ()
+    damping: Damping | None = None  # of a rope that is simulated in motion
+    motion: Motion | None = None  # None: a recording too slow or too sparse to show any
 
     @property
     def segments(self) -> int:
-        return self.load.shape[-2] - 1
+        return self.kinks.shape[-2] - 1
 
     @property
     def arc(self) -> Tensor:
@@ -99,7 +119,11 @@ class Setup(NamedTuple):
     def frames(self, index: Tensor) -> Setup:
         """The same rope in some of its frames."""
         return self._replace(
-            ends=self.ends[index], clamp=self.clamp[index], seen=self.seen.frames(index)
+            ends=self.ends[index],
+            clamp=self.clamp[index],
+            seen=self.seen.frames(index),
+            load=self.load[index] if self.load.ndim == 3 else self.load,
+            motion=self.motion.frames(index) if self.motion else None,
         )
 
     def rod(self) -> Rod:

@@ -92,8 +92,7 @@ def _settle(
         )  # fmt: skip
         rods = rod
         if load is not None:
-            if rod.length.ndim == 1:
-                rods = Rod(*(t.expand(len(x), *t.shape) for t in rod))
+            rods = rod.each(len(x))
             rods = rods._replace(load=rods.load + load)
         current = solve(rods, held, guess, limit=LIMIT)
         moved = np.abs(current.x - before).max(axis=(1, 2))

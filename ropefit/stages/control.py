@@ -21,6 +21,7 @@ from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
 from ropefit.solvers.xpbd import Settings
 from ropefit.stages.restore import restored_rope
 from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole, rope_of
+from ropefit.stages.shapes_only import shapes_only
 from ropefit.stages.stage import Context, Stage, StageSettings
 from ropefit.stages.targets import Targets
 
@@ -43,6 +44,7 @@ def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context)
     """The contents of control.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
     model: FittedModel = inputs[Model.file_name].nominal
+    shapes_only(model, "control")
     if (found := context.external.get("diagnosis")) and found.causes:
         context.say("with " + ", ".join(cause.name for cause in found.causes.values()))
     if settings.target:

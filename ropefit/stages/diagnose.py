@@ -32,6 +32,7 @@ from ropefit.stages.identify_equilibrium import (
     unit_scale,
 )
 from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of, surface_sd
+from ropefit.stages.shapes_only import shapes_only
 from ropefit.stages.stage import Context, Stage, StageSettings
 
 BINS = 40  # stations of a frame
@@ -52,6 +53,7 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
     """The contents of diagnosis.h5. Raises BadInput, NotConverged, WrongUsage."""
     o: Observations = inputs[Observations.file_name]
     model: Model = inputs[Model.file_name]
+    shapes_only(model.nominal, "diagnose")
     if model.nominal.balance is None:
         raise WrongUsage(
             f"the model was fitted by {model.nominal.solver}, whose weights are no properties of "

@@ -20,6 +20,7 @@ from ropefit.stages.frames import spread_evenly
 from ropefit.stages.identify_equilibrium import started_setup, unit_scale
 from ropefit.stages.restore import effect_of
 from ropefit.stages.rope_setup import base_setup
+from ropefit.stages.shapes_only import shapes_only
 
 POSES = 6
 BAR = 2.0  # m: length of a bar that the model takes as endless
@@ -29,6 +30,7 @@ def export_run(
     o: Observations, model: Model, diagnosis: Diagnosis | None, target: str, mass: float | None
 ) -> tuple[ExportResult, list[str]]:
     """The text for `target`, and what to say of it. Raises WrongUsage, NotConverged."""
+    shapes_only(model.nominal, "export")
     if model.nominal.balance is None:
         raise WrongUsage(
             f"the model was fitted by {model.nominal.solver}, whose weights no simulator knows; "

@@ -6,6 +6,7 @@ import numpy as np
 
 from ropefit.artifacts import Model, Observations
 from ropefit.errors import WrongUsage
+from ropefit.stages.shapes_only import shapes_only
 
 
 def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]:
@@ -15,6 +16,7 @@ def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]
     taken only where it was fitted there or is estimated here. Raises WrongUsage.
     """
     m = model.nominal
+    shapes_only(m, f"--from {where}")
     if m.balance is None:
         raise WrongUsage(
             f"{where}: its model is one of the {m.solver} solver, whose weights are no "

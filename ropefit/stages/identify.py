@@ -18,7 +18,7 @@ from ropefit.inference.parameters import Space
 from ropefit.inference.rope import MEANING, bounds, eta_names
 from ropefit.losses.objectives import OBJECTIVES
 from ropefit.solvers.xpbd import Settings
-from ropefit.stages import identify_equilibrium, identify_searched
+from ropefit.stages import identify_equilibrium, identify_motion, identify_searched
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.scene import build_scene, check_loss, control_positions, node_at, rope_of
@@ -32,6 +32,8 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     """The contents of model.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
     check_loss(observations, settings.loss)
+    if settings.solver == "dynamics":
+        return identify_motion.compute(observations, settings, context)
     if settings.how == "least-squares":
         return identify_equilibrium.compute(observations, settings, context)
     if settings.solver == "equilibrium":

@@ -17,7 +17,7 @@ class IdentifySettings(StageSettings):
     from_run: parameters are those of another run's model, apart from the free ones.
     """
 
-    solver: Literal["jacobi", "thomas", "equilibrium"] = "equilibrium"
+    solver: Literal["jacobi", "thomas", "equilibrium", "dynamics"] = "equilibrium"
     loss: LossName = "OBJ1"
     search: Literal["gradient", "grid", "least-squares"] | None = None
     free: list[str] | None = None
@@ -42,6 +42,8 @@ class IdentifySettings(StageSettings):
         if self.solver == "equilibrium":
             if self.two_sided:
                 raise WrongUsage("--two-sided belongs to the paper's solvers: gravity has one size")
+        elif self.solver == "dynamics":
+            self._on_motion()
         elif self.search == "least-squares":
             raise WrongUsage("--search least-squares needs --solver equilibrium")
         elif self.from_run:
@@ -53,10 +55,20 @@ class IdentifySettings(StageSettings):
             )
         return self
 
+    def _on_motion(self) -> None:
+        if self.search not in (None, "least-squares"):
+            raise WrongUsage("--solver dynamics is fitted by --search least-squares")
+        if self.two_sided or self.groups != "one" or self.from_run or self.start:
+            raise WrongUsage(
+                "--solver dynamics fits one rope from its own start: leave out --two-sided, "
+                "--groups, --from and --start"
+            )
+
     @property
     def how(self) -> str:
         """The search, chosen by the solver if not given."""
-        return self.search or ("least-squares" if self.solver == "equilibrium" else "gradient")
+        shapes = self.solver in ("equilibrium", "dynamics")
+        return self.search or ("least-squares" if shapes else "gradient")
 
     @field_validator("compliance")
     @classmethod

@@ -10,6 +10,7 @@ from ropefit.errors import BadInput
 from ropefit.inference.stations import Data
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
+from ropefit.stages.motion_of import motion_of
 
 FINEST = 160  # segments, about: at 80 a pinned rope's EI is 0.2 to 0.5 % off, a clamped one's 2 %
 CLAMPED = 240
@@ -51,7 +52,7 @@ def base_setup(o: Observations, segments: int) -> Setup:
     seen = setup.seen._replace(
         origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
     )
-    setup = setup._replace(seen=seen)
+    setup = setup._replace(seen=seen, motion=motion_of(o, setup.arc.numpy()))
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
         give = torch.zeros(2, 2, dtype=torch.float64)
         give[:, 1] = torch.inf

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ropefit.artifacts import Balance
+from ropefit.artifacts import Balance, Stepped
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
     AFTER,
@@ -126,7 +126,7 @@ def _effort(b: Balance, frames: np.ndarray) -> Figure:
     )
 
 
-def mass_note(b: Balance) -> str:
+def mass_note(b: Balance | Stepped) -> str:
     """What shapes alone can tell."""
     return (
         "The rope’s mass is not known: shapes alone fix only ratios to its weight, so rigidities "

@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 from markupsafe import Markup
 
-from ropefit.artifacts import Balance, FittedModel, Parameter, ParameterGroup
+from ropefit.artifacts import Balance, FittedModel, Parameter, ParameterGroup, Stepped
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import AFTER, DIVERGING, Figure, axis, heat, line, plane
 from ropefit.reporting.html import facts, heading, pair, paragraph, plot, table
@@ -46,8 +46,9 @@ class ParametersSection(Section):
                 f"{f.iterated.steps} × {f.iterated.iterations} iterations and would differ at "
                 "another count. The intervals do not include that."
             )
-        if f.balance and not f.balance.mass_known:
-            body += paragraph(mass_note(f.balance))
+        found = f.balance or f.stepped
+        if found and not found.mass_known:
+            body += paragraph(mass_note(found))
         many = len(f.groups) > 1
         for count, group in enumerate(f.groups.values(), start=1):
             body += _group(group, f"Group {count} of {len(f.groups)}" if many else "")
@@ -57,8 +58,8 @@ class ParametersSection(Section):
             else:
                 body += pair(correlation, loss) if correlation else plot(loss)
         body += plot(loss) if many else Markup("")
-        if f.balance and f.balance.calibration:
-            body += _calibration(f.balance, many)
+        if found and found.calibration:
+            body += _calibration(found, many)
         return body
 
 
@@ -157,7 +158,7 @@ def _loss(f: FittedModel) -> Figure:
     )
 
 
-def _calibration(b: Balance, many: bool) -> Markup:
+def _calibration(b: Balance | Stepped, many: bool) -> Markup:
     """The errors of the set-up that were fitted along with the rope."""
     rows = []
     for name, item in b.calibration.items():

@@ -50,6 +50,8 @@ def _key_numbers(run: RunContents, f: FittedModel) -> dict[str, str]:
     solver = "converged" if f.solver_converged else "not converged"
     if f.balance:
         solver = f"{int(f.balance.converged.sum())} of {len(o.frames)} in equilibrium"
+    if f.stepped:
+        solver = f"{f.stepped.clips} clips in motion"
     unseen = millimetres(f.rms_heldout) if f.rms_heldout is not None else "none held out"
     numbers = {
         "Before the fit": millimetres(rms(f.rms_initial)),

@@ -1,0 +1,28 @@
+"""A rope that resists moving, by the air around it."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.inertia import node_share
+from ropefit.rod.setup import Setup
+
+
+class Damping(Effect):
+    """`air` [N s/m²]: force against the velocity, per length and speed."""
+
+    name = "damping"
+    quantities = (Quantity("air", "N s/m^2", 0.05, 0.0, by_weight=1.0, by_length=-1.0),)
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.motion is not None
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        assert setup.motion is not None
+        share = node_share(setup, torch.ones_like(setup.properties.length))
+        return setup._replace(load=setup.load - values[0] * share[:, None] * setup.motion.velocity)
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return f"the rope is slowed by {values['air']:.3g} N per metre of it and m/s"

@@ -1,0 +1,60 @@
+"""A rod that moves: mass on its nodes and what resists motion, besides its statics in `rod.py`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ropefit.rod.rod import Properties, Rod, at_nodes
+
+
+class Damping(NamedTuple):
+    """Linear resistance, segment by segment (N,), or more dimensions in front.
+
+    bend and twist [N m² s]: moment per rate of curvature and of twist; stretch [N s]: force per
+    rate of strain (nothing where the rope cannot stretch); air [N s/m²]: force per length and
+    speed.
+    """
+
+    bend: Tensor
+    twist: Tensor
+    stretch: Tensor
+    air: Tensor
+
+
+class Moving(NamedTuple):
+    """The discrete rod in motion, with or without a dimension of R ropes in front.
+
+    rod: its load is in N; viscous (N, 3) [N s] of the strains; loss (N+1, 3) [N m s] of the bends;
+    mass (N+1,) [kg] and air (N+1,) [N s/m] of the nodes. The segments have no spin inertia.
+    """
+
+    rod: Rod
+    viscous: Tensor
+    loss: Tensor
+    mass: Tensor
+    air: Tensor
+
+
+def undamped(p: Properties) -> Damping:
+    """No resistance at all."""
+    zero = torch.zeros_like(p.length)
+    return Damping(zero, zero, zero, zero)
+
+
+def moving(p: Properties, rod: Rod, damping: Damping) -> Moving:
+    """The rod of properties p in motion. A bend is as lossy as it is stiff: the relaxation times
+    bend/EI and twist/GJ of the segments beside it, by length, times its stiffness."""
+    share = at_nodes(p.length)
+    bend = at_nodes(p.length * damping.bend / p.bend) / share
+    twist = at_nodes(p.length * damping.twist / p.twist) / share
+    zero = torch.zeros_like(damping.stretch)
+    return Moving(
+        rod=rod,
+        viscous=torch.stack([zero, zero, damping.stretch], dim=-1),
+        loss=rod.stiff * torch.stack([bend, bend, twist], dim=-1),
+        mass=at_nodes(0.5 * p.density * p.length),
+        air=at_nodes(0.5 * damping.air * p.length),
+    )

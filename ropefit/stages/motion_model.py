@@ -1,0 +1,153 @@
+"""A fit on motion as an artifact."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy.interpolate import CubicSpline
+
+from ropefit.artifacts import (
+    Calibration,
+    FittedModel,
+    Observations,
+    Parameter,
+    ParameterGroup,
+    Stepped,
+)
+from ropefit.inference.evaluate import agreement
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.motion import MotionPoint
+from ropefit.inference.motion_spread import Spread
+from ropefit.inference.motion_terms import unknowns
+from ropefit.inference.stations import Data, match, offsets
+from ropefit.rod.setup import Setup
+from ropefit.stages.motion_of import centrelines
+from ropefit.stages.motion_setup import Span
+from ropefit.stages.scene import build_scene
+
+
+def told_units(o: Observations, setup: Setup) -> dict[str, float]:
+    """What each parameter is multiplied by to be told: without the mass, one over the weight."""
+    weight = float(np.linalg.norm(o.gravity))
+    known = unknowns(setup)
+    return {n: 1.0 if o.mass or k.unit == k.ratio else 1 / weight for n, k in known.items()}
+
+
+def motion_model(
+    o: Observations, span: Span, loss: str, node: int, clips: list[np.ndarray], out: np.ndarray,
+    found: Fit, spread: Spread, free: list[str], point: MotionPoint, first: MotionPoint,
+    train: np.ndarray,
+) -> FittedModel:  # fmt: skip
+    """The artifact. out (F,): held out; train: indices of the frames of the fit; point and first:
+    all clips at the fitted parameters, and where the fit set out. Frames of no clip are not
+    simulated: they stay as observed, and are marked."""
+    nodes, weight = len(o.node_arc), float(np.linalg.norm(o.gravity))
+    clip = np.full(len(o.frames), -1)
+    for number, frames in enumerate(clips):
+        clip[frames] = number
+    reached = clip >= 0
+    x, before = (_at_observed_nodes(o, span, p.seen, reached) for p in (point, first))
+    middle = 0.5 * (o.node_arc[1:] + o.node_arc[:-1])
+    segments = point.setup.segments
+    share = (middle - span.first) / (span.last - span.first)
+    q = np.zeros((len(o.frames), nodes - 1, 4))
+    q[..., 0] = 1.0
+    segment = np.clip((share * segments).astype(int), 0, segments - 1)
+    q[reached] = point.solution.q[reached][:, segment]
+    rms, rms_first = (_rms(span.data, np.nan_to_num(p.seen), reached) for p in (point, first))
+    known, factor = unknowns(span.setup), told_units(o, span.setup)
+    parameters = {
+        name: Parameter(
+            meaning=known[name].meaning
+            + ("" if factor[name] == 1.0 else " over the weight per length"),
+            unit=known[name].unit if o.mass else known[name].ratio,
+            initial=known[name].start * factor[name],
+            value=spread.value[name] * factor[name],
+            lower=known[name].low * factor[name],
+            upper=known[name].high * factor[name],
+            free=True,
+            verdict=spread.verdict[name],  # type: ignore[arg-type]
+            ci95=(spread.low[name] * factor[name], spread.high[name] * factor[name]),
+            trades_with=spread.partners[name],
+        )
+        for name in free
+    }  # fmt: skip
+    calibration, place = {}, 0
+    for term, u in zip(found.forward.terms, found.forward.split(found.point.u), strict=True):
+        slope = term.slope(u)  # of a grip, whose prior is that of its logarithm, relative
+        for k, axis in enumerate(term.names if term.nuisance else ()):
+            calibration[f"{term.name}_{axis}"] = Calibration(
+                unit=term.units[k],
+                prior=float(term.prior[k] * (slope[k] if term.log else 1.0)),
+                value=float(term.value(u)[k]),
+                sd=float(spread.sd[place + k] * slope[k]),
+            )
+        place += term.size
+    count = len(free)
+    p = point.setup.properties
+    return FittedModel(
+        solver="dynamics",
+        loss=loss,
+        search="least-squares",
+        control_node=node,
+        fixed_nodes=[n for n, k in zip((0, nodes - 1), o.end_kind, strict=True) if k != "free"],
+        two_sided=False,
+        groups={
+            "group_0": ParameterGroup(
+                frames=o.frames, parameters=parameters, free_names=free,
+                correlation=spread.correlation[:count, :count], condition=spread.condition,
+                loss_before=found.trace[0], loss_after=found.cost, loss_unit="chi-square",
+                evaluations=found.evaluations, converged=found.converged,
+                stop_reason="residual no longer decreases" if found.converged
+                else "evaluation limit",
+            )
+        },
+        heldout=out & reached,
+        x=x,
+        q=q,
+        x_initial=np.nan_to_num(before),
+        residual=_at_nodes(o, span, np.nan_to_num(point.seen)),
+        rms=rms,
+        rms_initial=rms_first,
+        rms_px=agreement(torch.from_numpy(x), build_scene(o)).rms_px,
+        solver_converged=True,
+        stepped=Stepped(
+            segments=point.setup.segments, clips=len(clips), clip=clip,
+            newton=point.solution.iterations, mass_known=bool(o.mass),
+            bending_length=float((p.bend.mean() / (p.density.mean() * weight)) ** (1 / 3)),
+            calibration=calibration,
+        ),
+        trace=np.array(found.trace),
+        rms_fit=float(np.sqrt(np.mean(rms[train] ** 2))),
+        rms_heldout=float(np.sqrt(np.mean(rms[out & reached] ** 2))) if out.any() else None,
+    )  # fmt: skip
+
+
+def _rms(data: Data, x: np.ndarray, reached: np.ndarray) -> np.ndarray:
+    """(F,) [m] distance of the markers from where they were simulated; 0 where they were not."""
+    gap, mask = offsets(data, x)
+    square = np.where(mask, (gap**2).sum(-1), 0.0).sum(1)
+    return np.where(reached, np.sqrt(square / np.maximum(mask.sum(1), 1)), 0.0)
+
+
+def _at_observed_nodes(
+    o: Observations, span: Span, seen: np.ndarray, reached: np.ndarray
+) -> np.ndarray:
+    """(F, K, 3) [m] the simulated rope at the observations' nodes; as observed outside the grips
+    and in frames that were not reached."""
+    x = np.nan_to_num(centrelines(o, o.node_arc))
+    inside = (o.node_arc >= span.first) & (o.node_arc <= span.last)
+    curve = CubicSpline(span.node_arc, seen[reached], axis=1)(o.node_arc[inside])
+    x[np.ix_(reached, inside)] = curve
+    return x
+
+
+def _at_nodes(o: Observations, span: Span, seen: np.ndarray) -> np.ndarray:
+    """(F, K) [m] mean distance of the markers nearest to each node, NaN where none is."""
+    s, bins = match(span.data, seen, 1), len(o.node_arc) - 1
+    arc = span.first + s.share * (span.last - span.first)
+    node = np.rint(arc / o.length * bins).astype(int)
+    total, count = np.zeros((len(seen), bins + 1)), np.zeros((len(seen), bins + 1))
+    np.add.at(total, (s.frame, node), np.linalg.norm(s.residual, axis=1))
+    np.add.at(count, (s.frame, node), 1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

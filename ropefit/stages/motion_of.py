@@ -1,0 +1,95 @@
+"""How a rope moved, from its observed centrelines: what inertia and friction act by."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy.interpolate import CubicSpline
+
+from ropefit.artifacts import Observations
+from ropefit.rod.setup import Motion
+from ropefit.solvers.turns import to_turn
+
+WINDOW = 3  # frames on either side that a parabola in time is fitted to
+SLOWEST = 0.1  # s: frames further apart than this show no motion
+JUMP = 0.05  # of the length: nodes move less than this from frame to frame, or it is no film
+FEWEST = 5  # markers that make a line
+NEAR = 1e-3  # m: a marker so close to an end is the end
+LEAST_FORCE = 1e-3  # of its weight: accelerations that matter to a rope
+
+
+def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
+    """Motion of the nodes at rest arc length arc (N+1,) [m] of the rod, in all frames.
+
+    None where frames lie too far apart in time, where a centreline has gaps, or where the rope
+    hardly accelerates.
+    """
+    clips = clips_of(o.time)
+    if min(len(c) for c in clips) < 2 * WINDOW + 1:
+        return None
+    x = centrelines(o, arc)
+    if not np.isfinite(x).all():
+        return None
+    steps = [np.linalg.norm(np.diff(x[c], axis=0), axis=-1).max(1) for c in clips]
+    if np.median(np.concatenate(steps)) > JUMP * o.length:
+        return None
+    velocity, acceleration = rates(o.time, x, clips)
+    size = np.sqrt((acceleration**2).sum(-1).mean())
+    if size < LEAST_FORCE * np.linalg.norm(o.gravity):
+        return None
+    end_velocity, end_acceleration = rates(o.time, np.nan_to_num(o.end_position), clips)
+    clamp = np.nan_to_num(o.end_orientation)
+    for t in range(1, len(clamp)):  # of the two quaternions of a rotation, the nearer
+        clamp[t] *= np.where((clamp[t] * clamp[t - 1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    clamp_rate = to_turn(clamp, rates(o.time, clamp, clips)[0], 2.0)
+    return Motion(
+        *map(
+            torch.from_numpy,
+            (velocity, acceleration, end_velocity, end_acceleration, clamp_rate),
+        )
+    )
+
+
+def centrelines(o: Observations, arc: np.ndarray) -> np.ndarray:
+    """(F, N+1, 3) [m] the observed rope at arc length arc (N+1,) [m]: a spline through what was
+    seen of it, NaN in frames where that is too little."""
+    if o.source != "markers":
+        seen = np.isfinite(o.centreline).all((1, 2))
+        out = np.full((len(o.frames), len(arc), 3), np.nan)
+        out[seen] = CubicSpline(o.node_arc, o.centreline[seen], axis=1)(arc)
+        return out
+    out = np.full((len(o.frames), len(arc), 3), np.nan)
+    for t in range(len(o.frames)):
+        rows = slice(o.point_start[t], o.point_start[t + 1])
+        at, points = o.point_arc[rows], o.points[rows]
+        for end, place in ((0, 0.0), (1, o.length)):
+            if np.isfinite(o.end_position[t, end]).all() and np.abs(at - place).min() > NEAR:
+                at, points = np.append(at, place), np.vstack([points, o.end_position[t, end]])
+        if len(at) >= FEWEST:
+            order = np.argsort(at)
+            out[t] = CubicSpline(at[order], points[order])(arc)
+    return out
+
+
+def clips_of(time: np.ndarray) -> list[np.ndarray]:
+    """Indices of the frames that follow each other without a gap: of three usual steps, and of
+    `SLOWEST`."""
+    steps = np.diff(time)
+    gap = min(SLOWEST, 3 * float(np.median(steps))) if len(steps) else SLOWEST
+    return np.split(np.arange(len(time)), np.flatnonzero((steps > gap) | (steps <= 0)) + 1)
+
+
+def rates(
+    time: np.ndarray, values: np.ndarray, clips: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivative in time of values (F, ...), by a parabola through the frames
+    about each."""
+    first, second = np.zeros_like(values), np.zeros_like(values)
+    for clip in clips:
+        for place, t in enumerate(clip):
+            low = int(np.clip(place - WINDOW, 0, len(clip) - 2 * WINDOW - 1))
+            near = clip[low : low + 2 * WINDOW + 1]
+            powers = np.vander(time[near] - time[t], 3, increasing=True)
+            _, b, c = np.einsum("pk,k...->p...", np.linalg.pinv(powers), values[near])
+            first[t], second[t] = b, 2 * c
+    return first, second

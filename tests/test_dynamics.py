@@ -1,0 +1,214 @@
+"""Ropes in motion against closed forms: pendulum, hanging chain, cantilever, damped oscillators."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy import optimize, special
+
+from ropefit.rod.rod import build, uniform
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.dynamics import Drive, Start, simulate, solve
+from ropefit.solvers.equilibrium import solve as settle
+from tests.moving_ropes import ALONG_X, DOWN, hung, in_plane, rope, stepped, turned
+
+G = 9.81
+STILL = torch.zeros(3, dtype=torch.float64)
+
+
+def pendulum(time: np.ndarray, angle: float, length: float) -> np.ndarray:
+    """(T,) [rad] of a pendulum let go at an angle, by Jacobi's elliptic functions."""
+    m = math.sin(angle / 2) ** 2
+    quarter = special.ellipk(m)
+    sn = special.ellipj(quarter - math.sqrt(G / length) * time, m)[0]
+    return 2 * np.arcsin(math.sqrt(m) * sn)
+
+
+def swing(time: np.ndarray, angle: float = 1.2, length: float = 0.5) -> np.ndarray:
+    """(T,) [rad] the same from one rigid segment with its mass at the node."""
+    p = uniform(length=length, segments=1, bend=1.0)
+    x = np.array([[0.0, 0, 0], [length * math.sin(angle), 0, -length * math.cos(angle)]])
+    found = stepped(rope(p), hung(time), in_plane(x)).x[0, :, 1]
+    assert np.abs(np.linalg.norm(found, axis=1) - length).max() < 1e-12
+    return np.arctan2(found[:, 0], -found[:, 2])
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_pendulum_at_second_order(uneven):
+    errors = []
+    for steps in (200, 400, 800):
+        share = np.linspace(0, 1, steps + 1)
+        if uneven:
+            share = share + 0.05 * np.sin(2 * np.pi * 3 * share) / (2 * np.pi)
+        time = 2.0 * share
+        errors.append(np.abs(swing(time) - pendulum(time, 1.2, 0.5)).max())
+    power = -np.polyfit(np.log([200, 400, 800]), np.log(errors), 1)[0]
+    assert 1.7 < power < 2.3, errors
+    assert 1e-6 < errors[-1] < 3e-3
+
+
+def test_energy_drift_of_a_pendulum():
+    """Over 68 swings of 1.5 s some energy is lost, none gained, and an eighth of it at half the
+    step."""
+    lost = []
+    for step in (0.01, 0.005):
+        angle = swing(np.arange(0, 100, step), 0.8)
+        swings = round(1.6 / step)
+        crest = np.array([np.abs(angle[:swings]).max(), np.abs(angle[-swings:]).max()])
+        energy = 1 - np.cos(crest)
+        lost.append(1 - energy[1] / energy[0])
+    assert 0 < lost[0] < 0.07
+    assert 6 < lost[0] / lost[1] < 10
+
+
+def frequency(signal: np.ndarray, time: np.ndarray, guess: float) -> tuple[float, float]:
+    """(ω [rad/s], decay [1/s]) of a vibration that starts from rest."""
+
+    def gap(v):
+        envelope = signal[0] * np.exp(-v[1] * time)
+        return envelope * (np.cos(v[0] * time) + v[1] / v[0] * np.sin(v[0] * time)) - signal
+
+    found = optimize.least_squares(gap, [guess, 0.0], x_scale=[guess, 0.1])
+    assert np.abs(found.fun).max() < 0.05 * abs(signal[0])
+    return float(found.x[0]), float(found.x[1])
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3])
+def test_hanging_chain(mode):
+    """Modes J0(2 ω sqrt(z/g)) above the lower end, ω from the zeros of J0."""
+    length, segments = 1.0, 200
+    zero = special.jn_zeros(0, mode)[-1]
+    omega = zero / 2 * math.sqrt(G / length)
+    p = uniform(length=length, segments=segments, bend=1e-9)
+    s = np.linspace(0, length, segments + 1)
+    shape = special.j0(zero * np.sqrt(1 - s / length))
+    x = np.stack([1e-4 * shape, 0 * s, -s], axis=1)
+    time = np.arange(0, 1.5 * 2 * math.pi / omega, 2 * math.pi / omega / 400)
+    found = stepped(rope(p), hung(time), in_plane(x)).x[0, :, :, 0]
+    assert frequency(found[:, -1], time, omega)[0] == pytest.approx(omega, rel=3e-3)
+
+
+def beam_mode(mode: int, share: np.ndarray) -> tuple[np.ndarray, float]:
+    """A cantilever's mode at shares of its length, and βL."""
+    low, high = [(1.5, 2.2), (4.4, 5.0), (7.5, 8.1)][mode - 1]
+    b = optimize.brentq(lambda v: math.cos(v) * math.cosh(v) + 1, low, high)
+    z = b * share
+    ratio = (math.cosh(b) + math.cos(b)) / (math.sinh(b) + math.sin(b))
+    return np.cosh(z) - np.cos(z) - ratio * (np.sinh(z) - np.sin(z)), b
+
+
+def beam(mode: int, segments: int, loss: float = 0.0) -> tuple[np.ndarray, np.ndarray, float]:
+    """Tip (T,) and time (T,) of a vibrating cantilever without weight, and its ω."""
+    length, bend, density = 1.0, 0.01, 0.05
+    s = np.linspace(0, length, segments + 1)
+    shape, b = beam_mode(mode, s / length)
+    omega = b**2 * math.sqrt(bend / (density * length**4))
+    p = uniform(length=length, segments=segments, bend=bend, density=density)
+    edge = np.diff(1e-4 * shape)
+    along = np.sqrt((length / segments) ** 2 - edge**2)
+    x = np.stack([1e-4 * shape, 0 * s, np.r_[0.0, along.cumsum()]], axis=1)
+    time = np.arange(0, 1.5 * 2 * math.pi / omega, 2 * math.pi / omega / 400)
+    upright = torch.tensor([1.0, 0, 0, 0], dtype=torch.float64)
+    moved = rope(p, STILL, (True, False), bend=bend * loss)
+    return stepped(moved, hung(time, upright), in_plane(x)).x[0, :, -1, 0], time, omega
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3])
+def test_cantilever(mode):
+    tip, time, omega = beam(mode, 60)
+    assert frequency(tip, time, omega)[0] == pytest.approx(omega, rel=4e-3)
+
+
+def test_bending_damping():
+    """A Kelvin-Voigt beam: decay ω² η/(2 EI)."""
+    loss = 0.01
+    tip, time, omega = beam(1, 40, loss)
+    assert frequency(tip, time, omega)[1] == pytest.approx(omega**2 * loss / 2, rel=0.02)
+
+
+def test_air_drag():
+    """A pendulum's small swing decays with c/(2 m)."""
+    length, drag = 0.5, 0.4
+    p = uniform(length=length, segments=1, bend=1.0, density=0.3)
+    time = np.arange(0, 4, 0.002)
+    x = np.array([[0.0, 0, 0], [1e-3, 0, -math.sqrt(length**2 - 1e-6)]])
+    found = stepped(rope(p, air=drag), hung(time), in_plane(x)).x[0, :, 1, 0]
+    assert frequency(found, time, 4.4)[1] == pytest.approx(drag / 0.3 / 2, rel=0.01)
+
+
+def test_stretch_damping():
+    """A mass on a damped spring, let go unstretched."""
+    length, density, axial, viscous = 0.5, 0.4, 40.0, 0.5
+    p = uniform(length=length, segments=1, bend=1.0, axial=axial, density=density)
+    mass = density * length / 2
+    time = np.arange(0, 2, 0.001)
+    x = np.array([[0.0, 0, 0], [0, 0, -length]])
+    found = stepped(rope(p, stretch=viscous), hung(time), in_plane(x)).x[0, :, 1, 2]
+    sag = mass * G / (axial / length)
+    decay, own = viscous / length / mass / 2, math.sqrt(axial / length / mass)
+    omega = math.sqrt(own**2 - decay**2)
+    swing_ = np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time))
+    assert np.abs(found - (-length - sag + sag * swing_)).max() < 2e-2 * sag
+
+
+def bent_between_clamps(axial: float, segments: int = 16) -> tuple:
+    """A curved rope between two clamps: properties, gravity's setting, ends, clamps."""
+    p = uniform(
+        length=1.0, segments=segments, bend=2e-3, axial=axial, density=0.06,
+        curvature=(0.8, 0.5, 0.6),
+    )  # fmt: skip
+    ends = torch.tensor([[0.0, 0, 0], [0.7, 0.1, 0.05]], dtype=torch.float64)
+    turn = torch.tensor([[0.2, 0.1, 0.4], [-0.3, 0.2, 0]], dtype=torch.float64)
+    return p, ends, turned(ALONG_X, turn)
+
+
+@pytest.mark.parametrize("axial", [math.inf, 20.0])
+def test_comes_to_rest_at_the_equilibrium(axial):
+    """From another equilibrium, with damping: the same state as Newton's method finds."""
+    p, ends, clamp = bent_between_clamps(axial)
+    still = settle(build(p, DOWN, (True, True)), Conditions(ends[None], clamp[None]))
+    away = settle(build(p, 0.2 * DOWN, (True, True)), Conditions(ends[None], clamp[None]))
+    time = torch.arange(600, dtype=torch.float64)[None] * 0.05
+    drive = Drive(time, ends.expand(1, 600, 2, 3), clamp.expand(1, 600, 2, 4))
+    start = Start(
+        torch.from_numpy(away.x), torch.from_numpy(away.q), torch.zeros(1, 17, 3).double()
+    )
+    moved = rope(p, clamped=(True, True), bend=2e-4, twist=2e-4, stretch=0.5, air=0.1)
+    found = stepped(moved, drive, start)
+    assert np.abs(away.x - still.x).max() > 0.01
+    assert np.abs(found.x[0, -1] - still.x[0]).max() < 1e-8
+    assert np.abs(found.force[0, -1] - still.force[0]).max() < 1e-7
+
+
+def test_stiff_against_stretch_at_ten_milliseconds():
+    """A rope that hardly stretches moves as one that does not, at 10 ms, without damping."""
+    found = []
+    for axial in (math.inf, 1e6):
+        p, ends, clamp = bent_between_clamps(axial)
+        start = settle(build(p, DOWN, (True, True)), Conditions(ends[None], clamp[None]))
+        time = torch.arange(500, dtype=torch.float64) * 0.01
+        shake = 0.1 * torch.stack([0 * time, torch.sin(8 * time), torch.sin(5 * time)], dim=-1)
+        path = ends[None, None] + torch.stack([shake, 0 * shake], dim=1)[None]
+        drive = Drive(time[None], path, clamp.expand(1, 500, 2, 4))
+        first = Start(
+            torch.from_numpy(start.x), torch.from_numpy(start.q), torch.zeros(1, 17, 3).double()
+        )
+        found.append(stepped(rope(p, clamped=(True, True)), drive, first).x)
+    assert np.abs(found[0]).max() < 2.0
+    assert np.abs(found[0] - found[1]).max() < 2e-3
+
+
+def test_what_cannot_be_stepped_is_said():
+    """Ends pulled further apart than the rope is long."""
+    p = uniform(length=1.0, segments=6, bend=1e-3)
+    time = torch.arange(20, dtype=torch.float64)[None] * 0.01
+    ends = torch.zeros(1, 20, 2, 3, dtype=torch.float64)
+    ends[0, :, 1, 0] = 0.99 + 0.01 * torch.arange(20)
+    start = in_plane(np.linspace([0.0, 0, 0], [1.0, 0, 0], 7))
+    drive = Drive(time, ends, torch.full((1, 20, 2, 4), torch.nan, dtype=torch.float64))
+    found = solve(rope(p), drive, start)
+    assert not found.converged[0]
+    assert np.isnan(found.x[0, found.done[0] :]).all()
+    with pytest.raises(ArithmeticError, match="smaller steps"):
+        simulate(rope(p), drive, start)
