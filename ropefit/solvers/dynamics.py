@@ -178,7 +178,7 @@ class _Simulate(torch.autograd.Function):
         force = np.nan_to_num(s.force)
         turns = to_turn(s.q, as_numpy(grads[1]), 0.5)
         arguments = (*problem, ctx.v0, s.x, s.q, force, as_numpy(grads[0]).copy(), turns, out)
-        kernels.adjoint_clips(*arguments)
+        kernels.adjoint_clips(*arguments)  # pyright: ignore[reportCallIssue]
         ropes = len(problem.rods.length)
         gradients = []
         for name, shape in zip(kernels.Change._fields, ctx.shapes, strict=True):

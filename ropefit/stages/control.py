@@ -10,22 +10,19 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
+from ropefit.artifacts import Control, FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.minimise import Search
-from ropefit.inference.rope import Rope, eta_names
 from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
-from ropefit.solvers.xpbd import Settings
-from ropefit.stages.restore import restored_rope
-from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole, rope_of
+from ropefit.stages.control_rope import control_guess, rope_at
+from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole
 from ropefit.stages.shapes_only import shapes_only
 from ropefit.stages.stage import Context, Stage, StageSettings
 from ropefit.stages.targets import Targets
 
-REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 STARTS = 6  # recorded poses from which shape control tries to set out
 
 
@@ -58,7 +55,7 @@ def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, co
     turns = bool(settings.turn)
     _check_turn(turns, node)
     guess = control_guess(o, node)
-    rope, values = _rope(o, model, guess, turns, context.external.get("diagnosis"))
+    rope, values = rope_at(o, model, guess, turns, context.external.get("diagnosis"))
     scene = build_scene(o)
     objective = OBJECTIVES[settings.loss]
     gripper = Gripper(rope, values, to_observations(objective, scene), 0.1 * o.length, turns)
@@ -106,7 +103,7 @@ def _shape(
     # Every target from every start; the rope's other ends stay where that frame had them.
     frame = np.tile(starts, cases)
     case = np.repeat(np.arange(cases), len(starts))
-    rope, values = _rope(o, model, recorded, turns, context.external.get("diagnosis"))
+    rope, values = rope_at(o, model, recorded, turns, context.external.get("diagnosis"))
     whole = rope.frames(torch.from_numpy(frame))
     compare = to_targets(targets.arc[case], targets.points[case], o.length)
     gripper = Gripper(whole, values[frame], compare, 0.1 * o.length, turns)
@@ -151,75 +148,6 @@ def _shape(
 def _check_turn(turns: bool, node: int) -> None:
     if turns and node != 0:
         raise WrongUsage("the orientation can be moved only at end 0; leave out --turn")
-
-
-def control_guess(o: Observations, node: int) -> np.ndarray:
-    """(F, 3) [m] where the control point may be, from what is seen of the rope alone.
-
-    The observed centreline, carried on straight beyond its first or last visible boundary. The
-    recorded pose of the end is not used: it is what the estimate is judged by.
-    """
-    out = np.empty((len(o.frames), 3))
-    for t, line in enumerate(o.centreline):
-        seen = np.flatnonzero(np.isfinite(line).all(axis=1))
-        arc, points = o.node_arc[seen], line[seen]
-        if len(seen) < 2:
-            first, last = o.point_start[t], o.point_start[t + 1]
-            arc, points = o.point_arc[first:last], o.points[first:last]
-        at = o.node_arc[node]
-        if arc[0] <= at <= arc[-1]:
-            out[t] = [np.interp(at, arc, column) for column in points.T]
-            continue
-        tip, inner = (0, 1) if at < arc[0] else (-1, -2)
-        slope = (points[tip] - points[inner]) / max(abs(arc[tip] - arc[inner]), 1e-9)
-        out[t] = points[tip] + slope * abs(at - arc[tip])
-    return out
-
-
-def _rope(
-    o: Observations, model: FittedModel, position: np.ndarray, turns: bool, found: Diagnosis | None
-) -> tuple[Rope | EquilibriumRope, torch.Tensor]:
-    """The fitted rope, with what a diagnosis found, control point at `position` (F, 3) [m]; values
-    (F, n)."""
-    position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
-    if o.end_kind[0] == "free" and model.control_node == 0:
-        raise BadInput("end 0 is free: there is no control point to estimate")
-    if model.iterated is None:
-        return restored_rope(o, model, _within_reach(o, model, position), turns, found)
-    it = model.iterated
-    rope = rope_of(
-        o,
-        solver=model.solver,
-        settings=Settings(it.steps, it.iterations, it.dt, *it.compliance),
-        control_node=model.control_node,
-        two_sided=model.two_sided,
-        control_position=position,
-        hold_frame=turns,
-    )
-    return rope, _eta(o, model)
-
-
-def _within_reach(o: Observations, model: FittedModel, position: np.ndarray) -> np.ndarray:
-    """(F, 2, 3) [m] the ends, the control point at `position`, but no farther off than the rope is
-    long."""
-    ends, end = o.end_position.copy(), 0 if model.control_node == 0 else 1
-    ends[:, end] = position
-    arm = ends[:, end] - ends[:, 1 - end]
-    fitted = [g.parameters["length"].value for g in model.groups.values()]
-    far = np.linalg.norm(arm, axis=1, keepdims=True) / (REACH * min(fitted))
-    shorter = ends[:, 1 - end] + arm / np.fmax(far, 1.0)
-    ends[:, end] = np.where(np.isfinite(arm), shorter, position)
-    return ends
-
-
-def _eta(o: Observations, model: FittedModel) -> torch.Tensor:
-    """(F, n) the weights of each frame's group."""
-    names = eta_names(model.two_sided)
-    eta = np.full((len(o.frames), len(names)), np.nan)
-    for group in model.groups.values():
-        rows = np.isin(o.frames, group.frames)
-        eta[rows] = [group.parameters[name].value for name in names]
-    return torch.from_numpy(eta)
 
 
 def _run(gripper: Gripper, settings: ControlSettings, context: Context) -> Search:
