@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference.diagnosis import search as engine
+from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.equilibrium_rope import ranges
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, fit
@@ -36,6 +37,7 @@ from ropefit.stages.shapes_only import shapes_only
 from ropefit.stages.stage import Context, Stage, StageSettings
 
 BINS = 40  # stations of a frame
+FEWEST = 4  # frames
 INTERVAL = 1.959964
 
 
@@ -77,6 +79,18 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
         if settings.calibration:
             errors = _calibrated(errors, context.external["calibration"])
         nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
+        edge = on_edge(nominal)
+        if edge.all() or (~edge).sum() < FEWEST:
+            raise BadInput(
+                "nearly every frame is at the edge of its stability, where a hair's breadth "
+                "decides the shape; record poses in which the rope hangs firmly"
+            )
+        if edge.any():
+            told = ", ".join(map(str, o.frames[used[edge]]))
+            context.say(f"left out, at the edge of stability: frames {told}")
+            firm = np.flatnonzero(~edge)
+            used, setup, data = used[firm], setup.frames(torch.from_numpy(firm)), data.frames(firm)
+            nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
         found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
         return content(o, found, used, every, bins)
 

@@ -21,6 +21,7 @@ from ropefit.solvers.implicit import Directions, tangent
 RIDGE = 10.0  # usual sizes: effects may be as large as that
 FREE = 10.0  # search variables: how far a free parameter may be off
 WEAK = 1.0  # sd: what moves all stations together by less is left out
+EDGE = 8.0  # what an end's error may be multiplied by, lengths for turns
 UNUSUAL = 2.0  # times the usual mean square of a frame
 
 
@@ -57,6 +58,19 @@ def end_noise(found: Fit) -> EndNoise:
     dx, _ = tangent(point.rod, point.conditions, point.solution, Directions(ends=ends, clamp=clamp))
     values = s.project(np.moveaxis(dx, 1, 0))
     return EndNoise(s, values[..., : len(places)], values[..., len(places) :])
+
+
+def on_edge(found: Fit) -> np.ndarray:
+    """(F,) bool: frames so near to losing their stability that a hair's breadth at an end decides
+    the shape. No linear prediction holds there, and no error of the ends is small."""
+    noise = end_noise(found)
+    length = float(found.point.setup.properties.length.sum())
+    out = np.zeros(len(found.point.seen), dtype=bool)
+    for columns, most in ((noise.position, EDGE), (noise.tilt, EDGE * length)):
+        if columns.size:
+            far = np.abs(np.nan_to_num(columns, nan=np.inf)).max(axis=(1, 2)) > most
+            out[found.stations.frame[far]] = True
+    return out
 
 
 def _usual_frames(s: Stations, residual: np.ndarray) -> np.ndarray:

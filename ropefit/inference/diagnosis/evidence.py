@@ -18,6 +18,7 @@ from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.least_squares import Fit
 
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+FAR, NEARLY = 0.2, 0.6  # of the rope; of the best place's log factor: a second place to start from
 
 
 class Projection:
@@ -42,7 +43,8 @@ class Projection:
 class Scored:
     """A family against a residual: log Bayes factor, and its best place and sizes there.
 
-    score: T² of the best place; places (Q,): log factor at each.
+    score: T² of the best place; places (Q,): log factor at each. second: another place, far from
+    the best and nearly as good, with its sizes.
     """
 
     family: Family
@@ -51,6 +53,12 @@ class Scored:
     sizes: np.ndarray  # (k,) in SI, at the best place
     score: float
     places: np.ndarray
+    second: tuple[np.ndarray, np.ndarray] | None = None
+
+    def starts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Sizes and place from which full fits set out."""
+        best = (self.sizes, self.family.places[self.best])
+        return [best] if self.second is None else [best, self.second]
 
 
 class Scorer:
@@ -89,12 +97,23 @@ class Scorer:
         """Against one residual (M D,)."""
         places = self.log_factors(z[:, None])[:, 0]
         best = int(np.argmax(places))
-        b = self.flat.reshape(len(z), *self.a.shape[:2])[:, best].T @ z
-        # A direction that nothing shows is left at zero.
-        sizes = np.linalg.pinv(self.a[best], rcond=1e-8, hermitian=True) @ b
-        score = float(b @ sizes)
+        sizes, score = self._sizes(z, best)
         factor = float(logsumexp(places) - np.log(len(places)))
-        return Scored(self.family, factor, best, sizes * self.scales, score, places)
+        second = None
+        at = self.family.places
+        if at.shape[1]:
+            apart = np.abs(at[:, 0] - at[best, 0]) > FAR * (at[:, 0].max() - at[:, 0].min())
+            other = int(np.argmax(np.where(apart, places, -np.inf)))
+            if apart[other] and places[other] > NEARLY * places[best]:
+                second = (self._sizes(z, other)[0], at[other])
+        return Scored(self.family, factor, best, sizes, score, places, second)
+
+    def _sizes(self, z: np.ndarray, place: int) -> tuple[np.ndarray, float]:
+        """Best sizes (k,) in SI at a place, and their T²."""
+        b = self.flat.reshape(len(z), *self.a.shape[:2])[:, place].T @ z
+        # A direction that nothing shows is left at zero.
+        sizes = np.linalg.pinv(self.a[place], rcond=1e-8, hermitian=True) @ b
+        return sizes * self.scales, float(b @ sizes)
 
     def detectable(self, threshold: float) -> float:
         """Size (of the first quantity, SI) whose expected log factor reaches the threshold,

@@ -165,9 +165,10 @@ def _rivals(
     best = scan[0].log_factor
     leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * best)][:LEADERS]
     starts = [
-        [(s.family, np.concatenate([s.sizes, s.family.places[s.best]]))]
+        [(s.family, np.concatenate([sizes, place]))]
         for s in leaders
         if s.log_factor > 0.6 * threshold
+        for sizes, place in s.starts()
     ]
     starts += touching
     out: dict[tuple[str, int], Rival] = {}

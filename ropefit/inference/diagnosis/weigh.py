@@ -15,6 +15,7 @@ from ropefit.inference.stations import Data
 BROAD = 3.0  # usual sizes: how large an effect may well be
 ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
+SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 
 
 @dataclass
@@ -44,14 +45,17 @@ def fit_rival(
 ) -> Rival | None:
     """Fit a family on top of a model, from `start` (k + p,) in SI. None if it cannot settle."""
     setup = smaller.forward.base
-    term = family.term(setup, start)
-    inside = np.clip(start, term.lower + 1e-9, term.upper - 1e-9)
-    term = family.term(setup, inside)
-    forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
-    begin = np.concatenate([smaller.point.u, np.zeros(term.size)])
+    limits = family.term(setup, start)
+    for share in SHARES if family.effect.linear else (1.0,):
+        at = start * np.where(np.arange(len(start)) < family.size, share, 1.0)
+        term = family.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
+        forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
+        begin = np.concatenate([smaller.point.u, np.zeros(term.size)])
+        if forward.at(begin).solution.converged.all():
+            break
+    else:
+        return None
     try:
-        if not forward.at(begin).solution.converged.all():
-            return None
         most = 25 if family.effect.linear else 12
         found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
