@@ -3,8 +3,8 @@
 python -m benchmarks.scale [--recordings 1000] [--until preprocess] [--write docs/scale.md]
 
 Recordings are the same tiny one (markers, 4 frames) under many names, so that what is measured is
-what a batch adds to its stages. Weak scaling: n recordings by one worker against 2 n by two, once all is
-compiled and imported; 1 is ideal.
+what a batch adds to its stages. Weak scaling: n recordings by one worker against 2 n by two, once
+all is compiled and imported; 1 is ideal.
 """
 
 from __future__ import annotations
