@@ -79,7 +79,10 @@ def test_a_lock_is_for_one_process_and_leaves_nothing(tmp_path: Path) -> None:
         assert f"process {os.getpid()} on " in other()
     assert (run / ".observations.h5.x.tmp").exists()
     assert other() == "free\n"
-    assert not (tmp_path / "a" / "run").exists()  # what a dead process left was removed, then all
+    assert os.listdir(run) == []  # what a dead process left was removed
+    with working_on(tmp_path / "b" / "run"):
+        pass
+    assert not (tmp_path / "b").exists()  # folders that were made for it and stayed empty
     assert issubclass(Busy, StageFailed)
 
 

@@ -95,18 +95,10 @@ def write(path: Path, artifact: Artifact) -> str:
     except OSError as error:
         raise StageFailed(f"cannot write {path}: {error.strerror}; free or choose another --run")
     try:
-        os.close(handle)
-        with h5py.File(temporary, "w", track_order=True) as file:
-            file.attrs["schema_name"] = artifact.schema_name
-            file.attrs["schema_version"] = artifact.schema_version
-            file.attrs["content_sha256"] = digest
-            for name, value, attributes in leaves(artifact):
-                parent, _, leaf = name.rpartition("/")
-                group = _group(file, parent) if parent else file
-                dataset = group.create_dataset(leaf, data=value, **_compression(value))
-                dataset.attrs.update(attributes)
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
+        with os.fdopen(handle, "wb") as out:
+            out.write(_image(artifact, digest))
+            out.flush()
+            os.fsync(out.fileno())
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
@@ -114,6 +106,21 @@ def write(path: Path, artifact: Artifact) -> str:
     finally:
         Path(temporary).unlink(missing_ok=True)
     return digest
+
+
+def _image(artifact: Artifact, digest: str) -> bytes:
+    """The bytes of the file. HDF5 makes them in memory: on a full disk it may end the process."""
+    with h5py.File("image", "w", driver="core", backing_store=False, track_order=True) as file:
+        file.attrs["schema_name"] = artifact.schema_name
+        file.attrs["schema_version"] = artifact.schema_version
+        file.attrs["content_sha256"] = digest
+        for name, value, attributes in leaves(artifact):
+            parent, _, leaf = name.rpartition("/")
+            group = _group(file, parent) if parent else file
+            dataset = group.create_dataset(leaf, data=value, **_compression(value))
+            dataset.attrs.update(attributes)
+        file.flush()
+        return file.id.get_file_image()
 
 
 def _group(file: h5py.File, path: str) -> h5py.Group:
