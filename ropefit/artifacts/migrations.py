@@ -31,6 +31,7 @@ def _as_it_is(tree: Tree) -> Tree:
 STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
     ("ropefit-observations", 1): _as_it_is,
     ("ropefit-model", 1): _model_1,
+    ("ropefit-diagnosis", 1): _as_it_is,
 }
 
 
