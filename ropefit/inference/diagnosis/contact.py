@@ -12,6 +12,7 @@ from ropefit.inference.least_squares import Fit
 
 DEEP = 2.0  # noise sd by which the nominal rope must sink below where the data stop
 LOWER = (0.0, 0.001, 0.002, 0.004, 0.006)  # m below where the data stop, until the rope settles
+UNEVEN = 5.0  # standard errors
 NONE = np.zeros((1, 0))
 
 
@@ -24,6 +25,16 @@ def proposals(found: Fit) -> list[list[Start]]:
     if bool(torch.isnan(found.point.setup.ends).any()):
         return []  # a cantilever that lies on something has no smooth path there
     return [*_planes(found), *_bars(found)]
+
+
+def uneven(found: Fit) -> bool:
+    """Whether some frames are left far worse than the usual one."""
+    s = found.stations
+    square = (found.z.reshape(len(s.frame), -1) ** 2).mean(axis=1)
+    count = np.bincount(s.frame)
+    mean = np.bincount(s.frame, square)[count > 0] / count[count > 0]
+    spread = np.sqrt(2 / (count[count > 0] * s.residual.shape[1]))
+    return bool(((mean / np.median(mean) - 1) / spread).max() > UNEVEN)
 
 
 def _planes(found: Fit) -> list[list[Start]]:

@@ -10,7 +10,7 @@ import numpy as np
 from ropefit.inference.diagnosis.background import measure
 from ropefit.inference.diagnosis.branch_repair import repaired
 from ropefit.inference.diagnosis.columns import Columns, Responses
-from ropefit.inference.diagnosis.contact import Start, proposals
+from ropefit.inference.diagnosis.contact import Start, proposals, uneven
 from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import NARROWEST, Family, families
 from ropefit.inference.diagnosis.latent import Latent, latent_force
@@ -23,7 +23,7 @@ from ropefit.inference.stations import Data, match
 LEAST = 5.0  # nats: no effect is believed on less
 MARGIN = 10.0  # nats over a clean recording's 99 % that make a latent force real
 REPLICATES = 100
-ANY_FORCE = 2.0  # nats of a latent force below which contact, which is one, is not tried
+ANYTHING = 2.0  # nats
 MOST_EFFECTS = 2  # more would explain anything: then it is unknown
 LEADERS = 6
 SET_NATS = 3.0
@@ -109,7 +109,9 @@ def search(
             crowded = scan[0].log_factor > 3 * threshold
             break
         progress(0.25 + 0.2 * round_, "fits of the leaders")
-        touching = proposals(current) if latent.evidence > ANY_FORCE else []
+        # Contact is a force, in some frames only; its fits cost the most.
+        anything = max(latent.evidence, scan[0].log_factor) > ANYTHING or uneven(current)
+        touching = proposals(current) if anything else []
         rivals = _rivals(current, scan, touching, data, noise, bins, threshold)
         winner = _winner(rivals, threshold, heldout_rms(current)[0], refused)
         if winner is None:
