@@ -186,6 +186,7 @@ def test_colour_of_a_depth_pixel_against_opencv(tmp_path):
 def realsense(path: Path) -> Path:
     """The rendered rope, recorded by librealsense from a device of software."""
     rs = pytest.importorskip("pyrealsense2")
+    path.parent.mkdir(parents=True, exist_ok=True)
     device = rs.software_device()
     sensors = [device.add_sensor("Depth"), device.add_sensor("Color")]
     kinds = [(rs.stream.depth, rs.format.z16, 2), (rs.stream.color, rs.format.rgb8, 3)]
@@ -239,7 +240,15 @@ def realsense(path: Path) -> Path:
 
 
 def test_realsense(tmp_path):
-    path = realsense(tmp_path / "r.db3")  # what its recorder has written since version 2.57
+    for attempt in range(4):  # on a busy machine librealsense's recorder loses frames
+        path = realsense(tmp_path / str(attempt) / "r.db3")  # so it writes since version 2.57
+        try:
+            whole = brought(path, "realsense")
+        except BadInput:
+            continue
+        if len(whole.frames) == FRAMES:
+            break
+    path = path.rename(tmp_path / "r.db3")
     kinds = {entry["name"]: entry["kind"] for entry in list_source(path, "realsense")["contents"]}
     assert kinds == {"Depth": "z16", "Color": "rgb8"}
     recording = brought(path, "realsense", camera_pose="0.3,-1.2,0,-0.7071068,0,0,0.7071068")

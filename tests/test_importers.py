@@ -281,7 +281,7 @@ def test_settings_that_are_none(items: list[str], words: str) -> None:
 
 def test_unknown_names(tmp_path: Path) -> None:
     source = sources.wide_csv(tmp_path / "a.csv")
-    with pytest.raises(WrongUsage, match="clouds, mocap, ros, tum"):
+    with pytest.raises(WrongUsage, match="clouds, kinect, mocap, realsense, ros, tum"):
         brought(source, "vicon")
     with pytest.raises(WrongUsage, match=r"has no such option; one of .*held0"):
         brought(source, "mocap", topic="/points")

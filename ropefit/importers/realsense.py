@@ -95,12 +95,14 @@ def _playing(rs: Any, source: Path) -> Iterator[_Playing]:
     pipeline, config = rs.pipeline(), rs.config()
     with readable(source, "a RealSense recording"):
         config.enable_device_from_file(str(source), repeat_playback=False)
+        # Before it starts, or the first frames may be dropped.
+        device = config.resolve(rs.pipeline_wrapper(pipeline)).get_device()
+        device.as_playback().set_real_time(False)
         profile = pipeline.start(config)
         try:
             kinds = {stream.stream_type() for stream in profile.get_streams()}
             if not {rs.stream.depth, rs.stream.color} <= kinds:
                 raise BadInput(f"{source}: needs a depth and a colour stream; see --list")
-            profile.get_device().as_playback().set_real_time(False)  # no frame is dropped
             yield _Playing(pipeline, profile)
         finally:
             pipeline.stop()
