@@ -142,21 +142,23 @@ def diagnose(
     model: Model,
     *,
     nominal: Model | None = None,
+    calibration: Model | None = None,
     progress: Progress | None = None,
     **settings: Any,
 ) -> Diagnosis:
     """Where data and model differ beyond noise, and which effects explain it (docs/diagnosis.md).
 
-    nominal: the same rope's model from another recording, taken as known. settings: any other
-    option of `ropefit diagnose`. Raises BadInput, NotConverged, WrongUsage.
+    nominal: the same rope's model from another recording, taken as known; calibration: the model of
+    another recording of the same set-up, for its camera and gravity. settings: any other option of
+    `ropefit diagnose`. Raises BadInput, NotConverged, WrongUsage.
     """
     from ropefit.stages import diagnose as stage
 
-    chosen = stage.DiagnoseSettings(nominal=nominal is not None, **settings)
-    hashes, external = _of(observations, model), {}
-    if nominal is not None:
-        hashes["nominal"] = content_sha256(nominal)
-        external = {"nominal": nominal}
+    given = {"nominal": nominal, "calibration": calibration}
+    external = {name: other for name, other in given.items() if other is not None}
+    chosen = stage.DiagnoseSettings(**dict.fromkeys(external, True), **settings)
+    hashes = _of(observations, model)
+    hashes |= {name: content_sha256(other) for name, other in external.items()}
     return _compute(stage.STAGE, _inputs(observations, model), hashes, chosen, external, progress)
 
 
@@ -164,6 +166,7 @@ def control(
     observations: Observations,
     model: Model,
     *,
+    diagnosis: Diagnosis | None = None,
     targets: np.ndarray | None = None,
     arc_length: np.ndarray | None = None,
     loss: str = "OBJ1",
@@ -172,17 +175,22 @@ def control(
 ) -> Control:
     """Where the gripper was in every frame, or, with targets, where it must go.
 
+    diagnosis: the rope then has what was found to be left out.
     targets (M, 3) or (C, M, 3) [m]: points that the rope is to pass, of C shapes; arc_length (M,)
     or (C, M) [m]: where on the rope, NaN or None for anywhere. settings: any other option of
     `ropefit control`. `converged` marks the searches that arrived. Raises BadInput, NotConverged.
     """
     from ropefit.stages import control as stage
 
-    hashes, external = _of(observations, model), {}
+    external: dict[str, Any] = {}
+    hashes = _of(observations, model)
+    if diagnosis is not None:
+        hashes[Diagnosis.file_name] = content_sha256(diagnosis)
+        external["diagnosis"] = diagnosis
     if targets is not None:
         wanted = _targets(targets, arc_length, observations.length)
         hashes["target"] = wanted.sha256
-        external = {"targets": wanted}
+        external["targets"] = wanted
     chosen = stage.ControlSettings(loss=loss, target=targets is not None, **settings)  # type: ignore[arg-type]
     return _compute(stage.STAGE, _inputs(observations, model), hashes, chosen, external, progress)
 

@@ -1,9 +1,15 @@
 """The diagnosis on recordings with a concealed effect: found where it is, and as large."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import torch
 
+from ropefit.artifacts.model import Calibration
 from ropefit.effects import FreeKink, GravityMisalignment, PointMass, StiffSection
+from ropefit.errors import WrongUsage
+from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.diagnosis.columns import Responses
 from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import families
@@ -11,8 +17,16 @@ from ropefit.inference.diagnosis.latent import latent_force
 from ropefit.inference.diagnosis.regions import regions
 from ropefit.inference.diagnosis.search import search
 from ropefit.inference.diagnosis.weigh import heldout_rms, predicted
+from ropefit.inference.forward import Forward
+from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from tests.concealed import BINS, nominal_fit, recorded, rope, with_effect
+from ropefit.inference.stations import Data
+from ropefit.inference.terms import Priors, calibration
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import bare
+from ropefit.stages.diagnose import calibrated
+from ropefit.stages.equilibrium_model import calibration_name
+from tests.concealed import BINS, EYE, nominal_fit, recorded, rope, with_effect
 
 
 def diagnosed(data):
@@ -83,3 +97,42 @@ def test_the_mismatch_is_located():
     found = regions(nominal_fit(data), BINS)
     assert found
     assert any(low <= 0.37 <= high for low, high in (r.arc for r in found))
+
+
+def test_a_rope_about_to_fall_over_is_on_the_edge():
+    length, density, gravity = 0.5, 0.06, 9.81
+    # Held upright at its lower end, a rope falls over where weight L³ / EI passes 7.837.
+    bend = 1.02 * density * gravity * length**3 / 7.837  # Greenhill
+    made = uniform(length=length, segments=60, bend=bend, density=density)
+    ends = torch.zeros(2, 2, 3, dtype=torch.float64)
+    ends[:, 1] = torch.nan
+    up = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)  # tangent along +z
+    down = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=torch.float64)
+    clamp = torch.full((2, 2, 4), torch.nan, dtype=torch.float64)
+    clamp[:, 0] = torch.stack([up, down])
+    down_ = torch.tensor([0.0, 0.0, -gravity], dtype=torch.float64)
+    setup = bare(made, down_, ends, clamp, torch.tensor(EYE, dtype=torch.float64))
+    seen = Forward(setup, []).at(np.empty(0)).seen
+    share = np.tile(np.linspace(0, 1, seen.shape[1]), (2, 1))
+    data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
+    found = fit(Forward(setup, []), data, Noise(marker=1e-3), BINS)
+    assert on_edge(found).tolist() == [True, False]
+
+
+def test_another_runs_calibration_is_taken_with_its_own_uncertainty():
+    errors = calibration(rope(20), Priors(), False)
+    known = {
+        calibration_name(t, axis): Calibration(unit="", prior=1.0, value=0.001, sd=1e-5)
+        for t in errors
+        for axis in t.names
+    }
+    model = SimpleNamespace(nominal=SimpleNamespace(balance=SimpleNamespace(calibration=known)))
+    for before, after in zip(errors, calibrated(errors, model), strict=True):
+        if before.name.startswith("end_"):
+            assert after is before
+        else:
+            assert (after.start == 0.001).all()
+            assert (after.prior < before.prior).all()
+            np.testing.assert_allclose(after.value(np.zeros(after.size)), 0.001)
+    with pytest.raises(WrongUsage, match="--calibration"):
+        calibrated(errors, SimpleNamespace(nominal=SimpleNamespace(balance=None)))

@@ -164,7 +164,7 @@ def test_the_scorer_counts_hits_ties_and_misses():
         "tether": 1,
         "no answer": 1,
     }
-    text = table.markdown(everything, {}, "small")
+    text = table.markdown(everything, {}, "--cases small", len(everything))
     assert "exit 1" in text
     assert "called tether" in text
 

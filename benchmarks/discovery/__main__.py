@@ -50,7 +50,8 @@ def main() -> None:
         for name, why in impossible.items():
             print(f"{name}: not made: {why}")
         return
-    text = markdown(judgements, impossible, options.cases)
+    chosen = f"--cases {options.cases} --seed {options.seed} --shard {options.shard}"
+    text = markdown(judgements, impossible, chosen, len(cases))
     data: dict[str, Any] = {
         "rows": rows(judgements), "cases": judgements, "impossible": impossible,
     }  # fmt: skip

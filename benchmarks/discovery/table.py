@@ -9,13 +9,15 @@ from benchmarks.discovery.score import confusion, rows
 MOST_MISSES = 40
 
 
-def markdown(judgements: list[dict[str, Any]], impossible: dict[str, str], cases: str) -> str:
-    """The section of docs/results.md."""
+def markdown(
+    judgements: list[dict[str, Any]], impossible: dict[str, str], options: str, listed: int
+) -> str:
+    """The section of docs/results.md; options: of the command; listed: cases it asks for."""
     table = rows(judgements)
     lines = [
-        f"{len(judgements)} recordings (`--cases {cases}`) by simulators that are not ropefit's;",
-        "written by `python -m benchmarks.discovery`. *Visible*: a score (signal over noise, after",
-        "what EI and the set-up's errors absorb) of at least 12.",
+        f"{len(judgements)} of {listed} recordings by simulators that are not ropefit's, by",
+        f"`python -m benchmarks.discovery {options}`. *Visible*: a score (signal",
+        "over noise, after what EI and the set-up's errors absorb) of at least 12.",
         "",
         "| what | bar | measured | cases | |",
         "|---|---|---|---|---|",

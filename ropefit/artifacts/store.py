@@ -1,17 +1,14 @@
 """Artifacts on disk: HDF5, written atomically, hashed, and read back through their schema.
 
 Layout of a file: the root carries `schema_name`, `schema_version` and `content_sha256`; every
-array is
-a dataset with attributes `unit` and `dims`; every nested part is a group; everything else is a
-dataset of JSON text with attribute `encoding = "json"`. Nothing is ever pickled.
+array is a dataset with attributes `unit` and `dims`; every nested part is a group; everything else
+is a dataset of JSON text with attribute `encoding = "json"`. Nothing is ever pickled.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
@@ -20,6 +17,7 @@ import h5py
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from ropefit.artifacts.atomic import write_bytes
 from ropefit.artifacts.base import Artifact, array_spec
 from ropefit.artifacts.migrations import migrated
 from ropefit.errors import BadInput, StageFailed
@@ -89,22 +87,13 @@ def write(path: Path, artifact: Artifact) -> str:
     hash."""
     digest = content_sha256(artifact)
     try:
-        handle, temporary = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
+        write_bytes(path, _image(artifact, digest))
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise StageFailed(
+            f"cannot write {path}: {why}; the previous file is unchanged; free space or give "
+            "another --run"
         )
-    except OSError as error:
-        raise StageFailed(f"cannot write {path}: {error.strerror}; free or choose another --run")
-    try:
-        with os.fdopen(handle, "wb") as out:
-            out.write(_image(artifact, digest))
-            out.flush()
-            os.fsync(out.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
-        raise StageFailed(f"cannot write {path}: {error}; the previous file is unchanged")
-    finally:
-        Path(temporary).unlink(missing_ok=True)
     return digest
 
 

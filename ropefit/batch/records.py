@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ropefit.artifacts.atomic import write_bytes
 from ropefit.errors import StageFailed
 
 FOLDER = ".batch"
@@ -63,20 +62,8 @@ def write_record(runs: Path, record: Record) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file atomically, its folder made if need be. Raises StageFailed."""
-    temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
-        )
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        write_bytes(path, text.encode())
     except OSError as error:
         raise StageFailed(f"cannot write {path}: {error.strerror}; give another --runs")
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)

@@ -132,12 +132,16 @@ class Forward:
 
     def jacobian(self, point: Point) -> np.ndarray:
         """(P, F, K, 3) derivative of `seen` in the search variables."""
-        changes, setup, parts = [], self.base, self.split(point.u)
-        for number, (term, u) in enumerate(zip(self.terms, parts, strict=True)):
+        return respond(point, self.changes(point.u))
+
+    def changes(self, u: np.ndarray) -> list[Change]:
+        """One for each search variable, at u (P,)."""
+        changes, setup, parts = [], self.base, self.split(u)
+        for number, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
             for k in range(term.size):
                 changes.append(self._change(setup, parts, number, k))
-            setup = term.apply(setup, torch.from_numpy(term.value(u)))
-        return respond(point, changes)
+            setup = term.apply(setup, torch.from_numpy(term.value(part)))
+        return changes
 
     def _change(self, before: Setup, parts: list[np.ndarray], number: int, k: int) -> Change:
         """One term's k-th value changes; before: the setup on which that term acts."""

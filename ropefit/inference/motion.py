@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-import torch.autograd.forward_ad as forward_ad
 from scipy.interpolate import CubicSpline
 
 from ropefit.inference.forward import Forward
-from ropefit.inference.response import Point
+from ropefit.inference.response import STEP as RESPONSE
+from ropefit.inference.response import Point, slope, turn_slope
 from ropefit.rod.moving import Moving, moving, undamped
-from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.dynamics import Directions, Drive, Start, Trajectory, solve, tangent
@@ -87,22 +86,15 @@ class MotionForward(Forward):
     def jacobian(self, point: Point) -> np.ndarray:
         """(P, F, K, 3) derivative of `seen` in the search variables, zero in clips that failed."""
         assert isinstance(point, MotionPoint)
-        parts = self.split(point.u)
-        values = [torch.from_numpy(t.value(u)) for t, u in zip(self.terms, parts, strict=True)]
         x = torch.from_numpy(point.solution.x)
-        rods, ends, clamps, direct = [], [], [], []
-        for number, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
-            for direction in np.diag(term.slope(part)):
-                with forward_ad.dual_level():
-                    changed = list(values)
-                    changed[number] = forward_ad.make_dual(
-                        values[number], torch.from_numpy(direction)
-                    )
-                    setup = self.setup(changed)
-                    rods.append([_tangent(t) for t in fields(rope_of(setup))])
-                    ends.append(np.nan_to_num(_tangent(setup.ends)))
-                    clamps.append(np.nan_to_num(_turn(setup.clamp)))
-                    direct.append(np.nan_to_num(_tangent(setup.seen(x))))
+        now, rods, ends, clamps, direct = point.setup, [], [], [], []
+        for changed in self.changes(point.u):
+            a, b = changed(-RESPONSE), changed(RESPONSE)
+            pairs = zip(fields(rope_of(a)), fields(rope_of(b)), strict=True)
+            rods.append([slope(p, q) for p, q in pairs])
+            ends.append(slope(a.ends, b.ends))
+            clamps.append(turn_slope(now.clamp, a.clamp, b.clamp))
+            direct.append(slope(a.seen(x), b.seen(x)))
         out = np.array(direct).reshape(len(point.u), *point.seen.shape)
         by_rod = [np.stack([row[k] for row in rods])[None] for k in range(len(rods[0]))]
         moved, turned = np.stack(ends), np.stack(clamps)
@@ -150,20 +142,6 @@ class MotionForward(Forward):
             x, q, v = ((b - a).numpy()[0] / (2 * STEP) for a, b in zip(low, high, strict=True))
             out.append((x, v, to_turn(run.start.q.numpy()[0], q, 2.0)))
         return out
-
-
-def _tangent(t: torch.Tensor) -> np.ndarray:
-    """The tangent of a dual tensor, zeros where it has none."""
-    tangent_ = forward_ad.unpack_dual(t).tangent
-    return np.zeros(tuple(t.shape)) if tangent_ is None else tangent_.numpy().copy()
-
-
-def _turn(clamp: torch.Tensor) -> np.ndarray:
-    """(F, 2, 3) the tangent of frames as turns about their own axes."""
-    primal, tangent_ = forward_ad.unpack_dual(clamp)
-    if tangent_ is None:
-        return np.zeros((*clamp.shape[:-1], 3))
-    return 2 * conjugate_product(primal, tangent_)[..., 1:].numpy()
 
 
 def rope_of(setup: Setup) -> Moving:

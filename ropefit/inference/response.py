@@ -2,7 +2,7 @@
 
 How a setup depends on a value is cheap and smooth: it is differenced, to nine digits. How the rope
 answers is the one exact linear solve of `solvers/implicit.py`, for all changes at once. (Dual
-numbers through the setup gave the same to nine digits and took four times as long.)
+numbers through the setup load torch's compiler and go through Python for every zero tangent.)
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ def respond(point: Point, changes: list[Change]) -> np.ndarray:
     if not changes:
         return np.zeros((0, *point.seen.shape))
     x = torch.from_numpy(point.solution.x)
-    slopes = [_slopes(point.setup, changed, x) for changed in changes]
+    still = [np.zeros(tuple(field.shape)) for field in point.setup.rod()]
+    slopes = [_slopes(point.setup, changed, x, still) for changed in changes]
     rods, frames = point.rod, len(x)
     # Loads that differ from frame to frame: of inertia, and the forces of potentials.
     if any(s.force is not None or s.rod[LOAD].ndim == 3 for s in slopes):
@@ -84,22 +85,20 @@ class _Slopes:
     seen: np.ndarray
 
 
-def _slopes(now: Setup, changed: Change, x: Tensor) -> _Slopes:
+def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> _Slopes:
+    """still: the rod's fields' derivatives where nothing that it is built from changes."""
     a, b = changed(-STEP), changed(STEP)
-    zero = np.zeros(1)
-    if _equal(_built_from(a), _built_from(b)):
-        rod = [np.zeros(tuple(field.shape)) for field in now.rod()]
-    else:
-        rod = [_slope(p, q) for p, q in zip(a.rod(), b.rod(), strict=True)]
+    rod = still
+    if not _equal(_built_from(a), _built_from(b)):
+        rod = [slope(p, q) for p, q in zip(a.rod(), b.rod(), strict=True)]
     force = None
     if not _equal(_energies(a, x), _energies(b, x)):
-        force = _slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
+        force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
     clamp = np.zeros((*now.clamp.shape[:-1], 3))
     if not torch.equal(torch.nan_to_num(a.clamp), torch.nan_to_num(b.clamp)):
-        turns = [conjugate_product(now.clamp, s.clamp)[..., 1:] for s in (a, b)]
-        clamp = 2 * _slope(*turns)
-    seen = zero if _equal(a.seen, b.seen) else _slope(a.seen(x), b.seen(x))
-    return _Slopes(rod, force, _slope(a.ends, b.ends), clamp, seen)
+        clamp = turn_slope(now.clamp, a.clamp, b.clamp)
+    seen = np.zeros(1) if _equal(a.seen, b.seen) else slope(a.seen(x), b.seen(x))
+    return _Slopes(rod, force, slope(a.ends, b.ends), clamp, seen)
 
 
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
@@ -117,6 +116,12 @@ def _equal(first: Iterable[Tensor], second: Iterable[Tensor]) -> bool:
     return all(torch.equal(p, q) for p, q in zip(first, second, strict=True))
 
 
-def _slope(before: Tensor, after: Tensor) -> np.ndarray:
+def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
+    """(F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes `now`."""
+    turns = (conjugate_product(now, clamp)[..., 1:] for clamp in (before, after))
+    return 2 * slope(*turns)
+
+
+def slope(before: Tensor, after: Tensor) -> np.ndarray:
     """Central difference; zero where the values are not finite."""
     return np.nan_to_num(((after - before) / (2 * STEP)).numpy(), posinf=0.0, neginf=0.0)

@@ -21,7 +21,7 @@ from ropefit.inference.noise import Noise
 from ropefit.inference.terms import ROPE, calibration, rope_term
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import follow
-from ropefit.stages.diagnosis_content import content
+from ropefit.stages.diagnosis_content import INTERVAL, content
 from ropefit.stages.equilibrium_model import calibration_name
 from ropefit.stages.frames import spread_evenly
 from ropefit.stages.frozen import frozen_values
@@ -38,7 +38,6 @@ from ropefit.stages.stage import Context, Stage, StageSettings
 
 BINS = 40  # stations of a frame
 FEWEST = 4  # frames
-INTERVAL = 1.959964
 
 
 class DiagnoseSettings(StageSettings):
@@ -77,7 +76,7 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
     with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
         errors = calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))
         if settings.calibration:
-            errors = _calibrated(errors, context.external["calibration"])
+            errors = calibrated(errors, context.external["calibration"])
         nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
         edge = on_edge(nominal)
         if edge.all() or (~edge).sum() < FEWEST:
@@ -136,7 +135,7 @@ def _with_prior(term: Term, sd: float) -> Term:
     return replace(term, prior=np.array([max(sd, 1e-4)]))
 
 
-def _calibrated(errors: list[Term], source: Model) -> list[Term]:
+def calibrated(errors: list[Term], source: Model) -> list[Term]:
     """The errors of camera and gravity as another run of the same set-up found them, and only as
     uncertain; the ends are held anew in every recording. Raises WrongUsage."""
     if source.nominal.balance is None or not source.nominal.balance.calibration:

@@ -17,7 +17,7 @@ from ropefit.inference.least_squares import Fit
 from ropefit.stages.equilibrium_model import calibration_of
 from ropefit.stages.identify_equilibrium import unit_scale
 
-INTERVAL = 1.959964
+INTERVAL = 1.959964  # sd: half of a 95 % interval
 
 
 def content(

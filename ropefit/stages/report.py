@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 from ropefit.artifacts import Control, Diagnosis, Model
+from ropefit.artifacts.atomic import write_bytes
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.stages.contents import read_run
 from ropefit.stages.lock import working_on
@@ -66,21 +65,9 @@ def compare_runs(directories: list[Path], out: Path) -> Path:
 
 
 def _write(path: Path, text: str) -> None:
-    temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
-        )
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        write_bytes(path, text.encode())
     except OSError as error:
         raise StageFailed(
             f"cannot write {path}: {error.strerror}; free space or give another place"
         )
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
