@@ -86,12 +86,13 @@ def problem_of(rod: Rod, c: Conditions, member: np.ndarray | None) -> Problem:
 
     segments = length.shape[1]
     node, direction, offset, compliance = [], [], [], []
-    if c.far_held:
+    far_held = c.far_held
+    if far_held:
         node.append(np.full(3, segments))
         direction.append(np.broadcast_to(np.eye(3), (frames, 3, 3)))
         offset.append(as_numpy(c.ends[:, 1]))
         compliance.append(np.zeros((frames, 3)))
-    active = np.ones((frames, 3 if c.far_held else 0), dtype=np.bool_)
+    active = np.ones((frames, 3 if far_held else 0), dtype=np.bool_)
     if c.node is not None:
         assert c.direction is not None
         assert c.offset is not None

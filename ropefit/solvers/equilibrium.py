@@ -81,6 +81,7 @@ def solve(
     tolerance: float = TOLERANCE,
     limit: int = LIMIT,
     continuation: bool = True,
+    problem: Problem | None = None,
 ) -> Solution:
     """Stable equilibria of F frames, each from the catenary through its ends or from `start`.
 
@@ -89,9 +90,10 @@ def solve(
 
     member (F,): which of the rod's R ropes each frame shows (all the only one, or one each, if not
     given). turns (F,): whole turns of twist that a catenary start is given between two clamps.
+    problem: of these very rod, conditions and member, if known.
     Never raises for a frame that does not converge: its status says so.
     """
-    problem = problem_of(rod, conditions, member)
+    problem = problem or problem_of(rod, conditions, member)
     frames, segments = len(conditions.ends), problem.rods.length.shape[1]
     first = starting(problem, conditions, start, turns)
     q, lam, base = first.q, first.reaction, first.base
@@ -202,6 +204,8 @@ def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | No
         )  # fmt: skip
 
     in_threads(work, frames)
+    if np.isnan(as_numpy(conditions.clamp)).any(-1).all():
+        q = _rolled(q, rods.rest[rods.of])
     reaction = np.zeros((frames, held.node.size))
     if conditions.far_held:
         last = x[:, -1] - x[:, -2]
@@ -212,12 +216,34 @@ def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | No
         down = w / np.maximum(np.linalg.norm(w, axis=1, keepdims=True), 1e-300)
         along = (last * down).sum(1, keepdims=True)
         across = np.sqrt(np.maximum(1 - along**2, 1e-6))
-        reaction[:, :3] = per_length * pull[:, None] / across * last
+        # The tension in the last segment, and the load on the node beyond it.
+        reaction[:, :3] = per_length * pull[:, None] / across * last - rods.load[rods.of, -1]
         if not conditions.free:
             reaction[:, :3] = np.clip(reaction[:, :3], -1e6, 1e6)
     base = x[:, 0].copy()
     empty = np.zeros(frames, dtype=np.int64)
     return Solution(q, x, np.zeros_like(q[..., :3]), reaction, base, empty, empty, np.zeros(frames))
+
+
+def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Frames q (F, N, 4) of ropes that no clamp keeps from rolling about themselves, rolled until
+    they bend, on the whole, as they are bent at rest (F, N+1, 4)."""
+    wanted = rest[:, 1:-1, 1:3].sum(1)
+    curved = np.isfinite(wanted).all(1) & wanted.any(1)
+    if not curved.any():
+        return q
+    w, x, y, z = np.ascontiguousarray(q.transpose(2, 0, 1))
+    (w1, x1, y1, z1), (w2, x2, y2, z2) = (
+        [v[:, k : v.shape[1] - 1 + k] for v in (w, x, y, z)] for k in (0, 1)
+    )
+    bent = [
+        (w1 * x2 - x1 * w2 - y1 * z2 + z1 * y2).sum(1),
+        (w1 * y2 - y1 * w2 - z1 * x2 + x1 * z2).sum(1),
+    ]
+    roll = np.arctan2(bent[1], bent[0]) - np.arctan2(wanted[:, 1], wanted[:, 0])
+    roll = 0.5 * np.where(curved, roll, 0.0)[:, None]
+    c, s = np.cos(roll), np.sin(roll)
+    return np.stack([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s], axis=-1)
 
 
 def stability(

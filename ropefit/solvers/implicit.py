@@ -30,9 +30,9 @@ def settle(
     Gradients reach every tensor of the rod and of the conditions, at the price of one more linear
     solve. Frames that did not converge are NaN. `solution`: of these very arguments, if known.
     """
-    if solution is None:
-        solution = solve(rod, conditions, start, member)
     problem = problem_of(rod, conditions, member)
+    if solution is None:
+        solution = solve(rod, conditions, start, member, problem=problem)
     c = conditions
     inputs = [*rod, c.ends, c.clamp, c.direction, c.offset, c.compliance]
     far = 3 if c.far_held else 0

@@ -23,9 +23,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-helper = njit(error_model="numpy")
-small = njit(error_model="numpy", inline="always")
-kernel = njit(cache=True, nogil=True, error_model="numpy")
+FUSED = {"contract"}  # a multiplication and an addition may be one instruction
+helper = njit(error_model="numpy", fastmath=FUSED)
+small = njit(error_model="numpy", inline="always", fastmath=FUSED)
+kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath=FUSED)
 
 CONVERGED, LIMIT, STUCK, NOT_FINITE, UNSTABLE = range(5)
 TURN_LIMIT = 1.2  # rad: largest turn of a segment in one step
@@ -616,10 +617,10 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
     turn = np.empty((n, 3))
     gaps = np.empty(count + 3)
     shift, last_step, kicks = 0.0, np.inf, 0
-    worst, known = np.inf, False
+    worst, known, energy = np.inf, False, 0.0
     for iteration in range(limit):
         if not known:
-            _state(rod, held, q, lam, x0, w)
+            energy = _state(rod, held, q, lam, x0, w)
         known = False
         scale, residual = _assemble(rod, held, lam, w)
         gap = math.sqrt(_conditions(rod, held, lam, w, w.rest))
@@ -690,13 +691,9 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
             _step(held, q, lam, x0, turn, right, share)
             last_step = largest
             continue
-        # Line search on the augmented Lagrangian at the new forces.
-        start = _state(rod, held, q, next_lam, x0, w)
-        square = _conditions(rod, held, next_lam, w, gaps)
-        tension = 0.0
-        for i in range(n):
-            for a in range(3):
-                tension = max(tension, abs(w.force[i, a]))
+        # Line search on the augmented Lagrangian at the new forces, in which L is quadratic.
+        start, square = _at_forces(held, w, energy, right, gaps)
+        tension = _tension(held, w, right)
         weight = 10 * tension / whole
         if square > 0 and curvature < 0.5 * weight * square:
             weight = max(weight, min(-4 * curvature / square, 1e4 * tension / whole))
@@ -716,7 +713,8 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
             for a in range(3):
                 trial_x[a] = x0[a] + share * right[count + a, 0]
             value = _state(rod, held, trial_q, next_lam, trial_x, w) - share * push
-            value += 0.5 * weight * _conditions(rod, held, next_lam, w, gaps)
+            square = _conditions(rod, held, next_lam, w, gaps)
+            value += 0.5 * weight * square
             if value <= start + 1e-4 * share * min(slope, 0.0) + noise:
                 accepted = True
                 break
@@ -727,8 +725,11 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
                 continue
             return STUCK, iteration, worst
         last_step = largest if share == 1.0 and used <= NEUTRAL * size else np.inf
-        known = share == 1.0  # the last state tried is the next one
-        _step(held, q, lam, x0, turn, right, share)
+        q[:], x0[:] = trial_q, trial_x
+        for s in range(count):
+            lam[s] += share * right[s, 0]
+        if share == 1.0:  # the last state tried is the next one
+            known, energy = True, value + share * push - 0.5 * weight * square
     return LIMIT, limit, worst
 
 
@@ -743,6 +744,39 @@ def _step(held, q, lam, x0, turn, right, share):
     for a in range(3):
         if held.free:
             x0[a] += share * right[count + a, 0]
+
+
+@helper
+def _at_forces(held, w, energy, right, gaps):
+    """L, and the square of the supports' conditions [m²], where only the forces have taken their
+    step; energy: L before. `w` is of that state, its `rest` the conditions, `corner` L's second
+    derivative."""
+    count = held.node.shape[0]
+    square = 0.0
+    for s in range(count):
+        gaps[s] = w.rest[s]
+        if held.active[s]:
+            for t in range(count):
+                if held.active[t]:
+                    gaps[s] += w.corner[s, t] * right[t, 0]
+            energy += 0.5 * (w.rest[s] + gaps[s]) * right[s, 0]
+            square += gaps[s] ** 2
+    return energy, square
+
+
+@helper
+def _tension(held, w, right):
+    """[N] the largest component of the force in the rope once the supports' forces have stepped."""
+    count = held.node.shape[0]
+    largest = 0.0
+    for a in range(3):
+        more = 0.0
+        for i in range(w.force.shape[0] - 1, -1, -1):
+            for s in range(count):
+                if held.node[s] == i + 1 and held.active[s]:
+                    more += right[s, 0] * held.direction[s, a]
+            largest = max(largest, abs(w.force[i, a] + more))
+    return largest
 
 
 @helper

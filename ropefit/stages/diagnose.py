@@ -38,6 +38,7 @@ from ropefit.stages.stage import Context, Stage, StageSettings
 
 BINS = 40  # stations of a frame
 FEWEST = 4  # frames
+GJ_SD = 1.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section
 
 
 class DiagnoseSettings(StageSettings):
@@ -123,6 +124,8 @@ def nominal_terms(
     for name in names:
         start, low, high = known[name]
         term = rope_term(name, "", start, low, high, ROPE[name])
+        if name == "GJ":  # where no twist is seen it would go astray
+            term = _with_prior(term, GJ_SD)
         p = group.parameters.get(name)
         if prior and p is not None and p.ci95 is not None:
             sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
@@ -161,6 +164,12 @@ def _nominal(setup: Setup, terms: list[Term], data, noise: Noise, bins: int) -> 
     start = forward.start()
     forward.last = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
     try:
+        # Twist is a small correction: while the set-up's errors are still large it would be misled.
+        late = np.repeat([t.name == "GJ" for t in terms], [t.size for t in terms])
+        if late.any():
+            early = Forward(setup, [t for t in terms if t.name != "GJ"], forward.last)
+            start[~late] = fit(early, data, noise, bins, None, 30, tolerance=1e-4).point.u
+            forward.last = early.last
         first = fit(forward, data, noise, bins, start, 30, tolerance=1e-5)
         forward.last = nearer_branch(first, data, bins)
         return fit(forward, data, noise, bins, first.point.u, 30, tolerance=1e-5)
