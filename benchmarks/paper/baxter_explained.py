@@ -57,8 +57,13 @@ def gravity(r: Results) -> str:
             Claim(
                 "Jacobi's distance constraint does not fully converge",
                 "`diagnose` on Jacobi's own shapes: " + diagnosed(r.said["jacobi-shapes"]),
-                "under_converged" in found["jacobi-shapes"],
-                "the shapes are recognised as those of a solver that stopped on its way",
+                "axial_extensibility" not in found["jacobi-shapes"],
+                "no stretch is named. `under_converged`, a share of the way from the catenary to "
+                "the equilibrium, " + (
+                    "is recognised" if "under_converged" in found["jacobi-shapes"] else
+                    "is not recognised either: each constraint stops at a stage of its own, which "
+                    "is the way of no rope, and the diagnosis says so"
+                ),
             ),
         ])
     )  # fmt: skip
