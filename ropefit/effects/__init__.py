@@ -7,6 +7,7 @@ from ropefit.effects.axial_extensibility import AxialExtensibility
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.bending_hysteresis import BendingHysteresis
 from ropefit.effects.clamped_end import ClampedEnd, TiltedClamp
+from ropefit.effects.contact_friction import ContactFriction
 from ropefit.effects.damping import Damping
 from ropefit.effects.depth_bias import DepthBias, DepthGain
 from ropefit.effects.distributed_load import DistributedLoad
@@ -48,6 +49,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     Tether,
     SupportPlane,
     Obstacle,
+    ContactFriction,
     BendingHysteresis,
     PlasticSet,
     ViscoelasticCreep,

@@ -112,7 +112,7 @@ class Forward:
         """Settle at u. Frames that do not converge are NaN in `seen`."""
         setup = self.setup_at(u)
         start = start or self.last
-        if setup.memory:
+        if setup.remembers:
             point = walk(u, setup, start, self.path if start is self.last else None)
         else:
             conditions = Conditions(setup.ends, setup.clamp)

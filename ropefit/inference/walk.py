@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.inference.bends import darboux, merged, spun, stacked, vector_change, vectors
 from ropefit.inference.response import (
     STEP,
     Change,
@@ -21,15 +22,18 @@ from ropefit.inference.response import (
     directions_of,
     slopes_of,
 )
-from ropefit.rod import memory
+from ropefit.inference.rubbing import loose, rubbings
+from ropefit.rod import friction, memory
+from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State
-from ropefit.rod.quaternion import conjugate_product, multiply
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Potential, Setup
 from ropefit.solvers.conditions import Conditions, Sliders
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.implicit import Directions, tangent
 from ropefit.solvers.potentials import solve_with_potentials
+
+ITERATIONS, EXACT = 60, 1e-11  # of a first-order change under friction
 
 
 def settle_frames(
@@ -51,12 +55,14 @@ def settle_frames(
 
 @dataclass
 class Step:
-    """One frame of a walk: what held the rope, its state before, whether a clip begins with it."""
+    """One frame of a walk: what held the rope, its state before and where each contact with
+    friction held it, whether a clip begins with it."""
 
     rod: Rod
     conditions: Conditions
     solution: Solution
     before: State
+    grips: list[Grip]
     first: bool
 
 
@@ -72,41 +78,70 @@ class WalkedPoint(Point):
     path: Solution
 
     def respond(self, changes: list[Change]) -> np.ndarray:
-        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
+        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups.
+
+        Raises ArithmeticError where friction lets no first-order change be found.
+        """
         if not changes:
             return np.zeros((0, *self.seen.shape))
-        frames, count = len(self.steps), len(changes)
+        frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
         everywhere = [lambda size, c=change: c(size).whole()[0] for change in changes]
         slopes = slopes_of(self.whole, everywhere, self.path)
         _, directions = directions_of(self.whole.rod(), slopes, frames)
         law_slopes = _law_slopes(everywhere)
-        rest = np.array(np.broadcast_to(directions.rest, (frames, *directions.rest.shape[1:])))
-        nodes = self.whole.segments + 1
+        rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
+        rest, load = (
+            np.array(np.broadcast_to(d, (frames, *d.shape[1:])))
+            for d in (directions.rest, directions.load)
+        )
         out = np.zeros((frames, count, nodes, 3))
-        change = memory.unloaded(np.zeros((count, nodes, 2)), len(self.laws.fresh))
-        change = change._replace(strain=np.zeros((count, len(self.laws.fresh), nodes, 2)))
+        branches = len(self.laws.fresh)
+        change = State(np.empty(0), np.zeros((count, branches, nodes, 2)))
+        moved = np.zeros((len(rubbing), count, nodes, 3))  # of where friction holds the nodes
         for t, step in enumerate(self.steps):
             if step.first:
                 change = State(rest[t, :, :, :2], np.zeros_like(change.strain))
+                moved[:] = 0.0
             if not step.solution.converged[0]:
                 out[t] = np.nan
                 continue
-            vector = vectors(step.rod, step.conditions, step.solution)
+            p = darboux(step.rod, step.conditions, step.solution)
             answer = memory.answer(
-                self.laws, law_slopes, t, step.first, step.before, change, vector
+                self.laws, law_slopes, t, step.first, step.before, change, p[:, 1:3]
             )
             # As a change of the rest shape: that is how the solver takes a change of moments.
             stiff = step.rod.stiff.reshape(nodes, 3)[:, :2].numpy()
-            shift = answer.force / np.where(stiff > 0, stiff, np.inf)
+            rest[t, :, :, :2] -= answer.force / np.where(stiff > 0, stiff, np.inf)
             own = Directions(*(None if d is None else d[t : t + 1] if len(d) > 1 else d
                                for d in directions))  # fmt: skip
-            turned = rest[t].copy()
-            turned[..., :2] -= shift
-            out[t : t + 1], turns = tangent(
-                step.rod, step.conditions, step.solution, own._replace(rest=turned[None])
+            own = own._replace(rest=rest[t : t + 1])
+            drawn = load[t] + sum(r.drawn(t, a) for r, a in zip(rubbing, moved, strict=True))
+            out[t], turns = _with_friction(step, own, drawn, [r.missed[t] for r in rubbing])
+            change = answer.then(
+                vector_change(p, turns, None if own.clamp is None else own.clamp[0])
             )
-            change = answer.then(_vector_change(step, turns[0], own.clamp))
+            for r, a in zip(rubbing, moved, strict=True):
+                a[:] = r.then(t, a, out[t])
         return add_sensor(out, slopes)[:, self.shown]
+
+
+def _with_friction(
+    step: Step, own: Directions, load: np.ndarray, missed: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Changes (P, N+1, 3) of one frame's nodes and (P, N, 3) turns of its frames.
+
+    missed (N+1, 3, 3) [N/m]: friction's stiffness that its supports do not have, since it grows
+    with the normal force: unsymmetric, and small. By iteration.
+    """
+    before = np.zeros_like(load)
+    for _ in range(ITERATIONS):
+        further = sum(np.einsum("nab,pnb->pna", m, before) for m in missed)
+        given = own._replace(load=(load + further)[None])
+        dx, turns = tangent(step.rod, step.conditions, step.solution, given)
+        if not missed or np.abs(dx[0] - before).max() <= EXACT * np.abs(dx[0]).max():
+            return dx[0], turns[0]
+        before = dx[0]
+    raise ArithmeticError("friction: no first-order change of a frame was found")
 
 
 def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | None) -> WalkedPoint:
@@ -121,13 +156,15 @@ def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | No
     law, begins = laws_of(whole), memory.restarts(time_of(whole))
     spins = float(rod.stiff[..., 0, 2]) == 0.0 == float(rod.stiff[..., -1, 2])
     row = {int(t): k for k, t in enumerate(picked)}
+    rough = [p for p in whole.potentials if p.friction is not None]
     steps: list[Step] = []
-    state, last = memory.unloaded(np.zeros((whole.segments + 1, 2)), len(law.fresh)), None
+    state, grips, last = State(np.empty(0), np.empty(0)), [], None
     for t in range(frames):
         first = bool(begins[t])
         one = rod if rod.load.ndim == 2 else rod._replace(load=rod.load[t])
         if first:
             state = memory.unloaded(one.rest[:, :2].numpy(), len(law.fresh))
+            grips = [loose(whole.segments + 1) for _ in rough]
         sliders = Sliders(*(item[None] for item in memory.sliders(law, t, first, state)))
         held = Conditions(whole.ends[t : t + 1], whole.clamp[t : t + 1], sliders=sliders)
         known = None
@@ -136,19 +173,23 @@ def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | No
         elif near is not None and t in row:
             known = near.frames(np.array([row[t]]))
         toward = state.vector if spins else None
-        solution, conditions, rods = _settle_one(one, held, whole.potentials, [known, last], toward)
-        steps.append(Step(rods, conditions, solution, state, first))
+        rubbing = (friction.potential(p, g) for p, g in zip(rough, grips, strict=True))
+        solution, conditions, rods = _settle_one(
+            one, held, (*whole.potentials, *rubbing), [known, last], toward
+        )
+        steps.append(Step(rods, conditions, solution, state, grips, first))
         if solution.converged[0]:
-            last = solution
+            last, x = solution, torch.from_numpy(solution.x[0])
             state = memory.after(law, t, first, state, vectors(rods, conditions, solution))
-    mine = [steps[t] for t in picked]
-    solution = stacked([step.solution for step in mine])
+            grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
+    mine = [(steps[t].rod, steps[t].conditions, steps[t].solution) for t in picked]
+    rods, held, solution = merged(mine)
     seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
     seen[~solution.converged] = np.nan
-    rods = Rod(*(torch.cat(f) for f in zip(*(s.rod.each(1) for s in mine), strict=True)))
-    held = merged([step.conditions for step in mine])
-    path = stacked([step.solution for step in steps])
-    return WalkedPoint(u, setup, rods, held, solution, seen, whole, picked, law, steps, path)
+    far = solution.reaction[:, : 3 if held.far_held else 0]
+    states = [step.solution for step in steps]
+    ways = stacked(states, np.concatenate([s.reaction[:, : far.shape[1]] for s in states]))
+    return WalkedPoint(u, setup, rods, held, solution, seen, whole, picked, law, steps, ways)
 
 
 def _settle_one(
@@ -167,50 +208,11 @@ def _settle_one(
         if start is None:
             start = settle_frames(rod, replace(held, sliders=None), potentials, None)[0]
         if toward is not None and start.converged[0]:
-            start = _spun(rod, held, start, toward)
+            start = spun(rod, held, start, toward)
         found = settle_frames(rod, held, potentials, start)
         if found[0].converged[0]:
             break
     return found
-
-
-def _spun(rod: Rod, held: Conditions, start: Solution, toward: np.ndarray) -> Solution:
-    """A start whose frames are all spun alike, for its bends to lie as those of `toward`."""
-    v = vectors(rod, held, start)
-    along, across = (v * toward).sum(), (v[:, 1] * toward[:, 0] - v[:, 0] * toward[:, 1]).sum()
-    angle = float(np.arctan2(across, along))
-    spin = torch.tensor([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)], dtype=torch.float64)
-    out = start.copy()
-    out.q[:] = multiply(torch.from_numpy(start.q), spin).numpy()
-    return out
-
-
-def vectors(rod: Rod, held: Conditions, solution: Solution) -> np.ndarray:
-    """(N+1, 2) the vector parts of one frame's bend elements; zero where there is none."""
-    return _darboux(rod, held, solution)[:, 1:3]
-
-
-def _darboux(rod: Rod, held: Conditions, solution: Solution) -> np.ndarray:
-    """(N+1, 4) the Darboux quaternions of one frame; zero where nothing is bent."""
-    q, clamp = torch.from_numpy(solution.q[0]), torch.nan_to_num(held.clamp[0])
-    around = torch.cat([clamp[:1], q, clamp[1:]])
-    p = conjugate_product(around[:-1], around[1:]).numpy()
-    rest = rod.rest.reshape(len(p), 3).numpy()
-    real = np.sqrt(np.maximum(1 - (rest**2).sum(-1), 0.0))
-    nearer = p[:, 0] * real + (p[:, 1:] * rest).sum(-1)
-    stiff = rod.stiff.reshape(len(p), 3).numpy()
-    return p * np.where(nearer < 0, -1.0, 1.0)[:, None] * (stiff > 0).any(-1)[:, None]
-
-
-def _vector_change(step: Step, turns: np.ndarray, clamp: np.ndarray | None) -> np.ndarray:
-    """(P, N+1, 2) change of the vectors when the frames turn by (P, N, 3), the clamps by clamp
-    (1, P, 2, 3), each about its own axes."""
-    p = _darboux(step.rod, step.conditions, step.solution)
-    ends = np.zeros((1, len(turns), 2, 3)) if clamp is None else clamp
-    every = np.concatenate([ends[0, :, :1], turns, ends[0, :, 1:]], axis=1)
-    low, high = every[:, :-1], every[:, 1:]
-    moved = 0.5 * (p[:, :1] * (high - low) + np.cross(p[:, 1:], high + low))
-    return moved[..., :2]
 
 
 def _law_slopes(changes: list[Change]) -> Laws:
@@ -235,22 +237,3 @@ def time_of(setup: Setup) -> Tensor:
     if setup.time is not None:
         return setup.time
     return torch.arange(len(setup.ends), dtype=torch.float64)
-
-
-def stacked(parts: list[Solution]) -> Solution:
-    """Solutions of one frame each as one. Reactions of supports that only some have are lost."""
-    few = min(s.reaction.shape[1] for s in parts)
-    return Solution(
-        *(
-            np.concatenate([getattr(s, n)[:, :few] if n == "reaction" else getattr(s, n)
-                            for s in parts])
-            for n in Solution.__dataclass_fields__
-        )
-    )  # fmt: skip
-
-
-def merged(parts: list[Conditions]) -> Conditions:
-    """Conditions of one frame each as one."""
-    sliders = Sliders(*(np.concatenate(f) for f in zip(*(p.sliders for p in parts), strict=True)))
-    ends, clamp = (torch.cat([getattr(p, n) for p in parts]) for n in ("ends", "clamp"))
-    return Conditions(ends, clamp, sliders=sliders)

@@ -55,11 +55,14 @@ class Seen(NamedTuple):
 class Potential(NamedTuple):
     """An energy [J] of single nodes: energy(x (..., 3)) -> (...,), times share (N+1,) per node.
 
-    Smooth, or with a corner in its slope (contact); `smooth` is the width [m] of that corner.
+    Smooth, or with a corner in its slope: contact, of a hardness [N/m], and perhaps with a
+    coefficient of friction.
     """
 
     energy: Callable[[Tensor], Tensor]
     share: Tensor
+    hardness: Tensor | None = None
+    friction: Tensor | None = None
 
 
 class Motion(NamedTuple):
@@ -115,6 +118,11 @@ class Setup(NamedTuple):
     time: Tensor | None = None
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a frame's shape depends on the frames before it."""
+        return bool(self.memory) or any(p.friction is not None for p in self.potentials)
 
     @property
     def segments(self) -> int:
