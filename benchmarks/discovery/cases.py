@@ -14,10 +14,12 @@ from benchmarks.discovery.concealed import (
     NEEDS_CLAMPS,
     NEEDS_PINS,
     PHYSICS,
+    REMEMBERING,
     UNKNOWN,
 )
 
 SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
+SEEN = (12.0, 30.0, 100.0)  # of ropes that remember
 # Effects that MuJoCo's rope can have as well: about half of their recordings are made by it.
 IN_MUJOCO = (
     "point_mass", "mass_section", "stiff_section", "soft_section", "distributed_load", "tether",
@@ -94,6 +96,9 @@ def listed(size: str, seed: int = 5) -> list[Case]:
             continue
         for i in range(unknown):
             add("unknown", i, (name,), (30.0, 100.0)[i % 2])
+    for k, name in enumerate(REMEMBERING):
+        for i, score in enumerate({"small": (30.0,), "standard": SEEN}.get(size, SCORES)):
+            add("single", i + k, (name,), score)
     return cases
 
 

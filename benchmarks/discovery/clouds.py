@@ -112,7 +112,7 @@ class Told:
     mass: float  # kg
     ends: Array  # (T, 2, 3) m
     orientations: Array | None  # (T, 2, 4) w, x, y, z; None: pinned
-    interval: float = 1.0  # s
+    interval: float  # s
 
 
 def write(folder: Path, told: Told, clouds: list[Array], sensor: Sensor) -> None:

@@ -15,8 +15,9 @@ from benchmarks.discovery.concealment import (
     with_rod,
     with_section,
 )
+from benchmarks.discovery.remembering import Law
 from benchmarks.discovery.rod_equations import Array, Field, Point, Rod, Section, rotation
-from benchmarks.discovery.setting import Setting, World, moved
+from benchmarks.discovery.setting import INTERVAL, Setting, World, moved
 
 CONTACT_HARDNESS = 5e3  # N/m²: a rope of 0.5 N/m sinks in by 0.1 mm
 
@@ -175,6 +176,41 @@ def obstacle(setting: Setting, rng: np.random.Generator) -> Concealed:
     )  # fmt: skip
 
 
+def bending_hysteresis(setting: Setting, rng: np.random.Generator) -> Concealed:
+    """Size: the moment that has to be overcome [N m]."""
+    rod, span = setting.rod, float(rng.uniform(0.5, 2.0)) / setting.rod.length
+    unit = rod.density * 9.81 * rod.length**2
+
+    def change(world: World, size: float) -> World:
+        return replace(world, law=Law(size / span, span, np.inf, fresh=False))
+
+    return Concealed(
+        "bending_hysteresis", "physics", change, 1e-4 * unit, 1e-2 * unit, "moment", "N m"
+    )
+
+
+def plastic_set(setting: Setting, rng: np.random.Generator) -> Concealed:
+    """Size: the share of the rigidity that yields, beyond half of the largest curvature."""
+    rod = setting.rod
+    span = float(rng.uniform(0.3, 0.6) * np.abs(setting.states[..., 10:]).max() / rod.bending)
+
+    def change(world: World, size: float) -> World:
+        own = replace(world.rod, bending=(1 - size) * rod.bending)
+        return replace(world, rod=own, law=Law(size * rod.bending, span, np.inf, fresh=True))
+
+    return Concealed("plastic_set", "physics", change, 0.1, 0.9, "share", "1")
+
+
+def viscoelastic_creep(setting: Setting, rng: np.random.Generator) -> Concealed:
+    """Size: by how much the rope is stiffer when it is bent quickly."""
+    time = float(rng.uniform(1.0, 8.0)) * INTERVAL
+
+    def change(world: World, size: float) -> World:
+        return replace(world, law=Law(size * setting.rod.bending, np.inf, time, fresh=False))
+
+    return Concealed("viscoelastic_creep", "physics", change, 0.2, 5.0, "share", "1")
+
+
 def scale_error(setting: Setting, rng: np.random.Generator) -> Concealed:
     """Of the camera alone, or (every second time) of the measured ends as well."""
     sign, whole = float(rng.choice([-1, 1])), bool(rng.random() < 0.5)
@@ -273,6 +309,10 @@ PHYSICS = {
     "soft_section": soft_section, "axial_extensibility": axial_extensibility,
     "distributed_load": distributed_load, "clamped_end": clamped_end, "end_twist": end_twist,
     "tether": tether, "support_plane": support_plane, "obstacle": obstacle,
+}  # fmt: skip
+REMEMBERING = {
+    "bending_hysteresis": bending_hysteresis, "plastic_set": plastic_set,
+    "viscoelastic_creep": viscoelastic_creep,
 }  # fmt: skip
 MEASUREMENT = {
     "scale_error": scale_error, "end_offset": end_offset,

@@ -16,6 +16,7 @@ from benchmarks.discovery.concealed import (
     NEEDS_CLAMPS,
     NEEDS_PINS,
     PHYSICS,
+    REMEMBERING,
     UNKNOWN,
     Concealed,
 )
@@ -23,6 +24,7 @@ from benchmarks.discovery.elastica import CLAMPED, hang, problem
 from benchmarks.discovery.rod_equations import Array, rotation
 from benchmarks.discovery.setting import (
     END_NOISE,
+    INTERVAL,
     TILT_NOISE,
     Setting,
     World,
@@ -33,7 +35,7 @@ from benchmarks.discovery.setting import (
 from benchmarks.discovery.setting import turned as turned_clamps
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
 
-CATALOGUE = PHYSICS | MEASUREMENT | UNKNOWN
+CATALOGUE = PHYSICS | REMEMBERING | MEASUREMENT | UNKNOWN
 
 
 class Implausible(RuntimeError):
@@ -154,7 +156,7 @@ def make(
     if clamped is None:
         clamped = bool(rng.random() < 0.5)
     clamped = (clamped or bool(NEEDS_CLAMPS & set(effects))) and not NEEDS_PINS & set(effects)
-    setting = draw(clamped, rng)
+    setting = draw(clamped, rng, back=bool(REMEMBERING.keys() & set(effects)))
     chosen = [CATALOGUE[effect](setting, rng) for effect in effects]
     if breaks_of(chosen):
         setting = with_mesh(setting, chosen)
@@ -209,7 +211,7 @@ def write(
         orientations = np.concatenate(parts)
     rod = setting.rod
     told = clouds.Told(name, rod.gravity, rod.length, setting.diameter, rod.density * rod.length,
-                       positions, orientations)  # fmt: skip
+                       positions, orientations, INTERVAL)  # fmt: skip
     clouds.write(folder, told, frames, sensor)
     truth = {
         "name": name,

@@ -82,6 +82,16 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Inside:
+    """A spring of rigidity [N m²] in every element's bending beside the rope's own, at ease at
+    curvature centre (N, 2) [1/m], whose moment no longer grows beyond `slip` [1/m]."""
+
+    rigidity: float
+    centre: Array
+    slip: float
+
+
+@dataclass(frozen=True)
 class Rod:
     """A rope and what acts on it, in all frames alike."""
 
@@ -96,6 +106,7 @@ class Rod:
     points: tuple[Point, ...] = ()
     fields: tuple[Field, ...] = ()
     softening: float = 0.0  # 1/(N m)²: curvature grows by (1 + softening |m|²)
+    inside: Inside | None = None
     end_springs: tuple[Any, Any] = field(default=(None, None))
     # each None or (stiffness [N m/rad], direction (3,) towards end 1)
 
@@ -167,18 +178,13 @@ def skew(v: Array) -> Array:
 def slope(rod: Rod, middle: Array, y: Array) -> tuple[Array, Array]:
     """y' (T, N, 13) and its derivative (T, N, 13, 13); `middle` (N,) [m] tells the section."""
     x, q, n, m = y[..., :3], y[..., 3:7], y[..., 7:10], y[..., 10:]
-    flexibility, density, rest = _coefficients(rod, middle)
+    density = _coefficients(rod, middle)[1]
     turn = rotation(q)
     by_q = TENSOR @ q[..., None, None, :, None]
     by_q = by_q[..., 0]  # (…, 3, 3, 4)
     body = (turn.swapaxes(-1, -2) @ m[..., None])[..., 0]
     body_by_q = np.einsum("...ijk,...i->...jk", by_q, m)
-    squared = (body * body).sum(-1)[..., None]
-    bent = 1 + rod.softening * squared
-    u = rest + flexibility * body * bent
-    u_by_body = flexibility[..., None] * (
-        bent[..., None] * np.eye(3) + 2 * rod.softening * body[..., :, None] * body[..., None, :]
-    )
+    u, u_by_body = curvatures(rod, middle, body)
 
     d3, d3_by_q = turn[..., 2], by_q[..., 2, :]
     stretch = 1 + rod.compliance * (n * d3).sum(-1)[..., None]
@@ -207,6 +213,39 @@ def slope(rod: Rod, middle: Array, y: Array) -> tuple[Array, Array]:
     a[..., 10:, 3:7] = across @ tangent_by_q
     a[..., 10:, 7:10] = across @ tangent_by_n - skew(tangent)
     return out, a
+
+
+def curvatures(rod: Rod, middle: Array, body: Array) -> tuple[Array, Array]:
+    """Curvatures and twist (…, N, 3) [1/m] under moments (…, N, 3) [N m] in the rope's own axes,
+    and their derivative (…, N, 3, 3)."""
+    flexibility, _, rest = _coefficients(rod, middle)
+    squared = (body * body).sum(-1)[..., None]
+    bent = 1 + rod.softening * squared
+    u = rest + flexibility * body * bent
+    slope = flexibility[..., None] * (
+        bent[..., None] * np.eye(3) + 2 * rod.softening * body[..., :, None] * body[..., None, :]
+    )
+    if rod.inside is None:
+        return u, slope
+    # With d = k - centre: (own + rigidity) d, or own d + rigidity slip d/|d| where that is more.
+    own, more, slip = 1 / flexibility[..., :2], rod.inside.rigidity, rod.inside.slip
+    centre = rod.inside.centre
+    left = body[..., :2] - own * (centre - rest[..., :2])
+    size = np.sqrt((left * left).sum(-1))[..., None]
+    slides = size > (own + more) * slip
+    way = left / np.maximum(size, 1e-300)
+    d = np.where(slides, (size - more * slip) / own * way, left / (own + more))
+    outer = way[..., :, None] * way[..., None, :]
+    across = np.where(slides, (size - more * slip) / (own * np.maximum(size, 1e-300)), 0.0)
+    bend_slope = np.where(
+        slides[..., None],
+        outer / own[..., None] + across[..., None] * (np.eye(2) - outer),
+        np.eye(2) / (own + more)[..., None],
+    )
+    u = np.concatenate([centre + d, u[..., 2:]], axis=-1)
+    slope = slope.copy()
+    slope[..., :2, :2] = bend_slope
+    return u, slope
 
 
 def _coefficients(rod: Rod, middle: Array) -> tuple[Array, Array, Array]:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.discovery.clouds import Seen, Sensor
 from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends, RodProblem, facing, hang
+from benchmarks.discovery.remembering import Law
 from benchmarks.discovery.rod_equations import Array, Rod
 
 FIXED_END = np.array([0.40, 0.0, 0.60])  # m
@@ -24,6 +25,7 @@ PRIORS = {
     "end_position": 0.0015,
     "end_orientation": np.radians(1.0),
 }
+INTERVAL = 1.0  # s, from frame to frame
 END_NOISE = 0.00015  # m, sd per axis and frame of a measured end
 TILT_NOISE = np.radians(0.1)  # rad, likewise
 
@@ -35,6 +37,7 @@ class World:
     rod: Rod
     held: Ends
     seen: Seen = field(default_factory=Seen)
+    law: Law | None = None  # by which the rope remembers
 
 
 @dataclass(frozen=True)
@@ -53,12 +56,16 @@ class Setting:
         return World(self.rod, self.held)
 
 
-def motion(length: float, frames: int, clamped: bool, rng: np.random.Generator) -> Ends:
+def motion(
+    length: float, frames: int, clamped: bool, rng: np.random.Generator, back: bool = False
+) -> Ends:
     """End 0 is brought nearer and taut, lifted, swept and turned; end 1 stays.
 
-    Smooth, and no pose comes twice.
+    Smooth, and no pose comes twice; with `back`, half of the way to and fro, twice.
     """
     phase = np.linspace(0, 2 * np.pi, frames, endpoint=False)
+    if back:
+        phase = 0.5 * np.pi * (1 - np.cos(2 * phase))
     shift = rng.uniform(0, 2 * np.pi, 6)
     near, far = rng.uniform(0.35, 0.45), rng.uniform(0.85, 0.94)
     wave = np.cos(phase + shift[0]) + 0.15 * np.sin(2 * phase + shift[1])
@@ -87,8 +94,11 @@ def motion(length: float, frames: int, clamped: bool, rng: np.random.Generator) 
     return Ends(positions, orientations, (CLAMPED, CLAMPED))
 
 
-def draw(clamped: bool, rng: np.random.Generator, breaks: tuple[float, ...] = ()) -> Setting:
-    """A random rope of the benchmark's range, hanging; `breaks` are fractions of its length."""
+def draw(
+    clamped: bool, rng: np.random.Generator, breaks: tuple[float, ...] = (), back: bool = False
+) -> Setting:
+    """A random rope of the benchmark's range, hanging; `breaks` are fractions of its length; for
+    `back` see `motion`."""
     length = float(rng.uniform(0.8, 1.2))
     density = float(rng.uniform(0.03, 0.09))
     bending = float(10 ** rng.uniform(-4, np.log10(2e-3))) * density * 9.81 * length**3
@@ -104,7 +114,7 @@ def draw(clamped: bool, rng: np.random.Generator, breaks: tuple[float, ...] = ()
         occluded=float(rng.uniform(0.05, 0.15)),
     )
     rod = Rod(length, density, bending, GJ_TO_EI * bending)
-    held = motion(length, frames, clamped, rng)
+    held = motion(length, frames, clamped, rng, back)
     places = [part * length for part in breaks]
     rolling, states = hang(rod, held, breaks=places)
     held = grasped(held, states)
@@ -135,7 +145,7 @@ def miscalibrated(world: World, rng: np.random.Generator) -> World:
     rod = replace(world.rod, gravity=tuple(tilt.apply(world.rod.gravity)))
     held = moved(world.held, normal("end_position", 6).reshape(2, 3))
     held = turned(held, normal("end_orientation", 6).reshape(2, 3))
-    return World(rod, held, seen)
+    return replace(world, rod=rod, held=held, seen=seen)
 
 
 def moved(held: Ends, by: Array) -> Ends:

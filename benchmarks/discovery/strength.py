@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.discovery import remembering
 from benchmarks.discovery.clouds import Seen, mistaken
 from benchmarks.discovery.collocation import derivatives
 from benchmarks.discovery.elastica import CLAMPED, RodProblem, follow
 from benchmarks.discovery.rod_equations import Array, rotation
-from benchmarks.discovery.setting import PRIORS, Setting, World, moved, turned
+from benchmarks.discovery.setting import INTERVAL, PRIORS, Setting, World, moved, turned
 
 STRETCHES = 30
 
@@ -24,6 +25,9 @@ def shapes(setting: Setting, world: World, start: Array | None = None) -> tuple[
     """States (T, N + 1, 13) of the changed world, on the setting's mesh; from `start` if given."""
     gauge = CLAMPED not in world.held.kinds and world.rod.isotropic
     goal = replace(setting.problem, rod=world.rod, held=world.held, gauge=gauge)
+    if world.law is not None:
+        plain = follow(lambda _: goal, setting.states)
+        return goal, remembering.shapes(goal, world.law, plain, INTERVAL)
     return goal, follow(lambda _: goal, setting.states if start is None else start)
 
 

@@ -5,7 +5,9 @@ A new effect is one file and its line here, see docs/adding-an-effect.md.
 
 from ropefit.effects.axial_extensibility import AxialExtensibility
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.bending_hysteresis import BendingHysteresis
 from ropefit.effects.clamped_end import ClampedEnd, TiltedClamp
+from ropefit.effects.contact_friction import ContactFriction
 from ropefit.effects.damping import Damping
 from ropefit.effects.depth_bias import DepthBias, DepthGain
 from ropefit.effects.distributed_load import DistributedLoad
@@ -18,6 +20,7 @@ from ropefit.effects.kink import FreeKink, Kink
 from ropefit.effects.lost_out_of_plane import LostOutOfPlane
 from ropefit.effects.mass_section import MassSection
 from ropefit.effects.obstacle import Obstacle
+from ropefit.effects.plastic_set import PlasticSet
 from ropefit.effects.point_mass import PointMass
 from ropefit.effects.scale_error import ScaleError
 from ropefit.effects.soft_section import SoftSection
@@ -27,6 +30,7 @@ from ropefit.effects.tether import Tether
 from ropefit.effects.time_lag import TimeLag
 from ropefit.effects.too_coarse import TooCoarse
 from ropefit.effects.under_converged import UnderConverged
+from ropefit.effects.viscoelastic_creep import ViscoelasticCreep
 
 CATALOGUE: tuple[type[Effect], ...] = (
     PointMass,
@@ -45,6 +49,10 @@ CATALOGUE: tuple[type[Effect], ...] = (
     Tether,
     SupportPlane,
     Obstacle,
+    ContactFriction,
+    BendingHysteresis,
+    PlasticSet,
+    ViscoelasticCreep,
     Inertia,
     Damping,
     TimeLag,

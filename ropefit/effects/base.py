@@ -24,7 +24,8 @@ class Quantity:
     """A number of an effect: unit, bounds, and a usual size, at which one starts to look for it.
 
     The size may depend on the rope: `scale` is then a multiple of its weight [N] per power of its
-    weight and length: size = scale * weight**by_weight * length**by_length.
+    weight and length: size = scale * weight**by_weight * length**by_length; and be one of times:
+    then it is a multiple of the recording's duration [s] as well.
     """
 
     name: str
@@ -34,11 +35,13 @@ class Quantity:
     upper: float = float("inf")
     by_weight: float = 0.0
     by_length: float = 0.0
+    by_time: float = 0.0
 
     def size(self, setup: Setup) -> float:
         """The usual size for this rope, in SI."""
         weight, length = float(setup.weight), float(setup.properties.length.sum())
-        return self.scale * weight**self.by_weight * length**self.by_length
+        size = self.scale * weight**self.by_weight * length**self.by_length
+        return size if self.by_time == 0.0 else size * duration(setup) ** self.by_time
 
 
 class Effect(ABC):
@@ -56,6 +59,10 @@ class Effect(ABC):
     linear: ClassVar[bool] = True
     # Small sizes are an error of the set-up, which every fit allows for within its prior.
     calibrated: ClassVar[bool] = False
+    # Of the quantities, so many of the last say how the effect acts, not how much: they are looked
+    # for at these multiples of their usual sizes.
+    shaping: ClassVar[int] = 0
+    tries: ClassVar[tuple[float, ...]] = (1.0,)
     # Quantities that are components of one vector are told as its size, under this name and unit.
     vector: ClassVar[tuple[str, str] | None] = None
 
@@ -82,6 +89,13 @@ class Effect(ABC):
     def names(self) -> tuple[str, ...]:
         """Of all values, in order."""
         return (*(q.name for q in self.quantities), *self.place_names)
+
+
+def duration(setup: Setup) -> float:
+    """[s] from the first frame to the last, at a second a frame where no time is known."""
+    if setup.time is None:
+        return float(len(setup.ends) - 1)
+    return float((setup.time.max() - setup.time.min()).clamp_min(1e-9))
 
 
 def one_end(end: int, value: Tensor) -> Tensor:

@@ -36,7 +36,7 @@ class Obstacle(Effect):
             return 0.5 * hardness * torch.clamp(radius - distance, min=0.0) ** 2
 
         share = touching(setup.segments)
-        return setup._replace(potentials=(*setup.potentials, Potential(energy, share)))
+        return setup._replace(potentials=(*setup.potentials, Potential(energy, share, hardness)))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

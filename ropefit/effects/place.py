@@ -41,6 +41,6 @@ def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def middle_of(setup: Setup) -> Tensor:
-    """(3,) mean of the held ends over all frames: an origin near the rope."""
-    ends = setup.ends.detach().reshape(-1, 3)
+    """(3,) mean of the held ends over all frames of the recording: an origin near the rope."""
+    ends = setup.whole()[0].ends.detach().reshape(-1, 3)
     return ends[~torch.isnan(ends).any(-1)].mean(0)

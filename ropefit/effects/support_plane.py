@@ -37,7 +37,7 @@ class SupportPlane(Effect):
             return 0.5 * hardness * torch.clamp(-gap, min=0.0) ** 2
 
         share = touching(setup.segments)
-        return setup._replace(potentials=(*setup.potentials, Potential(energy, share)))
+        return setup._replace(potentials=(*setup.potentials, Potential(energy, share, hardness)))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

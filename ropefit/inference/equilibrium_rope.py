@@ -13,7 +13,7 @@ from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.batched import solve_batched
 from ropefit.solvers.batched_implicit import settle_batched
-from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.conditions import Conditions, Sliders
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.implicit import settle
 from ropefit.solvers.potentials import solve_with_potentials
@@ -36,7 +36,8 @@ class EquilibriumRope:
     bending rigidity at their ratio in the setup, whatever its value. recorded (F, 2, 3) [m]: the
     ends as the recording tells them, where the setup has them corrected. near: states whose branch
     is followed; else the one that a catenary leads to. plain: the rope without effects, which the
-    values describe, where the setup has effects. device: where many ropes are settled at once; the
+    values describe, where the setup has effects. sliders: what each frame's past has left in a rope
+    that remembers. device: where many ropes are settled at once; the
     compiled path, if not given. Compare `inference.rope.Rope`.
     """
 
@@ -48,6 +49,7 @@ class EquilibriumRope:
     near: Solution | None = None
     plain: Properties | None = None
     device: torch.device | None = None
+    sliders: Sliders | None = None
 
     step: ClassVar[float] = 1e-4  # of central differences: the answer is smooth
 
@@ -72,7 +74,8 @@ class EquilibriumRope:
         setup = self.setup.frames(index)
         recorded = None if self.recorded is None else self.recorded[index]
         near = None if self.near is None else self.near.frames(index.numpy())
-        return replace(self, setup=setup, recorded=recorded, near=near)
+        past = None if self.sliders is None else self.sliders.frames(index.numpy())
+        return replace(self, setup=setup, recorded=recorded, near=near, sliders=past)
 
     def settle(
         self, values: Tensor, move: Tensor | None = None, frame: Tensor | None = None
@@ -115,10 +118,12 @@ class EquilibriumRope:
             axial=flat[:, 2:3].expand(-1, s.segments),
             length=length,
         )
-        rod, held = s._replace(properties=rows).rod(), Conditions(ends, clamp)
-        start = None
+        rod, start = s._replace(properties=rows).rod(), None
+        of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
+        past = None if self.sliders is None else self.sliders.frames(of)
+        held = Conditions(ends, clamp, sliders=past)
         if self.near is not None:
-            start = self.near.frames(np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1))
+            start = self.near.frames(of)
         x, q = self._states(rod, held, start)
         per_row = {
             name: getattr(s.seen, name).squeeze(-2).expand(*shape, 3).reshape(-1, 1, 3)
@@ -133,6 +138,8 @@ class EquilibriumRope:
     def _states(self, rod: Rod, held: Conditions, start: Solution | None) -> State:
         """Nodes and frames of every segment, on the CPU: from `start`, or else from catenaries."""
         device, potentials = self.device, self.setup.potentials
+        if held.sliders is not None:  # by the compiled path only, like all below
+            device = None
         if potentials:  # contact and tethers: by the compiled path only
             solution, held, rod = solve_with_potentials(rod, held, potentials, start)
             return settle(rod, held, solution=solution)[0]

@@ -14,11 +14,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.response import Change, Point, respond
+from ropefit.inference.response import Change, Point
+from ropefit.inference.walk import WalkedPoint, settle_frames, walk
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
-from ropefit.solvers.potentials import solve_with_potentials
+from ropefit.solvers.equilibrium import Solution
 
 Apply = Callable[[Setup, Tensor], Setup]
 
@@ -62,11 +62,13 @@ class Term:
 
 @dataclass
 class Forward:
-    """A base setup and the terms that act on it, in order. Remembers its last states."""
+    """A base setup and the terms that act on it, in order. Remembers its last states, and those of
+    the frames in between that a rope with memory has been through."""
 
     base: Setup
     terms: list[Term]
     last: Solution | None = field(default=None, repr=False)
+    path: Solution | None = field(default=None, repr=False)
 
     @property
     def size(self) -> int:
@@ -93,7 +95,7 @@ class Forward:
     def setup(self, values: list[Tensor]) -> Setup:
         setup = self.base
         for term, value in zip(self.terms, values, strict=True):
-            setup = term.apply(setup, value)
+            setup = _applied(setup, term, value)
         return setup
 
     def setup_at(self, u: np.ndarray) -> Setup:
@@ -109,30 +111,25 @@ class Forward:
     def at(self, u: np.ndarray, start: Solution | None = None) -> Point:
         """Settle at u. Frames that do not converge are NaN in `seen`."""
         setup = self.setup_at(u)
-        conditions = Conditions(setup.ends, setup.clamp)
         start = start or self.last
-        rod = setup.rod()
-        if rod.load.ndim == 3:
-            rod = rod.each(len(rod.load))
-        if setup.potentials:
-            solution, conditions, rod = solve_with_potentials(
-                rod, conditions, setup.potentials, start
-            )
+        if setup.remembers:
+            point = walk(u, setup, start, self.path if start is self.last else None)
         else:
-            solution = solve(rod, conditions, start)
-            retry = ~solution.converged
-            if retry.any() and start is not None:  # from the catenaries
-                again = solve(rod, conditions)
-                solution.put(retry, again, retry)
-        if solution.converged.all():
-            self.last = solution
-        seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
-        seen[~solution.converged] = np.nan
-        return Point(u, setup, rod, conditions, solution, seen)
+            conditions = Conditions(setup.ends, setup.clamp)
+            solution, conditions, rod = settle_frames(
+                setup.rod(), conditions, setup.potentials, start
+            )
+            seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+            seen[~solution.converged] = np.nan
+            point = Point(u, setup, rod, conditions, solution, seen)
+        if point.solution.converged.all():
+            self.last = point.solution
+            self.path = point.path if isinstance(point, WalkedPoint) else None
+        return point
 
     def jacobian(self, point: Point) -> np.ndarray:
         """(P, F, K, 3) derivative of `seen` in the search variables."""
-        return respond(point, self.changes(point.u))
+        return point.respond(self.changes(point.u))
 
     def changes(self, u: np.ndarray) -> list[Change]:
         """One for each search variable, at u (P,)."""
@@ -140,7 +137,7 @@ class Forward:
         for number, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
             for k in range(term.size):
                 changes.append(self._change(setup, parts, number, k))
-            setup = term.apply(setup, torch.from_numpy(term.value(part)))
+            setup = _applied(setup, term, torch.from_numpy(term.value(part)))
         return changes
 
     def _change(self, before: Setup, parts: list[np.ndarray], number: int, k: int) -> Change:
@@ -149,14 +146,18 @@ class Forward:
         def changed(step: float) -> Setup:
             setup = _moved(before, self.terms[number], parts[number], k, step)
             for term, part in zip(self.terms[number + 1 :], parts[number + 1 :], strict=True):
-                setup = term.apply(setup, torch.from_numpy(term.value(part)))
+                setup = _applied(setup, term, torch.from_numpy(term.value(part)))
             return setup
 
         return changed
 
 
+def _applied(setup: Setup, term: Term, value: Tensor) -> Setup:
+    return setup.after(lambda s: term.apply(s, value))
+
+
 def _moved(setup: Setup, term: Term, u: np.ndarray, k: int, step: float) -> Setup:
-    return term.apply(setup, torch.from_numpy(term.value(u + step * np.eye(term.size)[k])))
+    return _applied(setup, term, torch.from_numpy(term.value(u + step * np.eye(term.size)[k])))
 
 
 def change_by(setup: Setup, term: Term, k: int) -> Change:

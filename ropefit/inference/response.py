@@ -38,15 +38,25 @@ class Point:
     solution: Solution
     seen: np.ndarray
 
+    def respond(self, changes: list[Change]) -> np.ndarray:
+        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
+        if not changes:
+            return np.zeros((0, *self.seen.shape))
+        slopes = slopes_of(self.setup, changes, self.solution)
+        rods, directions = directions_of(self.rod, slopes, len(self.seen))
+        dx, _ = tangent(rods, self.conditions, self.solution, directions)
+        return add_sensor(dx, slopes)
 
-def respond(point: Point, changes: list[Change]) -> np.ndarray:
-    """(P, F, K, 3) first-order changes of the nodes as seen at a point, for P changed setups."""
-    if not changes:
-        return np.zeros((0, *point.seen.shape))
-    x = torch.from_numpy(point.solution.x)
-    still = [np.zeros(tuple(field.shape)) for field in point.setup.rod()]
-    slopes = [_slopes(point.setup, changed, x, still) for changed in changes]
-    rods, frames = point.rod, len(x)
+
+def slopes_of(setup: Setup, changes: list[Change], solution: Solution) -> list[Slopes]:
+    """Of every change of a setup, with the rope in the states of a solution."""
+    x = torch.from_numpy(solution.x)
+    still = [np.zeros(tuple(field.shape)) for field in setup.rod()]
+    return [_slopes(setup, changed, x, still) for changed in changes]
+
+
+def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> tuple[Rod, Directions]:
+    """All changes at once, and the rod with a row for each frame if one of them needs it."""
     # Loads that differ from frame to frame: of inertia, and the forces of potentials.
     if any(s.force is not None or s.rod[LOAD].ndim == 3 for s in slopes):
         rods = rods.each(frames)
@@ -65,7 +75,11 @@ def respond(point: Point, changes: list[Change]) -> np.ndarray:
         ends=np.stack([s.ends for s in slopes], axis=1),
         clamp=np.stack([s.clamp for s in slopes], axis=1),
     )
-    dx, _ = tangent(rods, point.conditions, point.solution, directions)
+    return rods, directions
+
+
+def add_sensor(dx: np.ndarray, slopes: list[Slopes]) -> np.ndarray:
+    """(P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
     dx = np.moveaxis(dx, 1, 0)
     for moved, s in zip(dx, slopes, strict=True):
         # The sensor's small errors move a change of the rope by a change of second order only.
@@ -74,7 +88,7 @@ def respond(point: Point, changes: list[Change]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Slopes:
+class Slopes:
     """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
     [rad] and what is seen [m] at nodes that stay, in one value."""
 
@@ -85,7 +99,7 @@ class _Slopes:
     seen: np.ndarray
 
 
-def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> _Slopes:
+def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> Slopes:
     """still: the rod's fields' derivatives where nothing that it is built from changes."""
     a, b = changed(-STEP), changed(STEP)
     rod = still
@@ -98,7 +112,7 @@ def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> 
     if not torch.equal(torch.nan_to_num(a.clamp), torch.nan_to_num(b.clamp)):
         clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     seen = np.zeros(1) if _equal(a.seen, b.seen) else slope(a.seen(x), b.seen(x))
-    return _Slopes(rod, force, slope(a.ends, b.ends), clamp, seen)
+    return Slopes(rod, force, slope(a.ends, b.ends), clamp, seen)
 
 
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
 from ropefit.rod.rod import Properties, Rod, build
 
@@ -54,11 +55,14 @@ class Seen(NamedTuple):
 class Potential(NamedTuple):
     """An energy [J] of single nodes: energy(x (..., 3)) -> (...,), times share (N+1,) per node.
 
-    Smooth, or with a corner in its slope (contact); `smooth` is the width [m] of that corner.
+    Smooth, or with a corner in its slope: contact, of a hardness [N/m], and perhaps with a
+    coefficient of friction.
     """
 
     energy: Callable[[Tensor], Tensor]
     share: Tensor
+    hardness: Tensor | None = None
+    friction: Tensor | None = None
 
 
 class Motion(NamedTuple):
@@ -77,6 +81,15 @@ class Motion(NamedTuple):
         return Motion(*(item[index] for item in self))
 
 
+class Past(NamedTuple):
+    """What some frames of a recording were picked from: all its frames, of which `shown` (F,) are
+    here, and what has been done to the setup since they were picked."""
+
+    whole: Setup
+    shown: Tensor
+    changes: tuple[Callable[[Setup], Setup], ...] = ()
+
+
 class Setup(NamedTuple):
     """F frames of one rope of N segments.
 
@@ -84,7 +97,8 @@ class Setup(NamedTuple):
     moment (2, 3) [N m];
     give (2, 2) [rad/(N m)] of the clamps; kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial
     compliance besides 1/EA; ends (F, 2, 3) [m], clamp
-    (F, 2, 4), NaN where not held; clamped: whether each end is; seen; potentials.
+    (F, 2, 4), NaN where not held; clamped: whether each end is; seen; potentials. time (F,) [s];
+    memory: what remembers earlier frames, and past: those of them that are not among the F.
     """
 
     properties: Properties
@@ -101,6 +115,14 @@ class Setup(NamedTuple):
     potentials: tuple[Potential, ...] = ()
     damping: Damping | None = None  # of a rope that is simulated in motion
     motion: Motion | None = None  # None: a recording too slow or too sparse to show any
+    time: Tensor | None = None
+    memory: tuple[Branch, ...] = ()
+    past: Past | None = None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a frame's shape depends on the frames before it."""
+        return bool(self.memory) or any(p.friction is not None for p in self.potentials)
 
     @property
     def segments(self) -> int:
@@ -116,9 +138,28 @@ class Setup(NamedTuple):
         """[N] of the whole rope."""
         return (self.properties.density * self.properties.length).sum() * self.gravity.norm()
 
+    def after(self, change: Callable[[Setup], Setup]) -> Setup:
+        """The setup after a change, which the frames of its past will see as well."""
+        out = change(self)
+        if self.past is None:
+            return out
+        return out._replace(past=self.past._replace(changes=(*self.past.changes, change)))
+
+    def whole(self) -> tuple[Setup, Tensor]:
+        """All frames of the recording, and which of them (F,) are here."""
+        if self.past is None:
+            return self, torch.arange(len(self.ends))
+        out = self.past.whole
+        for change in self.past.changes:
+            out = change(out)
+        return out, self.past.shown
+
     def frames(self, index: Tensor) -> Setup:
-        """The same rope in some of its frames."""
+        """The same rope in some of its frames; it has been through the others all the same."""
+        past = self.past or Past(self, torch.arange(len(self.ends)))
         return self._replace(
+            time=None if self.time is None else self.time[index],
+            past=past._replace(shown=past.shown[index]),
             ends=self.ends[index],
             clamp=self.clamp[index],
             seen=self.seen.frames(index),

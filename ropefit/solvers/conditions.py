@@ -16,13 +16,27 @@ from ropefit.rod.rod import Rod
 from ropefit.solvers import newton_kernels as kernels
 
 
+class Sliders(NamedTuple):
+    """B springs at every bend element of F frames, between the vector part of its Darboux
+    quaternion, about the first two directors, and centre (F, B, N+1, 2); of stiffness drag (F, B,
+    N+1) [N m], with a force that no longer grows where they are longer than slip (F, B, N+1)."""
+
+    drag: np.ndarray
+    centre: np.ndarray
+    slip: np.ndarray
+
+    def frames(self, index: np.ndarray) -> Sliders:
+        return Sliders(*(item[index] for item in self))
+
+
 @dataclass(frozen=True)
 class Conditions:
     """What holds the rope in F frames.
 
     ends (F, 2, 3) [m] and clamp (F, 2, 4), NaN where not held. More supports: node (S,),
     direction (F, S, 3), offset (F, S) [m], compliance (F, S) [m/N], active (F, S): the force λ on
-    the node along the direction obeys direction · x + compliance λ = offset.
+    the node along the direction obeys direction · x + compliance λ = offset. sliders: what the
+    past of a rope that remembers has left in it.
     """
 
     ends: Tensor
@@ -32,6 +46,7 @@ class Conditions:
     offset: Tensor | None = None
     compliance: Tensor | None = None
     active: np.ndarray | None = None
+    sliders: Sliders | None = None
 
     @property
     def free(self) -> bool:
@@ -51,7 +66,8 @@ class Conditions:
             if (value := getattr(self, name)) is not None
         }
         active = None if self.active is None else self.active[index.numpy()]
-        return replace(self, active=active, **few)
+        sliders = None if self.sliders is None else self.sliders.frames(index.numpy())
+        return replace(self, active=active, sliders=sliders, **few)
 
 
 class Problem(NamedTuple):
@@ -78,6 +94,9 @@ def problem_of(rod: Rod, c: Conditions, member: np.ndarray | None) -> Problem:
     # Free to spin: no twist held, no rest curvature, no direction of easier bending, no moment.
     spins = (stiff[:, 0, 2] == 0) & (stiff[:, -1, 2] == 0) & (rest[:, :, :2] == 0).all((1, 2))
     spins &= (stiff[:, :, 0] == stiff[:, :, 1]).all(1) & (moment == 0).all((1, 2))
+    if c.sliders is not None:
+        turned = (c.sliders.drag[..., None] * c.sliders.centre != 0).any((1, 2, 3))
+        spins &= ~turned if ropes == frames else ~turned.any()
     gauge = np.where(spins, stiff[:, 1:-1, 2].max(axis=1, initial=0.0), 0.0)
     rods = kernels.Rods(
         length, supple, stiff, np.concatenate([real, rest], -1), load, moment, gauge,
@@ -103,6 +122,12 @@ def problem_of(rod: Rod, c: Conditions, member: np.ndarray | None) -> Problem:
         compliance.append(as_numpy(c.compliance))
         more = np.ones((frames, len(c.node)), bool) if c.active is None else c.active
         active = np.concatenate([active, more], axis=1)
+    none = Sliders(
+        np.zeros((frames, 0, segments + 1)),
+        np.zeros((frames, 0, segments + 1, 2)),
+        np.zeros((frames, 0, segments + 1)),
+    )
+    drag, centre, slip = c.sliders or none
     clamp = as_numpy(c.clamp)
     unheld = np.isnan(clamp).any(-1)
     if unheld.any():
@@ -116,6 +141,9 @@ def problem_of(rod: Rod, c: Conditions, member: np.ndarray | None) -> Problem:
         np.concatenate([*compliance, np.empty((frames, 0))], axis=1),
         np.ascontiguousarray(active),
         c.free,
+        drag,
+        centre,
+        slip,
     )
     return Problem(rods, held)
 
@@ -129,6 +157,9 @@ def cut(problem: Problem, index: slice) -> tuple[kernels.Rods, kernels.Frames]:
         offset=f.offset[index],
         compliance=f.compliance[index],
         active=f.active[index],
+        drag=f.drag[index],
+        centre=f.centre[index],
+        slip=f.slip[index],
     )
 
 

@@ -52,7 +52,9 @@ class Rod(NamedTuple):
 
 class Held(NamedTuple):
     """One frame's conditions: clamp (2, 4); supports: node (S,), direction (S, 3), offset (S,) [m],
-    compliance (S,) [m/N], active (S,); free: nothing holds node 0."""
+    compliance (S,) [m/N], active (S,); free: nothing holds node 0. B sliders: springs drag (B, N+1)
+    [N m] in bending towards centre (B, N+1, 2) that slip where they are longer than slip (B,
+    N+1)."""
 
     clamp: np.ndarray
     node: np.ndarray
@@ -61,6 +63,9 @@ class Held(NamedTuple):
     compliance: np.ndarray
     active: np.ndarray
     free: bool
+    drag: np.ndarray
+    centre: np.ndarray
+    slip: np.ndarray
 
 
 class Work(NamedTuple):
@@ -73,6 +78,8 @@ class Work(NamedTuple):
     x: np.ndarray
     p: np.ndarray  # Darboux quaternion of each bend element
     m: np.ndarray  # its moment
+    k: np.ndarray  # its stiffness, sliders included
+    coupling: np.ndarray  # its stiffness between bending about the first and the second director
     diagonal: np.ndarray
     off: np.ndarray
     inverse: np.ndarray
@@ -87,9 +94,10 @@ def make_work(n, s, extra):
     """Scratch for n segments, s supports and `extra` right hand sides."""
     return Work(
         np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)),
-        np.zeros((n + 1, 3)), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)), np.zeros((n, 3, 3)),
-        np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, s + extra)),
-        np.zeros((n, 3, s + extra)), np.zeros((s + 3, s + 3)), np.zeros(s + 3),
+        np.zeros((n + 1, 3)), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
+        np.zeros(n + 1), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)),
+        np.zeros((n, 3, s + extra)), np.zeros((n, 3, s + extra)), np.zeros((s + 3, s + 3)),
+        np.zeros(s + 3),
     )  # fmt: skip
 
 
@@ -177,7 +185,11 @@ def _state(rod, held, q, lam, x0, w):
         for a in range(3):
             c = w.p[j, a + 1] - rod.rest[j, a + 1]
             w.m[j, a] = k[a] * c
+            w.k[j, a] = k[a]
             total += 0.5 * k[a] * c * c
+        w.coupling[j] = 0.0
+        for b in range(held.drag.shape[0]):
+            total += _slide(held, b, j, w)
     for s in range(held.node.shape[0]):
         if held.active[s]:
             d = held.direction[s]
@@ -188,6 +200,31 @@ def _state(rod, held, q, lam, x0, w):
             for a in range(3):
                 total -= x0[a] * rod.load[k, a]
     return total
+
+
+@helper
+def _slide(held, b, j, w):
+    """Adds slider b's moment and stiffness to those of bend element j; returns its energy.
+
+    Its force is drag times its length, and no longer grows where that exceeds slip.
+    """
+    k, most = held.drag[b, j], held.slip[b, j]
+    d0, d1 = w.p[j, 1] - held.centre[b, j, 0], w.p[j, 2] - held.centre[b, j, 1]
+    size = math.sqrt(d0 * d0 + d1 * d1)
+    if size <= most:
+        w.m[j, 0] += k * d0
+        w.m[j, 1] += k * d1
+        w.k[j, 0] += k
+        w.k[j, 1] += k
+        return 0.5 * k * size * size
+    f = k * most / size
+    n0, n1 = d0 / size, d1 / size
+    w.m[j, 0] += f * d0
+    w.m[j, 1] += f * d1
+    w.k[j, 0] += f * n1 * n1
+    w.k[j, 1] += f * n0 * n0
+    w.coupling[j] -= f * n0 * n1
+    return k * most * (size - 0.5 * most)
 
 
 @helper
@@ -266,6 +303,7 @@ def _assemble(rod, held, lam, w):
         if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
             continue
         p, m = w.p[j], w.m[j]
+        now = w.k[j]
         scale = max(scale, m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
         # Rounding in a frame costs this much, also where nothing is bent.
         scale = max(scale, 1e-8 * max(k[0], k[1], k[2]) ** 2)
@@ -281,15 +319,17 @@ def _assemble(rod, held, lam, w):
             b[0, last] += h * m[0] - c0
             b[1, last] += h * m[1] - c1
             b[2, last] += h * m[2] - c2
-            _add_square(w.diagonal[j], k, h, x, y, z, bend)
+            _add_square(w.diagonal[j], now, h, x, y, z, bend)
+            _couple(w.coupling[j], p, 1.0, 1.0, w.diagonal[j])
         if j > 0:
             b = w.border[j - 1]
             b[0, last] += -h * m[0] - c0
             b[1, last] += -h * m[1] - c1
             b[2, last] += -h * m[2] - c2
-            _add_square(w.diagonal[j - 1], k, -h, x, y, z, bend)
+            _add_square(w.diagonal[j - 1], now, -h, x, y, z, bend)
+            _couple(w.coupling[j], p, -1.0, -1.0, w.diagonal[j - 1])
         if 0 < j < n:
-            _cross_block(p, m, k, w.off[j - 1])
+            _cross(w, j, w.off[j - 1])
     for end in range(2):
         moment = rod.moment[end]
         if moment[0] != 0.0 or moment[1] != 0.0 or moment[2] != 0.0:
@@ -335,6 +375,27 @@ def _add_square(a, k, h, x, y, z, bend):
     a[2, 0] += s02
     a[1, 2] += s12
     a[2, 1] += s12
+
+
+@helper
+def _couple(c, p, before, after, out):
+    """out += Bᵀ C B for the stiffness c between the first two directions of bending; before and
+    after: -1 for B1, 1 for B2."""
+    if c == 0.0:
+        return
+    h, x, y, z = 0.5 * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
+    a0, a1 = (before * h, -z, y), (z, before * h, -x)
+    b0, b1 = (after * h, -z, y), (z, after * h, -x)
+    for i in range(3):
+        for j in range(3):
+            out[i, j] += c * (a0[i] * b1[j] + a1[i] * b0[j])
+
+
+@helper
+def _cross(w, j, out):
+    """out (3, 3): second derivative in the turns before and after bend element j."""
+    _cross_block(w.p[j], w.m[j], w.k[j], out)
+    _couple(w.coupling[j], w.p[j], -1.0, 1.0, out)
 
 
 @helper
@@ -879,7 +940,7 @@ def _add_clamps(rod, held, w, turns, res, c):
         k = rod.stiff[j]
         if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
             continue
-        _cross_block(w.p[j], w.m[j], k, block)
+        _cross(w, j, block)
         for a in range(3):
             for b in range(3):
                 if end == 0:
@@ -1102,7 +1163,7 @@ def _adjoint_rope(rod, held, q, lam, x0, gx, gq, w, schur, out):
         k = rod.stiff[j]
         held_turn = not (k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0)
         if held_turn:
-            _cross_block(w.p[j], w.m[j], k, block)
+            _cross(w, j, block)
         for a in range(3):
             out.clamp[end, a] = 0.0
             out.moment[end, a] = 0.0
@@ -1235,6 +1296,9 @@ class Frames(NamedTuple):
     compliance: np.ndarray
     active: np.ndarray
     free: bool
+    drag: np.ndarray
+    centre: np.ndarray
+    slip: np.ndarray
 
 
 @helper
@@ -1250,7 +1314,8 @@ def _rod(rods, t):
 def _held(frames, t):
     return Held(
         frames.clamp[t], frames.node, frames.direction[t], frames.offset[t],
-        frames.compliance[t], frames.active[t], frames.free,
+        frames.compliance[t], frames.active[t], frames.free, frames.drag[t], frames.centre[t],
+        frames.slip[t],
     )  # fmt: skip
 
 

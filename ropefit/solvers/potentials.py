@@ -6,6 +6,8 @@ enters the rod's own Newton as elastic supports; repeated until the nodes stay w
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -127,13 +129,12 @@ def _supports(
     safe = torch.where(strong, values, 1.0)
     offset = (direction * x[:, touched, None]).sum(-1)
     flat = lambda t: t.reshape(frames, -1, *t.shape[3:])  # noqa: E731
-    held = Conditions(
-        conditions.ends,
-        conditions.clamp,
-        np.repeat(touched.numpy(), rank),
-        flat(direction).contiguous(),
-        flat(offset),
-        flat(1 / safe),
-        flat(strong).numpy(),
+    held = replace(
+        conditions,
+        node=np.repeat(touched.numpy(), rank),
+        direction=flat(direction).contiguous(),
+        offset=flat(offset),
+        compliance=flat(1 / safe),
+        active=flat(strong).numpy(),
     )
     return held, load, np.zeros((frames, offset[0].numel()))

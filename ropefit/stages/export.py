@@ -60,7 +60,11 @@ def export_run(
     whole = setup
     for cause in diagnosis.causes.values() if diagnosis else []:
         effect = effect_of(cause)
-        whole = effect.apply(whole, torch.tensor(cause.values))
+        changed = effect.apply(whole, torch.tensor(cause.values))
+        if len(changed.memory) > len(whole.memory):
+            notes.append(f"{cause.name}: no target's rope remembers how it was bent; left out")
+            continue
+        whole = changed
         record = _record(cause, whole, nodes)
         if record is not None:
             extras.append(record)

@@ -60,9 +60,16 @@ def restored_rope(
         plain = setup.properties
         setup = with_causes(setup, found)
     every = segments // (len(o.node_arc) - 1)
+    near, past = None, None
+    if setup.memory:
+        # A rope that remembers comes into every frame as the recorded ends have brought it there.
+        walked = Forward(setup, []).at(np.empty(0))
+        near, past = walked.solution, walked.conditions.sliders
+        setup = setup._replace(memory=())
     rope = EquilibriumRope(
-        setup, every, model.control_node, recorded=torch.from_numpy(ends), plain=plain
-    )
+        setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
+        sliders=past,
+    )  # fmt: skip
     if not found and np.isfinite(model.balance.other).any():
         rope = _on_its_branch(rope, values, model)
     if hold_frame and not setup.clamped[0]:

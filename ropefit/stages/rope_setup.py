@@ -52,7 +52,9 @@ def base_setup(o: Observations, segments: int) -> Setup:
     seen = setup.seen._replace(
         origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
     )
-    setup = setup._replace(seen=seen, motion=motion_of(o, setup.arc.numpy()))
+    setup = setup._replace(
+        seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time)
+    )
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
         give = torch.zeros(2, 2, dtype=torch.float64)
         give[:, 1] = torch.inf

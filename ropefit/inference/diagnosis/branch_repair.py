@@ -16,6 +16,8 @@ FAR = 4.0  # times the usual residual of a frame
 def repaired(found: Fit, data: Data, bins: int) -> Solution | None:
     """States in which such frames start from their neighbours' side, None if nothing is gained."""
     point, frame = found.point, found.stations.frame
+    if point.setup.remembers:  # each frame's states follow from the ones before
+        return None
     z = found.z.reshape(len(frame), -1)
     frames = len(point.seen)
     size = np.array(

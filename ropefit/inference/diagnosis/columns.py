@@ -11,7 +11,7 @@ from ropefit.effects.place import at_point, middle_of
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.forward import Forward, change_by
 from ropefit.inference.least_squares import Fit, sensitivity
-from ropefit.inference.response import Point, respond
+from ropefit.inference.response import Point
 from ropefit.inference.stations import Data, match
 from ropefit.solvers.implicit import Directions, tangent
 
@@ -55,9 +55,8 @@ class Responses:
             family.term(self.setup, np.concatenate([zero, place]), free_place=False)
             for place in family.places
         ]
-        return respond(
-            self.point,
-            [change_by(self.setup, term, k) for term in terms for k in range(term.size)],
+        return self.point.respond(
+            [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
         )
 
     def _differences(self, family: Family) -> np.ndarray:
@@ -72,7 +71,7 @@ class Responses:
 
     def response(self, family: Family, values: np.ndarray) -> np.ndarray:
         """(F, K, 3) nodes as seen with the effect at values (k + p,); NaN where unsettled."""
-        setup = family.effect.apply(self.setup, torch.from_numpy(values))
+        setup = self.setup.after(lambda s: family.effect.apply(s, torch.from_numpy(values)))
         return Forward(setup, [], self.point.solution).at(np.empty(0)).seen
 
     def _tether(self, family: Family) -> np.ndarray:

@@ -21,7 +21,8 @@ NARROWEST = 0.04  # of the length: what is narrower is a point
 
 @dataclass(frozen=True)
 class Family:
-    """One effect (at one end, if it has one) and the places (Q, p) [m] where it may be."""
+    """One effect (at one end, if it has one) and the places (Q, p) where it may be: what shapes it,
+    then where on the rope [m]."""
 
     effect: Effect
     places: np.ndarray
@@ -33,7 +34,7 @@ class Family:
     @property
     def size(self) -> int:
         """Quantities at one place."""
-        return len(self.effect.quantities)
+        return len(self.effect.quantities) - self.effect.shaping
 
     @property
     def positive(self) -> bool:
@@ -41,7 +42,7 @@ class Family:
 
     def scales(self, setup: Setup) -> np.ndarray:
         """(k,) usual sizes in SI."""
-        return np.array([q.size(setup) for q in self.effect.quantities])
+        return np.array([q.size(setup) for q in self.effect.quantities[: self.size]])
 
     def term(self, setup: Setup, values: np.ndarray, free_place: bool = True) -> Term:
         """A term of a model that starts at values (k + p,): quantities, then the place."""
@@ -62,16 +63,17 @@ class Family:
             def apply(setup: Setup, v: torch.Tensor) -> Setup:
                 return self.effect.apply(setup, torch.cat([v, fixed]))
 
+            k = self.size
             return Term(
-                self.name, tuple(q.name for q in quantities), units, apply, values[: self.size],
-                scale, low, high, np.full(self.size, np.inf),
+                self.name, tuple(q.name for q in quantities[:k]), units[:k], apply, values[:k],
+                scale[:k], low[:k], high[:k], np.full(k, np.inf),
             )  # fmt: skip
         return Term(
             self.name, self.effect.names, (*units, *("m" for _ in place)), self.effect.apply,
             np.asarray(values, dtype=float), np.array([*scale, *(0.05 * length for _ in place)]),
             np.array([*low, *(limits[p][0] for p in place)]),
             np.array([*high, *(limits[p][1] for p in place)]),
-            np.full(self.size + len(place), np.inf),
+            np.full(len(values), np.inf),
         )  # fmt: skip
 
 
@@ -80,7 +82,6 @@ def families(setup: Setup) -> list[Family]:
 
     Effects of installed add-ons are among them, see docs/adding-an-effect.md.
     """
-    length = float(setup.properties.length.sum())
     out = []
     for kind in concrete(Effect, "ropefit.effects"):
         if kind in CONTACT:
@@ -88,11 +89,15 @@ def families(setup: Setup) -> list[Family]:
         for end in (0, 1) if kind.locus == "end" else (0,):
             effect = kind(end)  # pyright: ignore[reportAbstractUsage]
             if effect.applies(setup):
-                out.append(Family(effect, _places(effect, length)))
+                out.append(Family(effect, _places(effect, setup)))
     return out
 
 
-def _places(effect: Effect, length: float) -> np.ndarray:
+def _places(effect: Effect, setup: Setup) -> np.ndarray:
+    length = float(setup.properties.length.sum())
+    if effect.shaping:
+        usual = [q.size(setup) for q in effect.quantities[-effect.shaping :]]
+        return np.array([[share * size for size in usual] for share in effect.tries])
     if effect.locus == "point":
         return (np.linspace(0.02, 0.98, POINTS) * length)[:, None]
     if effect.locus != "interval":

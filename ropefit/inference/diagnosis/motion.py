@@ -77,7 +77,7 @@ def next_motion(first: Rival, second: Rival) -> tuple[str, float]:
                 origin=base.seen.origin[:1].expand(5, 1, 3),
                 normal=base.seen.normal[:1].expand(5, 1, 3),
             )
-            moved = base._replace(ends=ends, clamp=clamp, seen=seen)
+            moved = base._replace(ends=ends, clamp=clamp, seen=seen, time=None, past=None)
             point = Forward(moved, rival.fit.forward.terms).at(rival.fit.point.u)
             shapes.append(point.seen)
         apart = float(np.sqrt(np.nanmean(((shapes[0] - shapes[1]) ** 2).sum(-1))))

@@ -1,0 +1,41 @@
+"""Friction inside a rope: strands that rub when it is bent to and fro."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.revisit import revisits
+from ropefit.rod.memory import Branch
+from ropefit.rod.setup import Setup
+
+
+class BendingHysteresis(Effect):
+    """`moment` [N m] that has to be overcome whenever the bending turns back, and `range` [1/m]:
+    the curvature over which it builds up. None acts in the first frame."""
+
+    name = "bending_hysteresis"
+    quantities = (
+        Quantity("moment", "N m", 3e-4, 0.0, by_weight=1.0, by_length=1.0),
+        Quantity("range", "1/m", 1.0, 1e-3, 1e3, by_length=-1.0),
+    )
+    linear = False
+    shaping = 1
+    tries = (0.3, 2.0)
+
+    def applies(self, setup: Setup) -> bool:
+        return revisits(setup)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        bend = (values[0] / values[1]).expand_as(setup.properties.bend)
+        never = torch.tensor(math.inf, dtype=torch.float64)
+        return setup._replace(memory=(*setup.memory, Branch(bend, values[1], never, fresh=False)))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"friction inside the rope resists a change of its bending by {values['moment']:.2g} "
+            f"N m, fully after a change of curvature by {values['range']:.2g} 1/m"
+        )

@@ -1,0 +1,34 @@
+"""A rope that sticks and drags on what it lies on."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.revisit import FEWEST
+from ropefit.rod.setup import Setup
+
+
+class ContactFriction(Effect):
+    """Coulomb's `coefficient` on every plane and bar that the rope touches already. What has only
+    just touched down is not held yet."""
+
+    name = "contact_friction"
+    quantities = (Quantity("coefficient", "1", 0.3, 0.0, 2.0),)
+    linear = False
+
+    def applies(self, setup: Setup) -> bool:
+        contacts = any(p.hardness is not None for p in setup.potentials)
+        return contacts and len(setup.whole()[0].ends) >= FEWEST
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        rubbing = tuple(
+            p if p.hardness is None else p._replace(friction=values[0]) for p in setup.potentials
+        )
+        return setup._replace(potentials=rubbing)
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            "the rope sticks and drags on what it lies on, with a coefficient of friction of "
+            f"{values['coefficient']:.2g}"
+        )

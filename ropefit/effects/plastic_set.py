@@ -1,0 +1,46 @@
+"""A rope that does not spring back altogether: bent too far, it keeps some of the bend."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.revisit import revisits
+from ropefit.rod.memory import Branch
+from ropefit.rod.setup import Setup
+
+
+class PlasticSet(Effect):
+    """`share` of the bending rigidity that yields where the curvature exceeds `yield_curvature`
+    [1/m]: beyond it the rope is that much softer, and when it is let go this share of the excess
+    stays as its rest curvature. Before the first frame it had its rest shape."""
+
+    name = "plastic_set"
+    quantities = (
+        Quantity("share", "1", 0.2, 0.0, 0.95),
+        Quantity("yield_curvature", "1/m", 3.0, 1e-3, 1e3, by_length=-1.0),
+    )
+    linear = False
+    shaping = 1
+    tries = (0.4, 1.0, 2.5)
+
+    def applies(self, setup: Setup) -> bool:
+        return revisits(setup)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        p, share = setup.properties, values[0]
+        never = torch.tensor(math.inf, dtype=torch.float64)
+        # The rod's own part is the smaller for it; the sum is the rigidity of a rope unharmed.
+        branch = Branch(share * p.bend, values[1], never, fresh=True)
+        return setup._replace(
+            properties=p._replace(bend=(1 - share) * p.bend), memory=(*setup.memory, branch)
+        )
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"bent beyond {values['yield_curvature']:.2g} 1/m the rope yields, and "
+            f"{100 * values['share']:.2g} % of the excess stays in it as a set"
+        )

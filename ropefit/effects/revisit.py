@@ -1,0 +1,45 @@
+"""Whether a recording could show that a rope remembers: poses to which it comes back."""
+
+from __future__ import annotations
+
+import torch
+
+from ropefit.rod.quaternion import director
+from ropefit.rod.setup import Setup
+
+NEAR = 0.1  # of how far the ends went in between
+FAR = 0.05  # of the length: how far they must have gone
+FEWEST = 8  # frames
+
+
+def revisits(setup: Setup) -> bool:
+    """Whether the ends come back, from far enough, to nearly where they were.
+
+    Where nothing holds the ends' directions, turning all about the vertical changes no shape.
+    """
+    whole, _ = setup.whole()
+    if len(whole.ends) < FEWEST:
+        return False
+    length = float(whole.properties.length.sum())
+    up = -whole.gravity / whole.gravity.norm()
+    held = ~torch.isnan(whole.ends[0]).any(-1)
+    parts = []
+    if bool(held.all()):
+        chord = whole.ends[:, 0] - whole.ends[:, 1]
+        rise = chord @ up
+        flat = chord - rise[:, None] * up
+        across = flat if any(whole.clamped) else flat.norm(dim=-1, keepdim=True)
+        parts += [rise[:, None], across]
+    for end in range(2):
+        if whole.clamped[end]:
+            parts.append(0.5 * length * director(whole.clamp[:, end]))
+    if not parts:
+        return False
+    pose = torch.cat(parts, dim=-1)
+    apart = torch.cdist(pose, pose)
+    count = len(pose)
+    farthest = torch.zeros_like(apart)  # of the poses between two, from the first of them
+    for first in range(count):
+        farthest[first, first:] = apart[first, first:].cummax(0).values
+    back = (farthest > FAR * length) & (apart < NEAR * farthest)
+    return bool(torch.triu(back, diagonal=2).any())

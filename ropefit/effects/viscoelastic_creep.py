@@ -1,0 +1,41 @@
+"""A rope that goes on bending under the same load: polymers, tired cables."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.revisit import revisits
+from ropefit.rod.memory import Branch
+from ropefit.rod.setup import Setup
+
+
+class ViscoelasticCreep(Effect):
+    """A rope stiffer by `share` when it is bent quickly, which fades within `time` [s]. It is fully
+    relaxed in the first frame."""
+
+    name = "viscoelastic_creep"
+    quantities = (
+        Quantity("share", "1", 0.3, 0.0, 10.0),
+        Quantity("time", "s", 0.15, 1e-3, 1e6, by_time=1.0),
+    )
+    linear = False
+    shaping = 1
+    tries = (0.2, 1.0, 4.0)
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.time is not None and revisits(setup)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        never = torch.tensor(math.inf, dtype=torch.float64)
+        branch = Branch(values[0] * setup.properties.bend, never, values[1], fresh=False)
+        return setup._replace(memory=(*setup.memory, branch))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"bent quickly the rope is {100 * values['share']:.2g} % stiffer, which fades within "
+            f"{values['time']:.2g} s: it creeps"
+        )

@@ -1,0 +1,239 @@
+"""Settling the frames of a recording: each by itself, or one after the other where the rope
+remembers, with the exact derivatives of either.
+
+A frame's equilibrium depends on the frames before by the state that they leave in the branches of
+`rod/memory.py`. The derivative of that state is carried from frame to frame along with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.inference.bends import darboux, merged, spun, stacked, vector_change, vectors
+from ropefit.inference.response import (
+    STEP,
+    Change,
+    Point,
+    add_sensor,
+    directions_of,
+    slopes_of,
+)
+from ropefit.inference.rubbing import loose, rubbings
+from ropefit.rod import friction, memory
+from ropefit.rod.friction import Grip
+from ropefit.rod.memory import Laws, State
+from ropefit.rod.rod import Rod
+from ropefit.rod.setup import Potential, Setup
+from ropefit.solvers.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.implicit import Directions, tangent
+from ropefit.solvers.potentials import solve_with_potentials
+
+ITERATIONS, EXACT = 60, 1e-11  # of a first-order change under friction
+
+
+def settle_frames(
+    rod: Rod, conditions: Conditions, potentials: tuple[Potential, ...], start: Solution | None
+) -> tuple[Solution, Conditions, Rod]:
+    """Equilibria of frames, each by itself, with conditions and rods as they stand there. Frames
+    that do not settle are marked."""
+    if rod.load.ndim == 3:
+        rod = rod.each(len(rod.load))
+    if potentials:
+        return solve_with_potentials(rod, conditions, potentials, start)
+    solution = solve(rod, conditions, start)
+    retry = ~solution.converged
+    if retry.any() and start is not None:  # from the catenaries
+        again = solve(rod, conditions)
+        solution.put(retry, again, retry)
+    return solution, conditions, rod
+
+
+@dataclass
+class Step:
+    """One frame of a walk: what held the rope, its state before and where each contact with
+    friction held it, whether a clip begins with it."""
+
+    rod: Rod
+    conditions: Conditions
+    solution: Solution
+    before: State
+    grips: list[Grip]
+    first: bool
+
+
+@dataclass
+class WalkedPoint(Point):
+    """A `Point` of F frames of a rope that remembers, with all H frames that it has been through:
+    `whole` their setup, `path` their states, of which `shown` (F,) are those of the point."""
+
+    whole: Setup
+    shown: np.ndarray
+    laws: Laws
+    steps: list[Step]
+    path: Solution
+
+    def respond(self, changes: list[Change]) -> np.ndarray:
+        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups.
+
+        Raises ArithmeticError where friction lets no first-order change be found.
+        """
+        if not changes:
+            return np.zeros((0, *self.seen.shape))
+        frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
+        everywhere = [lambda size, c=change: c(size).whole()[0] for change in changes]
+        slopes = slopes_of(self.whole, everywhere, self.path)
+        _, directions = directions_of(self.whole.rod(), slopes, frames)
+        law_slopes = _law_slopes(everywhere)
+        rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
+        rest, load = (
+            np.array(np.broadcast_to(d, (frames, *d.shape[1:])))
+            for d in (directions.rest, directions.load)
+        )
+        out = np.zeros((frames, count, nodes, 3))
+        branches = len(self.laws.fresh)
+        change = State(np.empty(0), np.zeros((count, branches, nodes, 2)))
+        moved = np.zeros((len(rubbing), count, nodes, 3))  # of where friction holds the nodes
+        for t, step in enumerate(self.steps):
+            if step.first:
+                change = State(rest[t, :, :, :2], np.zeros_like(change.strain))
+                moved[:] = 0.0
+            if not step.solution.converged[0]:
+                out[t] = np.nan
+                continue
+            p = darboux(step.rod, step.conditions, step.solution)
+            answer = memory.answer(
+                self.laws, law_slopes, t, step.first, step.before, change, p[:, 1:3]
+            )
+            # As a change of the rest shape: that is how the solver takes a change of moments.
+            stiff = step.rod.stiff.reshape(nodes, 3)[:, :2].numpy()
+            rest[t, :, :, :2] -= answer.force / np.where(stiff > 0, stiff, np.inf)
+            own = Directions(*(None if d is None else d[t : t + 1] if len(d) > 1 else d
+                               for d in directions))  # fmt: skip
+            own = own._replace(rest=rest[t : t + 1])
+            drawn = load[t] + sum(r.drawn(t, a) for r, a in zip(rubbing, moved, strict=True))
+            out[t], turns = _with_friction(step, own, drawn, [r.missed[t] for r in rubbing])
+            change = answer.then(
+                vector_change(p, turns, None if own.clamp is None else own.clamp[0])
+            )
+            for r, a in zip(rubbing, moved, strict=True):
+                a[:] = r.then(t, a, out[t])
+        return add_sensor(out, slopes)[:, self.shown]
+
+
+def _with_friction(
+    step: Step, own: Directions, load: np.ndarray, missed: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Changes (P, N+1, 3) of one frame's nodes and (P, N, 3) turns of its frames.
+
+    missed (N+1, 3, 3) [N/m]: friction's stiffness that its supports do not have, since it grows
+    with the normal force: unsymmetric, and small. By iteration.
+    """
+    before = np.zeros_like(load)
+    for _ in range(ITERATIONS):
+        further = sum(np.einsum("nab,pnb->pna", m, before) for m in missed)
+        given = own._replace(load=(load + further)[None])
+        dx, turns = tangent(step.rod, step.conditions, step.solution, given)
+        if not missed or np.abs(dx[0] - before).max() <= EXACT * np.abs(dx[0]).max():
+            return dx[0], turns[0]
+        before = dx[0]
+    raise ArithmeticError("friction: no first-order change of a frame was found")
+
+
+def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | None) -> WalkedPoint:
+    """Settle a setup with memory, frame after frame, at search variables u (P,).
+
+    near: states of its frames, path: of all that it has been through, to start from. Frames that do
+    not settle are NaN in `seen`, and leave no memory.
+    """
+    whole, shown = setup.whole()
+    picked = shown.numpy()
+    frames, rod = len(whole.ends), whole.rod()
+    law, begins = laws_of(whole), memory.restarts(time_of(whole))
+    spins = float(rod.stiff[..., 0, 2]) == 0.0 == float(rod.stiff[..., -1, 2])
+    row = {int(t): k for k, t in enumerate(picked)}
+    rough = [p for p in whole.potentials if p.friction is not None]
+    steps: list[Step] = []
+    state, grips, last = State(np.empty(0), np.empty(0)), [], None
+    for t in range(frames):
+        first = bool(begins[t])
+        one = rod if rod.load.ndim == 2 else rod._replace(load=rod.load[t])
+        if first:
+            state = memory.unloaded(one.rest[:, :2].numpy(), len(law.fresh))
+            grips = [loose(whole.segments + 1) for _ in rough]
+        sliders = Sliders(*(item[None] for item in memory.sliders(law, t, first, state)))
+        held = Conditions(whole.ends[t : t + 1], whole.clamp[t : t + 1], sliders=sliders)
+        known = None
+        if path is not None:
+            known = path.frames(np.array([t]))
+        elif near is not None and t in row:
+            known = near.frames(np.array([row[t]]))
+        toward = state.vector if spins else None
+        rubbing = (friction.potential(p, g) for p, g in zip(rough, grips, strict=True))
+        solution, conditions, rods = _settle_one(
+            one, held, (*whole.potentials, *rubbing), [known, last], toward
+        )
+        steps.append(Step(rods, conditions, solution, state, grips, first))
+        if solution.converged[0]:
+            last, x = solution, torch.from_numpy(solution.x[0])
+            state = memory.after(law, t, first, state, vectors(rods, conditions, solution))
+            grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
+    mine = [(steps[t].rod, steps[t].conditions, steps[t].solution) for t in picked]
+    rods, held, solution = merged(mine)
+    seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+    seen[~solution.converged] = np.nan
+    far = solution.reaction[:, : 3 if held.far_held else 0]
+    states = [step.solution for step in steps]
+    ways = stacked(states, np.concatenate([s.reaction[:, : far.shape[1]] for s in states]))
+    return WalkedPoint(u, setup, rods, held, solution, seen, whole, picked, law, steps, ways)
+
+
+def _settle_one(
+    rod: Rod,
+    held: Conditions,
+    potentials: tuple[Potential, ...],
+    starts: list[Solution | None],
+    toward: np.ndarray | None,
+) -> tuple[Solution, Conditions, Rod]:
+    """A frame's equilibrium from the first start that leads to one, in the end from that of a rope
+    without a past.
+
+    toward (N+1, 2): where a rope that is free to spin has its bends, as near as it can.
+    """
+    for start in [*(s for s in starts if s is not None), None]:
+        if start is None:
+            start = settle_frames(rod, replace(held, sliders=None), potentials, None)[0]
+        if toward is not None and start.converged[0]:
+            start = spun(rod, held, start, toward)
+        found = settle_frames(rod, held, potentials, start)
+        if found[0].converged[0]:
+            break
+    return found
+
+
+def _law_slopes(changes: list[Change]) -> Laws:
+    """Derivatives of the branches' laws in P changes."""
+    rows = []
+    for changed in changes:
+        low, high = (laws_of(changed(size)) for size in (-STEP, STEP))
+        with np.errstate(invalid="ignore"):
+            rows.append([np.nan_to_num((b - a) / (2 * STEP), posinf=0.0, neginf=0.0)
+                         for a, b in zip(low[:4], high[:4], strict=True)])  # fmt: skip
+    fields = (np.stack(field) for field in zip(*rows, strict=True))
+    return Laws(*fields, fresh=np.empty(0))
+
+
+def laws_of(setup: Setup) -> Laws:
+    """What a setup's rope remembers by."""
+    return memory.laws(setup.memory, setup.rod(), setup.properties.bend, time_of(setup))
+
+
+def time_of(setup: Setup) -> Tensor:
+    """(F,) [s], a second a frame where no time is known."""
+    if setup.time is not None:
+        return setup.time
+    return torch.arange(len(setup.ends), dtype=torch.float64)

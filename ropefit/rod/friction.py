@@ -1,0 +1,90 @@
+"""Coulomb friction of nodes on what they touch, by increments from frame to frame.
+
+A node that touched in the frame before is held, across the normal, by a spring of the contact's
+hardness at the place where it was; the spring bears no more than the coefficient times the normal
+force, and what is too long is dragged along (Wriggers, Computational Contact Mechanics, 5.2). A
+node that has only just touched down is not held yet.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ropefit.rod.setup import Potential
+
+TINY = 1e-30  # m², N²: keeps the direction of nothing at zero
+
+
+class Grip(NamedTuple):
+    """place (..., N+1, 3) [m] where the nodes are held, touched (..., N+1): those that are."""
+
+    place: Tensor
+    touched: Tensor
+
+
+def push(contact: Potential, x: Tensor) -> Tensor:
+    """(..., 3) the normal force [N] of one whole node at x (..., 3) [m]."""
+    with torch.enable_grad():
+        at = x if x.requires_grad else x.detach().requires_grad_()
+        slope = torch.autograd.grad(contact.energy(at).sum(), at, create_graph=x.requires_grad)[0]
+    return -slope
+
+
+def dragged(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
+    """(..., N+1, 3) where nodes that have come to x are held."""
+    offset, reach = _offset(grip, x, push(contact, x), contact)
+    length = torch.sqrt((offset**2).sum(-1) + TINY)
+    kept = torch.where(length > reach, reach / length, 1.0)
+    held = (grip.touched & (reach > 0))[..., None]
+    return torch.where(held, x - kept[..., None] * offset, x)
+
+
+def force(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
+    """(..., N+1, 3) [N] of friction on the nodes at x."""
+    assert contact.hardness is not None
+    return contact.hardness * contact.share[..., None] * (dragged(contact, grip, x) - x)
+
+
+def after(contact: Potential, grip: Grip, x: Tensor) -> Grip:
+    """The grip once a frame has settled at x."""
+    touching = (push(contact, x) != 0).any(-1) & (contact.share > 0)
+    return Grip(dragged(contact, grip, x).detach(), touching)
+
+
+def potential(contact: Potential, grip: Grip) -> Potential:
+    """An energy whose slope is the friction, for a normal force that stays as it is."""
+    assert contact.hardness is not None
+    hardness = contact.hardness
+
+    def energy(x: Tensor) -> Tensor:
+        offset, reach = _offset(grip, x, push(contact, x.detach()).detach(), contact)
+        length = torch.sqrt((offset**2).sum(-1) + TINY)
+        inside, beyond = 0.5 * length**2, reach * (length - 0.5 * reach)
+        value = hardness * torch.where(length > reach, beyond, inside)
+        return torch.where(grip.touched, value, 0.0)
+
+    return Potential(energy, contact.share)
+
+
+def slopes(contact: Potential, grip: Grip, x: Tensor) -> tuple[Tensor, Tensor]:
+    """(..., N+1, 3, 3) derivatives of `dragged` in the nodes and in the places."""
+    x = x.detach().requires_grad_()
+    place = grip.place.detach().requires_grad_()
+    out = dragged(contact, grip._replace(place=place), x)
+    rows = [torch.autograd.grad(out[..., a].sum(), (x, place), retain_graph=True) for a in range(3)]
+    return torch.stack([r[0] for r in rows], -2), torch.stack([r[1] for r in rows], -2)
+
+
+def _offset(grip: Grip, x: Tensor, pushed: Tensor, contact: Potential) -> tuple[Tensor, Tensor]:
+    """How far nodes are from where they are held, across the normal, and how far they can be."""
+    assert contact.friction is not None
+    assert contact.hardness is not None
+    size = torch.sqrt((pushed**2).sum(-1) + TINY)
+    normal = pushed / size[..., None]
+    offset = x - grip.place
+    offset = offset - (offset * normal).sum(-1, keepdim=True) * normal
+    touches = (pushed != 0).any(-1)
+    return offset, torch.where(touches, contact.friction * size / contact.hardness, 0.0)

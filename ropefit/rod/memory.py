@@ -1,0 +1,174 @@
+"""Bending that remembers: springs in parallel to the rod's own that relax, or slip.
+
+Each is an incremental potential in the vector part v of a bend element's Darboux quaternion, about
+the first two directors. From frame to frame its strain e follows
+
+    de/dt = dv/dt - e/time,   |e| <= slip,
+
+with v on a straight line in between, so that steps of any size are exact on such a path:
+e = clip(kept e + given (v - v before)). Without `slip` this is Maxwell's element (Simo & Hughes,
+Computational Inelasticity, 10.3), without `time` Prandtl's (there 1.2, return mapping).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.rod.rod import Rod, at_nodes
+
+
+class Branch(NamedTuple):
+    """A spring along the whole rope: bend (N,) [N m²] its rigidity; slip () [1/m]: the curvature
+    beyond which it slides; time () [s] in which it relaxes; infinity where it does not. fresh: it
+    was unloaded at the rest shape before the first frame, else in the first frame."""
+
+    bend: Tensor
+    slip: Tensor
+    time: Tensor
+    fresh: bool
+
+
+class Laws(NamedTuple):
+    """B branches at the bend elements, for H frames: drag (B, N+1) [N m], slip (B, N+1), kept and
+    given (H, B), fresh (B,). As P derivatives: with a dimension P in front."""
+
+    drag: np.ndarray
+    slip: np.ndarray
+    kept: np.ndarray
+    given: np.ndarray
+    fresh: np.ndarray
+
+
+class State(NamedTuple):
+    """vector (..., N+1, 2) of the last frame and strain (..., B, N+1, 2) of the branches there."""
+
+    vector: np.ndarray
+    strain: np.ndarray
+
+
+def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> Laws:
+    """The branches on a rod of bending rigidity `bend` (N,), in frames at time (H,) [s].
+
+    A branch is shared among the elements as the rod's own rigidity is. Time that goes back is that
+    of a new clip, see `restarts`.
+    """
+    length, stiff = rod.length.reshape(-1, rod.length.shape[-1])[0], rod.stiff
+    at_node = at_nodes(length)
+    stiff = stiff.reshape(-1, *stiff.shape[-2:])[0, :, 0]
+    step = torch.diff(time, prepend=time[:1]).clamp_min(0.0)
+    drag, slip, kept, given = [], [], [], []
+    for b in branches:
+        drag.append(stiff * at_nodes(length * b.bend / bend) / at_node)
+        slip.append(0.25 * at_node * b.slip)  # v = sin(turn / 2)
+        share = step / b.time
+        kept.append(torch.exp(-share))
+        given.append(torch.where(share > 0, -torch.expm1(-share) / share.clamp_min(1e-300), 1.0))
+    fresh = np.array([b.fresh for b in branches])
+    if not branches:
+        nodes, frames = len(at_node), len(time)
+        return Laws(*np.zeros((2, 0, nodes)), *np.zeros((2, frames, 0)), fresh.astype(bool))
+    return Laws(
+        torch.stack(drag).numpy(),
+        torch.stack(slip).numpy(),
+        torch.stack(kept, dim=-1).numpy(),
+        torch.stack(given, dim=-1).numpy(),
+        fresh,
+    )
+
+
+def restarts(time: Tensor) -> np.ndarray:
+    """(H,) bool: the frames before which nothing is known, the first ones of clips."""
+    step = torch.diff(time, prepend=time[:1] + 1)
+    return (step < 0).numpy()
+
+
+def unloaded(rest: np.ndarray, branches: int) -> State:
+    """Before a first frame: at the rest shape's vector (N+1, 2)."""
+    return State(rest, np.zeros((branches, *rest.shape)))
+
+
+def sliders(law: Laws, t: int, first: bool, before: State) -> tuple[np.ndarray, ...]:
+    """What stands for the branches in frame t: stiffness (B, N+1) [N m] of springs, the vector
+    (B, N+1, 2) where each is unloaded, and the length (B, N+1) beyond which it slips."""
+    kept, given = _steps(law, t, first)
+    drag = law.drag * given[..., 0] * (law.fresh[:, None] if first else 1.0)
+    centre = before.vector - kept / given * before.strain
+    return drag, centre, law.slip / given[..., 0]
+
+
+def after(law: Laws, t: int, first: bool, before: State, vector: np.ndarray) -> State:
+    """The state once frame t has settled at vector (N+1, 2)."""
+    kept, given = _steps(law, t, first)
+    strain = kept * before.strain + given * (vector - before.vector)
+    strain = _clip(strain, law.slip)[0]
+    if first:
+        strain = strain * law.fresh[:, None, None]
+    return State(vector, strain)
+
+
+class Answer(NamedTuple):
+    """First-order changes in one frame, P of them: force (P, N+1, 2) [N m] at the vector that it
+    has; strain (P, B, N+1, 2) likewise, and what a change of the vector adds: `given` of it,
+    `across` (B, N+1) of which is left across the slip's direction (B, N+1, 2)."""
+
+    force: np.ndarray
+    strain: np.ndarray
+    given: np.ndarray
+    across: np.ndarray
+    direction: np.ndarray
+
+    def then(self, vector: np.ndarray) -> State:
+        """The state's change when the vector changes by (P, N+1, 2)."""
+        moved = self.given * vector[:, None]
+        return State(vector, self.strain + _through(moved, self.across, self.direction))
+
+
+def answer(
+    law: Laws, slope: Laws, t: int, first: bool, before: State, change: State, vector: np.ndarray
+) -> Answer:
+    """How the branches' force in frame t, at vector (N+1, 2), changes with the laws (`slope`) and
+    with the state before (`change`)."""
+    kept, given = _steps(law, t, first)
+    moved = vector - before.vector
+    strain, across, direction = _clip(kept * before.strain + given * moved, law.slip)
+    trial = kept * change.strain - given * change.vector[:, None]
+    if not first:
+        trial = trial + slope.kept[:, t, :, None, None] * before.strain
+        trial = trial + slope.given[:, t, :, None, None] * moved
+    strain_slope = _through(trial, across, direction)
+    # What slides is as long as the slip allows.
+    with np.errstate(invalid="ignore"):
+        further = slope.slip[..., None] * direction
+    strain_slope = strain_slope + np.where((across < 1)[..., None], further, 0.0)
+    active = (law.fresh if first else np.ones_like(law.fresh))[:, None, None]
+    strain, strain_slope, given = active * strain, active * strain_slope, active * given
+    force = slope.drag[..., None] * strain + law.drag[..., None] * strain_slope
+    return Answer(force.sum(1), strain_slope, given, across, direction)
+
+
+def _steps(law: Laws, t: int, first: bool) -> tuple[np.ndarray, np.ndarray]:
+    """kept and given of the step to frame t, (B, 1, 1)."""
+    if first:
+        one = np.ones((len(law.fresh), 1, 1))
+        return one, one
+    return law.kept[t, :, None, None], law.given[t, :, None, None]
+
+
+def _clip(strain: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Strains (B, N+1, 2) no longer than slip (B, N+1), by how much they were shortened, and their
+    unit vectors where they were."""
+    size = np.linalg.norm(strain, axis=-1)
+    long = size > slip
+    share = np.where(long, slip / np.maximum(size, 1e-300), 1.0)
+    direction = strain / np.maximum(size, 1e-300)[..., None] * long[..., None]
+    return share[..., None] * strain, share, direction
+
+
+def _through(change: np.ndarray, across: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Changes (P, B, N+1, 2) after `_clip`: those along the slip's direction are lost."""
+    along = (change * direction).sum(-1, keepdims=True)
+    return across[..., None] * (change - along * direction)
