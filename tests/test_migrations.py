@@ -75,7 +75,7 @@ def test_links_that_multiply_are_refused(tmp_path: Path) -> None:
             below = group.create_group(f"b{depth}")
             group[f"c{depth}"] = below
             group = below
-    with pytest.raises(BadInput, match="more than it can hold"):
+    with pytest.raises(BadInput, match=r"more than it can hold|never ends"):
         read(path, Model)
 
 

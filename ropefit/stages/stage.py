@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict
 
 from ropefit import __version__
 from ropefit.artifacts import Artifact, Provenance, read, write
-from ropefit.artifacts.store import UNREADABLE
+from ropefit.artifacts.store import stored_hash
 from ropefit.errors import BadInput, StageFailed
 from ropefit.stages.lock import working_on
 
@@ -228,14 +228,3 @@ def load(directory: Path, kind: type[A]) -> tuple[A, str]:
 def load_if_there(directory: Path, kind: type[A]) -> A | None:
     """An artifact of a run; None where its stage has not run."""
     return load(directory, kind)[0] if (directory / kind.file_name).exists() else None
-
-
-def stored_hash(path: Path) -> str:
-    """The content hash an artifact carries."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return str(file.attrs.get("content_sha256", ""))
-    except UNREADABLE:
-        return ""
