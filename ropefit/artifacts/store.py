@@ -116,7 +116,9 @@ def _image(artifact: Artifact, digest: str) -> bytes:
         for name, value, attributes in leaves(artifact):
             parent, _, leaf = name.rpartition("/")
             group = _group(file, parent) if parent else file
-            dataset = group.create_dataset(leaf, data=_fixed(value), **_compression(value))
+            dataset = group.create_dataset(
+                leaf, data=_fixed(value), **_compression(artifact, value)
+            )
             dataset.attrs.update(attributes)
         file.flush()
         return file.id.get_file_image()
@@ -140,8 +142,8 @@ def _fixed(value: np.ndarray | str) -> np.ndarray:
     return value
 
 
-def _compression(value: np.ndarray | str) -> dict[str, Any]:
-    large = not isinstance(value, str) and value.nbytes > 65536
+def _compression(artifact: Artifact, value: np.ndarray | str) -> dict[str, Any]:
+    large = artifact.compressed and not isinstance(value, str) and value.nbytes > 65536
     return {"compression": "gzip", "shuffle": True} if large else {}
 
 

@@ -14,7 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.inference.arrays import as_arrays, from_arrays
+from ropefit.inference.journal import Arrays
 from ropefit.inference.response import Change, Point, respond
+from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
@@ -111,9 +114,7 @@ class Forward:
         setup = self.setup_at(u)
         conditions = Conditions(setup.ends, setup.clamp)
         start = start or self.last
-        rod = setup.rod()
-        if rod.load.ndim == 3:
-            rod = rod.each(len(rod.load))
+        rod = self._rod(setup)
         if setup.potentials:
             solution, conditions, rod = solve_with_potentials(
                 rod, conditions, setup.potentials, start
@@ -124,11 +125,43 @@ class Forward:
             if retry.any() and start is not None:  # from the catenaries
                 again = solve(rod, conditions)
                 solution.put(retry, again, retry)
+        return self._point(u, setup, rod, conditions, solution)
+
+    def _rod(self, setup: Setup) -> Rod:
+        rod = setup.rod()
+        return rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
+
+    def _point(
+        self, u: np.ndarray, setup: Setup, rod: Rod, conditions: Conditions, solution: Solution
+    ) -> Point:
         if solution.converged.all():
             self.last = solution
         seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
         seen[~solution.converged] = np.nan
         return Point(u, setup, rod, conditions, solution, seen)
+
+    def kept(self, point: Point) -> Arrays:
+        """What of the point settled last, and of this model's memory, only settling gives."""
+        arrays = as_arrays(point.solution, "solution.")
+        if point.setup.potentials:  # what stands for them comes out of settling
+            arrays |= as_arrays(point.rod, "rod.") | as_arrays(point.conditions, "conditions.")
+        if self.last is not None and self.last is not point.solution:
+            arrays |= as_arrays(self.last, "last.")
+        return arrays
+
+    def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
+        """The point at u that was kept; the model remembers what it did then."""
+        setup = self.setup_at(u)
+        if setup.potentials:
+            rod = from_arrays(Rod, "rod.", arrays)
+            conditions = from_arrays(Conditions, "conditions.", arrays)
+        else:
+            rod, conditions = self._rod(setup), Conditions(setup.ends, setup.clamp)
+        solution = from_arrays(Solution, "solution.", arrays)
+        point = self._point(u, setup, rod, conditions, solution)
+        if "last.x" in arrays:
+            self.last = from_arrays(Solution, "last.", arrays)
+        return point
 
     def jacobian(self, point: Point) -> np.ndarray:
         """(P, F, K, 3) derivative of `seen` in the search variables."""
