@@ -31,6 +31,7 @@ from ropefit import commands, commands_show
 from ropefit.artifacts import ARTIFACTS
 from ropefit.artifacts.store import identity, read
 from ropefit.console import Session
+from ropefit.inference.journal import Entries
 from ropefit.stages import checkpoint
 from ropefit.stages.run_directory import CHECKPOINTS, REPORT
 from tests.factories import marker_recording
@@ -142,8 +143,8 @@ def tell_resumed(told: int) -> None:
     """Tell file descriptor `told` of every stage that goes on from what was found before."""
     restored = checkpoint.Saver.restored
 
-    def telling(saver: checkpoint.Saver) -> Any:
-        entries = restored(saver)
+    def telling(self: checkpoint.Saver) -> Entries:
+        entries = restored(self)
         if entries:
             os.write(told, bytes([RESUMED]))
         return entries
@@ -260,7 +261,7 @@ def measure(
         last = [name for name, _ in chain.calls[0]].index(until) + 1
         chain.calls = [calls[:last] for calls in chain.calls]
         prepare(chain, scratch)
-        part = kills if which is not None else kills // 2 if number == 0 else kills - kills // 2
+        part = kills if which is not None else kills - kills // 3 if number == 0 else kills // 3
         rng = np.random.default_rng([seed, number])
         out[chain.name] = disturb(chain, part, scratch / f"run {number}", rng)
     return out

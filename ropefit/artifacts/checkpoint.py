@@ -14,7 +14,7 @@ class KeptArray(Part):
     result: str
     name: str
     dtype: str
-    shape: tuple[int, ...]
+    shape: list[int]
     start: int
 
 

@@ -19,7 +19,7 @@ def packed(results: Results) -> tuple[list[dict[str, Any]], np.ndarray]:
             value = np.asarray(value, order="C")
             arrays.append({
                 "result": result, "name": name, "dtype": value.dtype.str,
-                "shape": value.shape, "start": start,
+                "shape": list(value.shape), "start": start,
             })  # fmt: skip
             parts.append(value.reshape(-1).view(np.uint8) if value.size else np.empty(0, np.uint8))
             start += value.nbytes
