@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,13 +24,15 @@ from ropefit.artifacts import (
     content_sha256,
     identity,
     read,
+    store,
     write,
 )
 from ropefit.artifacts.export import schemas
-from ropefit.artifacts.store import leaves
+from ropefit.artifacts.seal import SIZE, Seal, sealed
+from ropefit.artifacts.store import leaves, stored_hash
 from ropefit.errors import BadInput
 from tests.conftest import ROOT
-from tests.factories import example
+from tests.factories import example, resealed
 
 KINDS = pytest.mark.parametrize("kind", ARTIFACTS, ids=lambda kind: kind.__name__)
 
@@ -129,6 +134,65 @@ def test_truncated_file(path: Path, share: float) -> None:
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
     assert "make it anew" in refused(path)
+
+
+@pytest.mark.parametrize("share", np.linspace(0, 1, 40, endpoint=False))
+def test_a_flipped_bit_never_reaches_hdf5(
+    path: Path, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = bytearray(path.read_bytes())
+    data[int(share * (len(data) - SIZE))] ^= 4
+    path.write_bytes(data)
+    monkeypatch.setattr(store, "open_image", None)
+    assert "hash" in refused(path)
+
+
+def test_a_seal_that_is_damaged_or_lies_is_refused(path: Path) -> None:
+    data = path.read_bytes()
+    cut = data[: -SIZE // 2]
+    other = data.replace(b"ropefit-observations 2 ", b"ropefit-observations 1 ")
+    lies = resealed(data, content_sha256="0" * 64)
+    for bad in (cut, other, lies):
+        path.write_bytes(bad)
+        assert "hash" in refused(path)
+
+
+def test_without_its_seal_a_file_is_still_read(path: Path) -> None:
+    artifact, digest = read(path, Observations)
+    path.write_bytes(path.read_bytes()[:-SIZE])
+    same(artifact, read(path, Observations)[0])
+    assert stored_hash(path) == digest
+    assert identity(path) == (Observations.schema_name, Observations.schema_version)
+
+
+@pytest.mark.parametrize("name", ["attribute", "text"])
+def test_files_on_which_libhdf5_never_returns(name: str) -> None:
+    started = time.monotonic()
+    result = subprocess.run(
+        [sys.executable, "-m", "ropefit", "inspect",
+         ROOT / "benchmarks" / "fuzz" / "found" / f"hang-global-heap-{name}.h5"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert time.monotonic() - started < 10
+    assert result.returncode == 3
+    assert result.stderr.startswith("ropefit: ")
+    assert result.stderr.count("\n") == 1
+    assert "never ends" in result.stderr
+
+
+def test_sealed_text_of_variable_length_is_refused(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["recording"]
+        file["recording"] = '"r"'
+    found = identity(path)
+    path.write_bytes(sealed(path.read_bytes(), Seal(*found, "0" * 64)))
+    assert "variable length" in refused(path)
+
+
+def test_other_programs_read_texts(path: Path) -> None:
+    with h5py.File(path) as file:
+        assert json.loads(file["recording"].asstr()[()]) == example(Observations).recording
+        assert file["recording"].attrs["encoding"] == "json"
 
 
 def test_flipped_byte(path: Path) -> None:

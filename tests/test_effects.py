@@ -8,6 +8,7 @@ from ropefit.effects import CATALOGUE, Effect, Obstacle, StiffSection, SupportPl
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.forward import Forward, Term
 from ropefit.rod.setup import Motion, Setup
+from ropefit.solvers.potentials import force_and_stiffness
 from tests.concealed import rope
 
 PLACES = {"point": [0.403], "interval": [0.411, 0.207]}
@@ -120,3 +121,13 @@ def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values)
         step = 1e-5 * torch.eye(3, dtype=torch.float64)[axis]
         up, down = (whole.settle(given, (e * step).expand(3, 3)).x[:, 5, 2] for e in (1, -1))
         np.testing.assert_allclose(slope[:, axis], (up - down) / 2e-5, atol=1e-5)
+
+
+def test_potentials_know_their_forces_where_gradients_are_off():
+    setup = SupportPlane(0).apply(pinned(), torch.tensor([-0.3, 0.0, 0.0], dtype=torch.float64))
+    x = torch.from_numpy(Forward(setup, []).at(np.empty(0)).solution.x)
+    force, stiffness = force_and_stiffness(setup.potentials, x)
+    assert force.abs().max() > 0
+    with torch.no_grad():
+        again = force_and_stiffness(setup.potentials, x)
+    torch.testing.assert_close((force, stiffness), again, rtol=0, atol=0)

@@ -16,7 +16,7 @@ from ropefit.inference.identify import Task
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.solvers.xpbd import Settings
-from ropefit.stages import control, identify, preprocess, search
+from ropefit.stages import checkpoint, control, identify, preprocess
 from ropefit.stages.control import ControlSettings
 from ropefit.stages.identify import IdentifySettings
 from ropefit.stages.preprocess import PreprocessSettings
@@ -171,7 +171,7 @@ def test_two_sides_of_an_inner_control_point(made):
 def test_interrupted_search_resumes_to_the_same_answer(made, monkeypatch):
     run = made()
     whole = fit(run, free=list(TRUE))
-    monkeypatch.setattr(search, "CHECKPOINT_EVERY", 0.0)
+    monkeypatch.setattr(checkpoint, "EVERY", 0.0)
     calls, loss = [], Task.loss
 
     def killed(self, u, rows):

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from ropefit.artifacts import ARTIFACTS, Artifact, Model, read
+from ropefit.artifacts import ARTIFACTS, Artifact, Checkpoint, Model, read
 from ropefit.artifacts.store import leaves
 from ropefit.errors import BadInput
 from ropefit.stages.inspect import inspect_path
@@ -35,13 +35,14 @@ def test_every_version_opens_with_its_numbers(kind: type[Artifact], version: int
 
         def check(name: str, node: object) -> None:
             nonlocal compared
-            if isinstance(node, h5py.Dataset) and name in found and not node.dtype.hasobject:
+            if isinstance(node, h5py.Dataset) and name in found and node.dtype.kind not in "OS":
                 np.testing.assert_array_equal(found[name], node[()], err_msg=name)
                 compared += 1
 
         file.visititems(check)
-    arrays = sum(isinstance(value, np.ndarray) for value in found.values())
-    assert compared >= 0.5 * arrays
+    if (kind, version) != (Checkpoint, 1):  # whose arrays have become one: test_checkpoints.py
+        arrays = sum(isinstance(value, np.ndarray) for value in found.values())
+        assert compared >= 0.5 * arrays
     assert inspect_path(path)["artifacts"][0]["valid"]
 
 
@@ -75,7 +76,7 @@ def test_links_that_multiply_are_refused(tmp_path: Path) -> None:
             below = group.create_group(f"b{depth}")
             group[f"c{depth}"] = below
             group = below
-    with pytest.raises(BadInput, match="more than it can hold"):
+    with pytest.raises(BadInput, match=r"more than it can hold|never ends"):
         read(path, Model)
 
 

@@ -17,7 +17,7 @@ from ropefit.recordings import open_recording
 from ropefit.stages.importing import import_recording, list_source
 from tests import test_importers_property as importers
 from tests import test_parsers_property as readers
-from tests.factories import example
+from tests.factories import example, resealed
 
 Read = Callable[[Path], object]  # from a directory; may raise RopefitError and nothing else
 Target = tuple[Callable[[Path], Path], str, Read]  # make a valid source, glob of its file, read
@@ -52,7 +52,13 @@ def _artifact(kind: type[Artifact]) -> Target:
         write(directory / kind.file_name, example(kind))
         return directory
 
-    return make, kind.file_name, lambda directory: read(directory / kind.file_name, kind)
+    def read_sealed(directory: Path) -> None:
+        # Under a seal of its own: else nothing that is spoiled would come as far as HDF5.
+        path = directory / kind.file_name
+        path.write_bytes(resealed(path.read_bytes()))
+        read(path, kind)
+
+    return make, kind.file_name, read_sealed
 
 
 TARGETS: dict[str, Target] = {

@@ -119,4 +119,5 @@ class Artifact(Part):
     schema_name: ClassVar[str]
     schema_version: ClassVar[int] = 1
     file_name: ClassVar[str]
+    compressed: ClassVar[bool] = True
     provenance: Provenance

@@ -1,25 +1,31 @@
-"""checkpoint of a search that is not done: a killed identify goes on where it was."""
+"""checkpoint of a stage that is not done: one that is killed goes on where it was."""
 
 from typing import Annotated, ClassVar
 
 import numpy as np
 
-from ropefit.artifacts.base import ArraySpec, Artifact
+from ropefit.artifacts.base import ArraySpec, Artifact, Part
+
+
+class KeptArray(Part):
+    """One array of a result, and where it lies in the data: from `start`, as long as its shape and
+    type say."""
+
+    result: str
+    name: str
+    dtype: str
+    shape: list[int]
+    start: int
 
 
 class Checkpoint(Artifact):
-    """Everything a batched search knows; `key` names the inputs and settings it belongs to."""
+    """What a stage has found so far; `key` names the code, inputs and settings it belongs to."""
 
     schema_name: ClassVar[str] = "ropefit-checkpoint"
-    schema_version: ClassVar[int] = 1
-    file_name: ClassVar[str] = "identify.checkpoint.h5"
+    schema_version: ClassVar[int] = 2
+    file_name: ClassVar[str] = "identify.checkpoint.h5"  # of a stage; others begin with its name
+    compressed: ClassVar[bool] = False  # written often, read once
 
     key: str
-    u: Annotated[np.ndarray, ArraySpec(("row_", "unknown"), nan=True)]
-    loss: Annotated[np.ndarray, ArraySpec(("row_",), nan=True)]
-    gradient: Annotated[np.ndarray, ArraySpec(("row_", "unknown"), nan=True)]
-    inverse: Annotated[np.ndarray, ArraySpec(("row_", "unknown", "unknown"), nan=True)]
-    status: Annotated[np.ndarray, ArraySpec(("row_",), dtype="int64")]
-    calm: Annotated[np.ndarray, ArraySpec(("row_",), dtype="int64")]
-    evaluations: int
-    trace: Annotated[np.ndarray, ArraySpec(("step", "row_"), nan=True)]
+    arrays: list[KeptArray]
+    data: Annotated[np.ndarray, ArraySpec(("byte",), dtype="uint8")]

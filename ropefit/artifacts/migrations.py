@@ -9,6 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
+from ropefit.artifacts.packing import packed
+
 Tree = dict[str, Any]
 
 ITERATED = (  # of a fitted model: since version 2 apart, as the equilibrium has none of it
@@ -28,10 +32,19 @@ def _as_it_is(tree: Tree) -> Tree:
     return tree
 
 
+def _checkpoint_1(tree: Tree) -> Tree:
+    """Of a search only: its arrays are those of one result among others."""
+    names = ("u", "loss", "gradient", "inverse", "status", "calm", "trace", "evaluations")
+    found = {name: np.asarray(tree[name]) for name in names}
+    arrays, data = packed({"search 1": found})
+    return {"provenance": tree["provenance"], "key": tree["key"], "arrays": arrays, "data": data}
+
+
 STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
     ("ropefit-observations", 1): _as_it_is,
     ("ropefit-model", 1): _model_1,
     ("ropefit-diagnosis", 1): _as_it_is,
+    ("ropefit-checkpoint", 1): _checkpoint_1,
 }
 
 

@@ -2,14 +2,17 @@
 
 Layout of a file: the root carries `schema_name`, `schema_version` and `content_sha256`; every
 array is a dataset with attributes `unit` and `dims`; every nested part is a group; everything else
-is a dataset of JSON text with attribute `encoding = "json"`. Nothing is ever pickled.
+is a dataset of JSON text of fixed length with attribute `encoding = "json"`. After the HDF5 data
+comes a seal (seal.py), from which identity and hash are read. Nothing is ever pickled.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
@@ -20,13 +23,19 @@ from pydantic import BaseModel, ValidationError
 from ropefit.artifacts.atomic import write_bytes
 from ropefit.artifacts.base import Artifact, array_spec
 from ropefit.artifacts.migrations import migrated
+from ropefit.artifacts.probe import readable
+from ropefit.artifacts.seal import SIZE, Broken, Seal, claimed, opened, sealed
+from ropefit.artifacts.tree import (
+    MAX_BYTES,
+    UNREADABLE,
+    Source,
+    entries,
+    open_image,
+    read_tree,
+    read_value,
+)
 from ropefit.errors import BadInput, StageFailed
 
-MAX_BYTES = 4 << 30  # an artifact that declares more than this is refused before allocation
-MAX_ENTRIES = 100_000
-MAX_RATIO = 2000  # gzip does not reach it: an array that declares more than its data can hold
-# What h5py raises for a file that is truncated, damaged or not as a schema says.
-UNREADABLE = (OSError, KeyError, RuntimeError, TypeError, ValueError, MemoryError)
 NOT_CONTENT = {"provenance/created", "provenance/seconds"}
 
 A = TypeVar("A", bound=Artifact)
@@ -87,7 +96,8 @@ def write(path: Path, artifact: Artifact) -> str:
     hash."""
     digest = content_sha256(artifact)
     try:
-        write_bytes(path, _image(artifact, digest))
+        seal = Seal(artifact.schema_name, artifact.schema_version, digest)
+        write_bytes(path, sealed(_image(artifact, digest), seal))
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
         raise StageFailed(
@@ -106,7 +116,9 @@ def _image(artifact: Artifact, digest: str) -> bytes:
         for name, value, attributes in leaves(artifact):
             parent, _, leaf = name.rpartition("/")
             group = _group(file, parent) if parent else file
-            dataset = group.create_dataset(leaf, data=value, **_compression(value))
+            dataset = group.create_dataset(
+                leaf, data=_fixed(value), **_compression(artifact, value)
+            )
             dataset.attrs.update(attributes)
         file.flush()
         return file.id.get_file_image()
@@ -121,8 +133,17 @@ def _group(file: h5py.File, path: str) -> h5py.Group:
     return group
 
 
-def _compression(value: np.ndarray | str) -> dict[str, Any]:
-    large = not isinstance(value, str) and value.nbytes > 65536
+def _fixed(value: np.ndarray | str) -> np.ndarray:
+    """Text as UTF-8 of fixed length: text of variable length lives in a heap of its own, and a
+    damaged one keeps libhdf5 busy for ever."""
+    if isinstance(value, str):
+        data = value.encode()
+        return np.array(data, dtype=h5py.string_dtype("utf-8", len(data)))
+    return value
+
+
+def _compression(artifact: Artifact, value: np.ndarray | str) -> dict[str, Any]:
+    large = artifact.compressed and not isinstance(value, str) and value.nbytes > 65536
     return {"compression": "gzip", "shuffle": True} if large else {}
 
 
@@ -132,19 +153,14 @@ def read(path: Path, kind: type[A]) -> tuple[A, str]:
     Raises BadInput when the file is truncated, of another schema or version, or altered.
     """
     fix = f"make it anew with the command that wrote it, or delete {path.name}"
-    source = _Source(path)
-    try:
-        with h5py.File(path, "r") as file:
-            name, version = _identity(file, path)
-            if name != kind.schema_name:
-                raise BadInput(f"{path}: holds {name}, expected {kind.schema_name}; {fix}")
-            stored = str(file.attrs.get("content_sha256", ""))
-            if version == kind.schema_version:
-                raw = _read_group(file, kind, source)
-            else:
-                raw = _read_old(file, kind, version, stored, source, fix)
-    except UNREADABLE as error:
-        raise BadInput(f"{path}: not a readable HDF5 file ({_one_line(error)}); {fix}")
+    with _opened(path, fix) as (file, seal, source):
+        name, version, stored = seal.schema_name, seal.schema_version, seal.content_sha256
+        if name != kind.schema_name:
+            raise BadInput(f"{path}: holds {name}, expected {kind.schema_name}; {fix}")
+        if version == kind.schema_version:
+            raw = _read_group(file, kind, source)
+        else:
+            raw = _read_old(file, kind, version, stored, source, fix)
     try:
         artifact = kind.model_validate(raw)
     except ValidationError as error:
@@ -159,11 +175,11 @@ def read(path: Path, kind: type[A]) -> tuple[A, str]:
 
 
 def _read_old(
-    file: h5py.File, kind: type[Artifact], version: int, stored: str, source: _Source, fix: str
+    file: h5py.File, kind: type[Artifact], version: int, stored: str, source: Source, fix: str
 ) -> dict[str, Any]:
     """The tree of an earlier version, its hash checked, brought to the present one."""
     digest = hashlib.sha256(f"{kind.schema_name}/{version}".encode())
-    contents = _read_any(file, source)
+    contents = read_tree(file, source)
     for name, value in sorted(_flat(contents), key=lambda leaf: leaf[0]):
         if name not in NOT_CONTENT:
             _add(digest, name, value)
@@ -176,16 +192,6 @@ def _read_old(
     if digest.hexdigest() != stored:
         raise BadInput(f"{source}: contents do not match their hash (damaged or edited); {fix}")
     return tree
-
-
-def _read_any(group: h5py.Group, source: _Source) -> dict[str, Any]:
-    """{name: array, JSON text or tree} of whatever a group holds."""
-    return {
-        name: _read_value(node, source)
-        if isinstance(node, h5py.Dataset)
-        else _read_any(node, source)
-        for name, node in _entries(group, source)
-    }
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray | str]]:
@@ -208,26 +214,59 @@ def _parsed(tree: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _identity(file: h5py.File, path: Path) -> tuple[str, int]:
+def _identity(file: h5py.File, path: Path) -> Seal:
+    """What a file without a seal says that it is."""
     if "schema_name" not in file.attrs or "schema_version" not in file.attrs:
         raise BadInput(f"{path}: is HDF5 but not a ropefit artifact; give another file")
-    return str(file.attrs["schema_name"]), int(str(file.attrs["schema_version"]))
+    name, version = str(file.attrs["schema_name"]), int(str(file.attrs["schema_version"]))
+    return Seal(name, version, str(file.attrs.get("content_sha256", "")))
+
+
+@contextmanager
+def _opened(path: Path, fix: str) -> Iterator[tuple[h5py.File, Seal, Source]]:
+    """A file whose bytes are known to be as written, or to be such that HDF5 comes to an end with
+    them; what it is. Raises BadInput, also for what is raised while it is read."""
+    try:
+        with path.open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size > MAX_BYTES:
+                raise BadInput(f"{path}: is larger than an artifact can be; {fix}")
+            seal, image = opened(stream.read(max(size - SIZE, 0)), stream.read(SIZE))
+        if seal is None and not readable(image):
+            raise BadInput(f"{path}: damaged such that reading it never ends; {fix}")
+        with open_image(image) as file:
+            yield file, seal or _identity(file, path), Source(path, size, seal is not None)
+    except Broken:
+        raise BadInput(f"{path}: contents do not match their hash (damaged or edited); {fix}")
+    except UNREADABLE as error:
+        raise BadInput(f"{path}: not a readable HDF5 file ({_one_line(error)}); {fix}")
 
 
 def identity(path: Path) -> tuple[str, int]:
     """(schema name, version) of a file without reading the rest."""
+    with _opened(path, "make it anew") as (_, seal, _):
+        return seal.schema_name, seal.schema_version
+
+
+def stored_hash(path: Path) -> str:
+    """The content hash that an artifact carries, unchecked; empty where there is none."""
     try:
-        with h5py.File(path, "r") as file:
-            return _identity(file, path)
-    except UNREADABLE as error:
-        raise BadInput(f"{path}: not a readable HDF5 file ({_one_line(error)}); make it anew")
+        with path.open("rb") as stream:
+            stream.seek(-min(SIZE, os.fstat(stream.fileno()).st_size), os.SEEK_END)
+            seal = claimed(stream.read())
+        if seal is None:
+            with _opened(path, "") as (_, seal, _):
+                pass
+    except (OSError, BadInput):
+        return ""
+    return seal.content_sha256
 
 
-def _read_group(group: h5py.Group, kind: type[BaseModel], source: _Source) -> dict[str, Any]:
+def _read_group(group: h5py.Group, kind: type[BaseModel], source: Source) -> dict[str, Any]:
     raw: dict[str, Any] = {}
     if not isinstance(group, h5py.Group):
         raise BadInput(f"{source}: {group.name} is a value where a group belongs; make it anew")
-    for name, node in _entries(group, source):
+    for name, node in entries(group, source):
         field = kind.model_fields.get(name)
         if field is None:
             raise BadInput(f"{source}: unknown entry {node.name}; written by another ropefit?")
@@ -239,7 +278,7 @@ def _read_group(group: h5py.Group, kind: type[BaseModel], source: _Source) -> di
             raise BadInput(f"{source}: {node.name} is a group where a value belongs; make it anew")
         if get_origin(field.annotation) is dict:
             raw[name] = {
-                key: _read_group(item, part, source) for key, item in _entries(node, source)
+                key: _read_group(item, part, source) for key, item in entries(node, source)
             }
         else:
             raw[name] = _read_group(node, part, source)
@@ -247,56 +286,9 @@ def _read_group(group: h5py.Group, kind: type[BaseModel], source: _Source) -> di
     return raw
 
 
-class _Source:
-    """A file that is read, and how much of it: links may show one entry under many names."""
-
-    def __init__(self, path: Path):
-        self.path, self.entries, self.bytes = path, 0, 0
-
-    def __str__(self) -> str:
-        return str(self.path)
-
-    def take(self, node: Any, size: int) -> None:
-        """Count an entry of a size [bytes]. Raises BadInput beyond what an artifact may hold."""
-        self.entries += 1
-        self.bytes += size
-        if self.entries > MAX_ENTRIES or self.bytes > MAX_BYTES:
-            raise BadInput(f"{self}: declares more than it can hold, at {node.name}")
-
-
-def _entries(group: h5py.Group, source: _Source) -> Iterator[tuple[str, Any]]:
-    """(name, group or dataset) in the order of writing; links are refused, never followed."""
-    for name in map(str, group):
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise BadInput(
-                f"{source}: {group.name}/{name} is a link; artifacts hold their own data"
-            )
-        source.take(group, 0)
-        yield name, group[name]
-
-
-def _read_dataset(node: h5py.Dataset, source: _Source) -> Any:
-    value = _read_value(node, source)
+def _read_dataset(node: h5py.Dataset, source: Source) -> Any:
+    value = read_value(node, source)
     return json.loads(value) if isinstance(value, str) else value
-
-
-def _read_value(node: h5py.Dataset, source: _Source) -> np.ndarray | str:
-    """An array or a JSON text; refused before anything is allocated that is not there."""
-    if node.is_virtual or node.external:
-        raise BadInput(
-            f"{source}: {node.name} is kept in another file; artifacts hold their own data"
-        )
-    if node.dtype.hasobject:
-        if node.shape != ():
-            raise BadInput(f"{source}: {node.name} is not a single text; make it anew")
-        return str(node.asstr()[()])
-    size = MAX_BYTES + 1 if node.size is None else node.size * node.dtype.itemsize
-    if size > min(MAX_BYTES, MAX_RATIO * node.id.get_storage_size()):
-        raise BadInput(
-            f"{source}: {node.name} declares {node.shape} entries, more than it can hold"
-        )
-    source.take(node, size)
-    return node[()]
 
 
 def _one_line(error: BaseException) -> str:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ropefit.inference import minimise
 from ropefit.inference.equilibrium_rope import EquilibriumRope
+from ropefit.inference.journal import journal
 from ropefit.inference.minimise import Search
 from ropefit.inference.rope import Rope
 from ropefit.inference.uncertainty import sandwich
@@ -60,11 +61,17 @@ class Gripper:
         report: Callable[[Search], None] | None = None,
         tolerance: float = 1e-5,
     ) -> Search:
-        """Minimise every frame's loss by BFGS from its start."""
-        start = torch.zeros(len(self.eta), self.unknowns, dtype=torch.float64)
-        search = minimise.begin(self.loss, start, reach=0.2)
+        """Minimise every frame's loss by BFGS from its start, or from what the journal has kept."""
+        name = journal().next("search")
+        known = journal().recall(name)
+        if known:
+            search = minimise.restored(known)
+        else:
+            start = torch.zeros(len(self.eta), self.unknowns, dtype=torch.float64)
+            search = minimise.begin(self.loss, start, reach=0.2)
         while search.running and search.evaluations < evaluations:
             minimise.step(self.loss, search, tolerance=tolerance, largest=0.5)
+            journal().keep(name, lambda: minimise.kept(search))
             if report:
                 report(search)
         minimise.stop_at_limit(search)

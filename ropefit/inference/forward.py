@@ -14,8 +14,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.inference.arrays import as_arrays, from_arrays
+from ropefit.inference.journal import Arrays
 from ropefit.inference.response import Change, Point
 from ropefit.inference.walk import WalkedPoint, settle_frames, walk
+from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution
@@ -119,12 +122,50 @@ class Forward:
             solution, conditions, rod = settle_frames(
                 setup.rod(), conditions, setup.potentials, start
             )
-            seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
-            seen[~solution.converged] = np.nan
-            point = Point(u, setup, rod, conditions, solution, seen)
+            point = self._point(u, setup, rod, conditions, solution)
+        self._remember(point)
+        return point
+
+    def _point(
+        self, u: np.ndarray, setup: Setup, rod: Rod, conditions: Conditions, solution: Solution
+    ) -> Point:
+        seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+        seen[~solution.converged] = np.nan
+        return Point(u, setup, rod, conditions, solution, seen)
+
+    def _remember(self, point: Point) -> None:
         if point.solution.converged.all():
             self.last = point.solution
             self.path = point.path if isinstance(point, WalkedPoint) else None
+
+    def kept(self, point: Point) -> Arrays:
+        """What of the point settled last, and of this model's memory, only settling gives."""
+        arrays = as_arrays(point.solution, "solution.")
+        if isinstance(point, WalkedPoint):
+            arrays |= as_arrays(point.path, "path.")
+        elif point.setup.potentials:  # what stands for them comes out of settling
+            arrays |= as_arrays(point.rod, "rod.") | as_arrays(point.conditions, "conditions.")
+        if self.last is not None and self.last is not point.solution:
+            arrays |= as_arrays(self.last, "last.")
+        return arrays
+
+    def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
+        """The point at u that was kept; the model remembers what it did then."""
+        setup, solution = self.setup_at(u), from_arrays(Solution, "solution.", arrays)
+        if setup.remembers:  # settled once more, from there: what friction held is not kept
+            point: Point = walk(u, setup, solution, from_arrays(Solution, "path.", arrays))
+        elif setup.potentials:
+            rod = from_arrays(Rod, "rod.", arrays)
+            conditions = from_arrays(Conditions, "conditions.", arrays)
+            point = self._point(u, setup, rod, conditions, solution)
+        else:
+            rod = setup.rod()
+            rod = rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
+            held = Conditions(setup.ends, setup.clamp)
+            point = self._point(u, setup, rod, held, solution)
+        self._remember(point)
+        if "last.x" in arrays:
+            self.last = from_arrays(Solution, "last.", arrays)
         return point
 
     def jacobian(self, point: Point) -> np.ndarray:

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ropefit.inference import minimise
 from ropefit.inference.equilibrium_rope import EquilibriumRope
+from ropefit.inference.journal import journal
 from ropefit.inference.minimise import Search
 from ropefit.inference.parameters import Space
 from ropefit.inference.rope import Rope
@@ -75,21 +76,28 @@ class Task:
 def gradient_search(
     task: Task,
     evaluations: int,
-    resume: Search | None = None,
     report: Report | None = None,
     tolerance: float = 1e-4,
 ) -> Search:
-    """Minimise by BFGS, from the best of a coarse screen or from `resume`, by exact gradients.
+    """Minimise by BFGS, from the best of a coarse screen, by exact gradients; goes on from what the
+    journal has kept.
 
     Returns one row a group: the best of STARTS searches.
     """
-    search = resume or minimise.begin(task.loss, _screened_starts(task), reach=0.3)
+    name = journal().next("search")
+    known = journal().recall(name)
+    if known:
+        search = minimise.restored(known)
+    else:
+        starts = _screened_starts(task, f"{name}/screen")
+        search = minimise.begin(task.loss, starts, reach=0.3)
     while search.running and search.evaluations < evaluations:
         minimise.step(task.loss, search, tolerance=tolerance)
         if len(search.trace) > RACE:  # from here on only the leaders go on
             behind = torch.ones(len(search.u), dtype=torch.bool)
             behind[_leaders(search, task.groups)] = False
             search.status[behind & (search.status == minimise.ACTIVE)] = minimise.LIMIT
+        journal().keep(name, lambda: minimise.kept(search))
         if report:
             report(search)
     minimise.stop_at_limit(search)
@@ -102,7 +110,7 @@ def _leaders(search: Search, groups: int) -> Tensor:
     return best + STARTS * torch.arange(groups)
 
 
-def _screened_starts(task: Task) -> Tensor:
+def _screened_starts(task: Task, name: str) -> Tensor:
     """(groups · STARTS, m) the best of the start and SCREEN points around it, by a few frames.
 
     Near the solver's limit of stability the loss is rough; a search that starts there stays.
@@ -117,7 +125,7 @@ def _screened_starts(task: Task) -> Tensor:
     points = torch.quasirandom.SobolEngine(m, scramble=False).draw(SCREEN, dtype=torch.float64)
     u = start[:, None, :] + torch.tensor(width, dtype=torch.float64) * (2 * points - 1)
     u = torch.cat([start[:, None, :], u], dim=1)
-    losses = _grid_losses(task.frames(torch.cat(few)), u)
+    losses = _grid_losses(task.frames(torch.cat(few)), u, name)
     order = losses.nan_to_num(torch.inf, torch.inf).argsort(dim=1)
     return torch.gather(u, 1, order[:, :STARTS, None].expand(-1, -1, m)).reshape(-1, m)
 
@@ -131,7 +139,6 @@ def grid_search(
     task: Task,
     levels: int,
     rounds: int,
-    resume: Search | None = None,
     report: Report | None = None,
 ) -> Search:
     """Full factorial grids over the free parameters, each round half as wide around the best so
@@ -142,8 +149,12 @@ def grid_search(
     """
     m, groups = len(task.space.free), task.groups
     start = task.space.to_search(np.tile(task.space.start, (groups, 1)))
-    if resume is None:
-        loss = _grid_losses(task, start[:, None, :])[:, 0]
+    name = journal().next("search")
+    known = journal().recall(name)
+    if known:
+        search = minimise.restored(known)
+    else:
+        loss = _grid_losses(task, start[:, None, :], f"{name}/start")[:, 0]
         search = Search(
             start.clone(),
             loss,
@@ -154,8 +165,6 @@ def grid_search(
             1,
             [loss.clone()],
         )
-    else:
-        search = resume
     offsets = torch.tensor(
         list(itertools.product(np.linspace(-1, 1, levels), repeat=m)), dtype=torch.float64
     )
@@ -165,7 +174,7 @@ def grid_search(
     offsets = offsets * torch.from_numpy(np.minimum(half, np.log(10.0)))
     for round_ in range(int(search.calm[0]), rounds):
         u = search.u[:, None, :] + 0.5**round_ * offsets
-        losses = _grid_losses(task, u).nan_to_num(torch.inf, torch.inf)
+        losses = _grid_losses(task, u, f"{name}/{round_}").nan_to_num(torch.inf, torch.inf)
         best = _best_stable(task, u, losses)
         value = losses[torch.arange(groups), best]
         better = value < search.loss.nan_to_num(torch.inf)
@@ -174,6 +183,7 @@ def grid_search(
         search.evaluations += len(offsets)
         search.calm += 1
         search.trace.append(search.loss.clone())
+        journal().keep(name, lambda: minimise.kept(search))
         if report:
             report(search)
     finite = torch.isfinite(search.loss)
@@ -197,19 +207,26 @@ def _best_stable(task: Task, u: Tensor, losses: Tensor) -> Tensor:
     return chosen
 
 
-def _grid_losses(task: Task, u: Tensor) -> Tensor:
-    """(groups, candidates) losses for u (groups, candidates, m), in chunks of bounded memory."""
+def _grid_losses(task: Task, u: Tensor, name: str | None = None) -> Tensor:
+    """(groups, candidates) losses for u (groups, candidates, m), in chunks of bounded memory, each
+    kept in the journal under the name."""
     frames, nodes = task.rope.start.x.shape[:2]
     particles = CHUNK if task.rope.device is None else CHUNK_ON_DEVICE
     chunk = max(1, particles // (frames * nodes))
     out = []
     with torch.no_grad():
-        for part in torch.split(u, chunk, dim=1):
+        for number, part in enumerate(torch.split(u, chunk, dim=1)):
+            known = journal().recall(f"{name}/{number}") if name else None
+            if known:
+                out.append(torch.from_numpy(known["loss"]))
+                continue
             values = task.space.to_values(part).transpose(0, 1)[:, task.group]  # (c, F, n)
             state = task.rope.settle(values)
             per_frame = task.frame_losses(state.x, task.scene)
             total = torch.zeros(len(values), task.groups, dtype=u.dtype)
             out.append(total.index_add(1, task.group, per_frame).T)
+            if name:
+                journal().keep(f"{name}/{number}", lambda: {"loss": out[-1].numpy()})
     return torch.cat(out, dim=1)
 
 

@@ -10,6 +10,8 @@ from scipy import optimize, stats
 from threadpoolctl import threadpool_limits
 
 from ropefit.inference.forward import Forward
+from ropefit.inference.journal import Arrays
+from ropefit.inference.known import Known
 from ropefit.inference.noise import Noise, Whitener
 from ropefit.inference.response import Point
 from ropefit.inference.stations import Data, Stations, aligned, match
@@ -74,7 +76,8 @@ def fit(
     u = forward.start() if start is None else np.asarray(start, dtype=float)
     prior = forward.prior()
     held = np.isfinite(prior)
-    first = forward.at(u)
+    known = Known(forward, u)
+    first = known.first
     settled = first.solution.converged
     if not settled.any():
         raise ArithmeticError("no frame reaches an equilibrium from the start")
@@ -93,7 +96,7 @@ def fit(
     def evaluate(v: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
         key = v.tobytes()
         if key not in cache:
-            point = forward.at(v)
+            point = known.at(v)
             bad = np.isnan(point.seen).any(axis=(1, 2)) & settled
             now = match(data, _fill(point.seen, settled & ~bad), bins)
             residual = aligned(now, stations, now.residual)
@@ -105,8 +108,12 @@ def fit(
             cache[key] = (point, now, z)
         return cache[key]
 
+    def jacobian_at(v: np.ndarray) -> np.ndarray:
+        point, now, _ = evaluate(v)
+        return sensitivity(forward.jacobian(point), now, stations, whitener)
+
     def residual(v: np.ndarray) -> np.ndarray:
-        z = evaluate(v)[2]
+        z = known.rows("z", v, lambda: evaluate(v)[2])
         rows = np.concatenate([z, (v / prior)[held]])
         trace.append(float(rows @ rows))
         if report:
@@ -114,24 +121,30 @@ def fit(
         return rows
 
     def slope(v: np.ndarray) -> np.ndarray:
-        point, now, _ = evaluate(v)
-        rows = sensitivity(forward.jacobian(point), now, stations, whitener)
+        rows = known.rows("slope", v, lambda: jacobian_at(v))
         return np.concatenate([-rows, np.diag(1 / prior)[held]])
 
-    with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
-        result = optimize.least_squares(
-            residual,
-            u,
-            slope,  # type: ignore[arg-type]
-            bounds=(low, high),
-            x_scale="jac",
-            max_nfev=evaluations,
-            ftol=tolerance,
-            xtol=1e-9,
-            gtol=1e-10,
-        )
-    point, now, z = evaluate(result.x)
-    jacobian = sensitivity(forward.jacobian(point), now, stations, whitener)
+    def minimum() -> tuple[Arrays, Point]:
+        with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
+            result = optimize.least_squares(
+                residual,
+                u,
+                slope,  # type: ignore[arg-type]
+                bounds=(low, high),
+                x_scale="jac",
+                max_nfev=evaluations,
+                ftol=tolerance,
+                xtol=1e-9,
+                gtol=1e-10,
+            )
+        told = np.array([result.cost, result.status, result.nfev])
+        found = {"u": result.x, "told": told, "trace": np.array(trace)}
+        return found, evaluate(result.x)[0]
+
+    best = known.result(minimum)
+    point, now, z = evaluate(best["u"])
+    cost, status, nfev = best["told"]
+    jacobian = jacobian_at(best["u"])
     freedom = max(len(z) - int((~held).sum()), 1)
     spread = max(float(z @ z) / freedom, 1e-12)
     # The residual's own size scales the data's share of the information, not the priors'.
@@ -143,7 +156,7 @@ def fit(
     )  # fmt: skip
     return Fit(
         forward, point, current, whitener, z, jacobian, prior, np.linalg.pinv(scaled, rcond=1e-14),
-        2 * float(result.cost), freedom, result.status > 0, int(result.nfev), trace,
+        2 * float(cost), freedom, bool(status > 0), int(nfev), best["trace"].tolist(),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ ONE_SIDED = 1.645**2  # rise of χ² at a 95 % limit
 TWO_SIDED = 1.96**2
 NARROW = 0.3  # sd of a logarithm up to which the parabola is trusted for its interval
 VANISHING = np.log(1e-3)  # a thousandth of the best value stands for nothing at all
+WIDEST = 50.0  # of a logarithm: an interval beyond says nothing
 DEAD = 1e-6  # whitened sensitivity, all stations together, of what does nothing
 
 
@@ -50,9 +51,9 @@ def limits(result: Fit, data: Data, noise: Noise, bins: int) -> dict[str, Limits
         partners = tuple(
             sorted({labels[j] for j in range(len(sd)) if j != k and abs(correlation[j]) > STRONG})
         )
-        interval: tuple[float, float] | None = (
-            value * float(np.exp(-width)), value * float(np.exp(width)),
-        )  # fmt: skip
+        interval: tuple[float, float] | None = None
+        if width < WIDEST:
+            interval = value * float(np.exp(-width)), value * float(np.exp(width))
         below, verdict = None, "determined"
         if strength < DEAD:
             interval, verdict = None, "dead"

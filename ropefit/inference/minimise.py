@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from ropefit.inference.journal import Arrays
 
 Function = Callable[[Tensor, Tensor], Tensor]  # (u (b, n), rows (b,)) -> losses (b,)
 
@@ -67,6 +70,23 @@ class Search:
     def converged(self) -> Tensor:
         """(B,) bool."""
         return torch.isin(self.status, torch.tensor(CONVERGED))
+
+
+ARRAYS = ("u", "loss", "gradient", "inverse", "status", "calm")
+
+
+def kept(search: Search) -> Arrays:
+    """A search as arrays."""
+    found = {name: getattr(search, name).detach().numpy() for name in ARRAYS}
+    trace = torch.stack(search.trace).numpy()
+    return {**found, "trace": trace, "evaluations": np.array(search.evaluations)}
+
+
+def restored(arrays: Arrays) -> Search:
+    """The search that was kept."""
+    rows = {name: torch.from_numpy(arrays[name].copy()) for name in ARRAYS}
+    trace = list(torch.from_numpy(arrays["trace"].copy()))
+    return Search(**rows, evaluations=int(arrays["evaluations"]), trace=trace)
 
 
 def begin(function: Function, u: Tensor, reach: float = 0.1) -> Search:

@@ -14,6 +14,7 @@ import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.inference.forward import Forward
+from ropefit.inference.journal import Arrays
 from ropefit.inference.response import STEP as RESPONSE
 from ropefit.inference.response import Point, slope, turn_slope
 from ropefit.rod.moving import Moving, moving, undamped
@@ -82,6 +83,13 @@ class MotionForward(Forward):
         )
         held = Conditions(setup.ends, setup.clamp)
         return MotionPoint(u, setup, rope.rod, held, solution, seen, rope, runs)
+
+    def kept(self, point: Point) -> Arrays:
+        """Nothing: a motion is simulated from its start again, and long."""
+        return {}
+
+    def restored(self, u: np.ndarray, arrays: Arrays) -> MotionPoint:
+        return self.at(u)
 
     def jacobian(self, point: Point) -> np.ndarray:
         """(P, F, K, 3) derivative of `seen` in the search variables, zero in clips that failed."""

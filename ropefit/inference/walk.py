@@ -90,6 +90,8 @@ class WalkedPoint(Point):
         _, directions = directions_of(self.whole.rod(), slopes, frames)
         law_slopes = _law_slopes(everywhere)
         rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
+        assert directions.rest is not None
+        assert directions.load is not None
         rest, load = (
             np.array(np.broadcast_to(d, (frames, *d.shape[1:])))
             for d in (directions.rest, directions.load)

@@ -21,11 +21,13 @@ from pydantic import (
 from ropefit.errors import BadInput
 
 FORMAT = "ropefit-recording/1"
+MIN_MASS, MAX_MASS = 1e-9, 1e4  # kg
 MAX_LENGTH = 100.0  # m; longer ropes are almost surely millimetres
 COARSEST_DEPTH = 0.1  # m per unit of a depth image; above it was given the wrong way round
 MAX_DIAMETER = 1.0  # m; so are thicker ones
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Sigma = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]  # beyond: no prior at all
 
 
 class _Table(BaseModel):
@@ -49,6 +51,13 @@ class RopeTable(_Table):
             raise ValueError(
                 f"a rope {value:g} m {what}; lengths are in metres, were millimetres given?"
             )
+        return value
+
+    @field_validator("mass")
+    @classmethod
+    def _kilograms(cls, value: float | None) -> float | None:
+        if value is not None and not MIN_MASS <= value <= MAX_MASS:
+            raise ValueError(f"a rope of {value:g} kg; the mass is in kilograms, of the whole rope")
         return value
 
 
@@ -123,16 +132,16 @@ class MarkersTable(_Table):
 class PriorsTable(_Table):
     """One-sigma uncertainty of the set-up; degrees, metres, seconds, kilograms."""
 
-    camera_rotation: Positive | None = None
-    camera_translation: Positive | None = None
-    scale: Positive | None = None
-    depth_gain: Positive | None = None
-    gravity: Positive | None = None
-    end_position: Positive | None = None
-    end_orientation: Positive | None = None
-    time_lag: Positive | None = None
-    length: Positive | None = None
-    mass: Positive | None = None
+    camera_rotation: Sigma | None = None
+    camera_translation: Sigma | None = None
+    scale: Sigma | None = None
+    depth_gain: Sigma | None = None
+    gravity: Sigma | None = None
+    end_position: Sigma | None = None
+    end_orientation: Sigma | None = None
+    time_lag: Sigma | None = None
+    length: Sigma | None = None
+    mass: Sigma | None = None
 
 
 class Manifest(_Table):

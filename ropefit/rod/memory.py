@@ -70,7 +70,8 @@ def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> 
     fresh = np.array([b.fresh for b in branches])
     if not branches:
         nodes, frames = len(at_node), len(time)
-        return Laws(*np.zeros((2, 0, nodes)), *np.zeros((2, frames, 0)), fresh.astype(bool))
+        none, never = np.zeros((0, nodes)), np.zeros((frames, 0))
+        return Laws(none, none, never, never, fresh.astype(bool))
     return Laws(
         torch.stack(drag).numpy(),
         torch.stack(slip).numpy(),

@@ -24,6 +24,7 @@ SOFTER = (0.003, 0.03, 0.3, 1.0)  # of the hardness, one after the other
 STILL = 1e-9  # of the length: nodes that move less have arrived
 
 
+@torch.enable_grad()  # also where a caller wants no gradients of its own
 def force_and_stiffness(potentials: tuple[Potential, ...], x: Tensor) -> tuple[Tensor, Tensor]:
     """-dV/dx (F, K, 3) [N] and d²V/dx² (F, K, 3, 3) [N/m] at nodes x (F, K, 3)."""
     x = x.detach().requires_grad_()

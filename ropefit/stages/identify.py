@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from ropefit.artifacts import Checkpoint, FittedModel, Iterated, Model, Observations
+from ropefit.artifacts import FittedModel, Iterated, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.evaluate import agreement, convergence, settle_frames
@@ -130,7 +129,6 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         rms_fit=float(np.sqrt(np.mean(now.rms[train] ** 2))),
         rms_heldout=float(np.sqrt(np.mean(now.rms[out] ** 2))) if out.any() else None,
     )
-    Path(context.directory / Checkpoint.file_name).unlink(missing_ok=True)
     return {
         "recording": observations.recording,
         "length": observations.length,

@@ -139,7 +139,9 @@ def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
 def _forward(
     o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]
 ) -> MotionForward:
-    return MotionForward(span.setup, terms, None, o.time, clips, span.lines, EVERY)
+    return MotionForward(
+        span.setup, terms, time=o.time, clips=clips, observed=span.lines, every=EVERY
+    )
 
 
 def _check(point: MotionPoint, clips: list[np.ndarray]) -> None:

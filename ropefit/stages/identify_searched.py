@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from ropefit.artifacts import Checkpoint, Observations
+from ropefit.artifacts import Observations
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope, ranges
@@ -92,7 +91,6 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         o, settings.loss, settings.how, node, setup, data_in_space(o), points, groups, out, train,
         torch.stack(search.trace).sum(dim=1).numpy(),
     )  # fmt: skip
-    Path(context.directory / Checkpoint.file_name).unlink(missing_ok=True)
     return {
         "recording": o.recording,
         "length": o.length,

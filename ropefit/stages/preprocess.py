@@ -13,6 +13,8 @@ from pydantic import Field
 
 from ropefit.artifacts import DroppedFrame, Observations, View
 from ropefit.errors import BadInput
+from ropefit.inference.arrays import as_arrays, from_arrays
+from ropefit.inference.journal import Arrays, journal
 from ropefit.perception.album import Album
 from ropefit.perception.assemble import assemble
 from ropefit.perception.segment import Looked
@@ -96,17 +98,46 @@ def compute(
 
 
 def _traced(tracer: Tracer, album: Album, frames: list[int]) -> Iterator[tuple[int, Trace | str]]:
-    """Each frame's trace, or why there is none; several at a time, given back in order."""
+    """Each frame's trace, or why there is none; several at a time, given back in order, and kept
+    in the journal."""
+    kept = journal()
+    drawn = album.folder is not None  # pictures of every step: drawn anew, into this folder
 
-    def one(frame: int) -> Trace | str:
+    def one(frame: int) -> tuple[Trace | str, bool]:
+        known = None if drawn else kept.recall(f"frame {frame}")
+        if known:
+            return restored(frame, known, album), True
         try:
-            return tracer.trace(frame, album.look)
+            return tracer.trace(frame, album.look), False
         except FrameRejected as reason:
             album.reject(frame, str(reason))
-            return str(reason)
+            return str(reason), False
 
     with ThreadPoolExecutor(threads()) as pool:
-        yield from zip(frames, pool.map(one, frames), strict=True)
+        for frame, (trace, known) in zip(frames, pool.map(one, frames), strict=True):
+            if not known:
+                kept.keep(f"frame {frame}", lambda f=frame, t=trace: as_kept(f, t, album))
+            yield frame, trace
+
+
+def as_kept(frame: int, trace: Trace | str, album: Album) -> Arrays:
+    """A frame's trace, or why there is none, with its picture, as arrays."""
+    if isinstance(trace, str):
+        return {"why": np.array(trace)}
+    arrays = as_arrays(trace, "")
+    if frame in album.kept:
+        data, text = album.kept[frame]
+        arrays |= {"picture": np.frombuffer(data, np.uint8), "text": np.array(text)}
+    return arrays
+
+
+def restored(frame: int, arrays: Arrays, album: Album) -> Trace | str:
+    """The trace that was kept; its picture goes to the album."""
+    if "why" in arrays:
+        return str(arrays["why"])
+    if "picture" in arrays:
+        album.kept[frame] = (arrays["picture"].tobytes(), str(arrays["text"]))
+    return from_arrays(Trace, "", arrays)
 
 
 def _missing(recording: Recording) -> list[DroppedFrame]:

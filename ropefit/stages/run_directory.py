@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ropefit.artifacts import Control, Diagnosis, Model, Observations
 from ropefit.errors import StageFailed, WrongUsage
+from ropefit.stages.checkpoint import checkpoint_name
 
 PRODUCERS = {
     Observations.file_name: "ropefit preprocess RECORDING",
@@ -15,7 +16,10 @@ PRODUCERS = {
     Control.file_name: "ropefit control",
 }
 REPORT = "report.html"
-KNOWN = {*PRODUCERS, REPORT, "figures", "view.rrd", "identify.checkpoint.h5"}
+CHECKPOINTS = {
+    checkpoint_name(stage) for stage in ("preprocess", "identify", "diagnose", "control")
+}
+KNOWN = {*PRODUCERS, *CHECKPOINTS, REPORT, "figures", "view.rrd"}
 
 
 def is_run(directory: Path) -> bool:

@@ -1,24 +1,11 @@
-"""A gradient or grid search as a stage runs it: with checkpoints, and told with its uncertainty."""
+"""A gradient or grid search as a stage runs it, told with its uncertainty."""
 
 from __future__ import annotations
-
-import time
-from pathlib import Path
 
 import numpy as np
 import torch
 
-from ropefit import __version__
-from ropefit.artifacts import (
-    Checkpoint,
-    Observations,
-    Parameter,
-    ParameterGroup,
-    Provenance,
-    read,
-    write,
-)
-from ropefit.errors import RopefitError
+from ropefit.artifacts import Observations, Parameter, ParameterGroup
 from ropefit.inference import minimise
 from ropefit.inference.identify import Task, gradient_search, grid_search, uncertainty
 from ropefit.inference.minimise import Search
@@ -26,67 +13,20 @@ from ropefit.inference.uncertainty import verdicts
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.stage import Context
 
-CHECKPOINT_EVERY = 15.0  # s
 FLAT = np.log(3.0)  # an interval beyond a factor of three up and down determines nothing
 
 
 def run_search(task: Task, settings: IdentifySettings, context: Context) -> Search:
-    """Run or resume the search, saving it every few seconds."""
-    path = context.directory / Checkpoint.file_name
-    resume = _restore(path, context.key)
-    if resume:
-        context.say(f"resumed after {resume.evaluations} evaluations")
+    """Run the search."""
     goal = settings.evaluations if settings.how == "gradient" else settings.rounds
-    saved = time.monotonic()
 
     def report(search: Search) -> None:
-        nonlocal saved
         done = search.evaluations if settings.how == "gradient" else int(search.calm[0])
         context.progress(0.9 * done / goal, f"{settings.loss} {float(search.loss.min()):.4g} m")
-        if time.monotonic() - saved > CHECKPOINT_EVERY:
-            _save(path, context.key, search)
-            saved = time.monotonic()
 
     if settings.how == "gradient":
-        return gradient_search(task, settings.evaluations, resume, report)
-    return grid_search(task, settings.levels, settings.rounds, resume, report)
-
-
-def _save(path: Path, key: str, search: Search) -> None:
-    provenance = Provenance(stage="identify", package_version=__version__)
-    arrays = {
-        name: getattr(search, name).detach().numpy()
-        for name in ("u", "loss", "gradient", "inverse", "status", "calm")
-    }
-    write(
-        path,
-        Checkpoint(
-            provenance=provenance,
-            key=key,
-            evaluations=search.evaluations,
-            trace=torch.stack(search.trace).numpy(),
-            **arrays,
-        ),
-    )
-
-
-def _restore(path: Path, key: str) -> Search | None:
-    """The saved search, or None if there is none of these inputs and settings."""
-    if not path.exists():
-        return None
-    try:
-        saved, _ = read(path, Checkpoint)
-    except RopefitError:
-        return None
-    if saved.key != key:
-        return None
-    tensors = [
-        torch.tensor(getattr(saved, name))
-        for name in ("u", "loss", "gradient", "inverse", "status", "calm")
-    ]
-    u, loss, gradient, inverse, status, calm = tensors
-    evaluations, trace = saved.evaluations, list(torch.tensor(saved.trace))
-    return Search(u, loss, gradient, inverse, status, calm, evaluations, trace)
+        return gradient_search(task, settings.evaluations, report)
+    return grid_search(task, settings.levels, settings.rounds, report)
 
 
 def describe(

@@ -20,8 +20,9 @@ from pydantic import BaseModel, ConfigDict
 
 from ropefit import __version__
 from ropefit.artifacts import Artifact, Provenance, read, write
-from ropefit.artifacts.store import UNREADABLE
+from ropefit.artifacts.store import stored_hash
 from ropefit.errors import BadInput, StageFailed
+from ropefit.stages.checkpoint import checkpointed
 from ropefit.stages.lock import working_on
 
 # What shows or hands on results, and does not change them.
@@ -45,12 +46,12 @@ Progress = Callable[[float, str], None]  # (share done in 0..1, what is going on
 
 @dataclass
 class Context:
-    """What a stage may use besides its inputs: where to tell progress and to keep a checkpoint."""
+    """What a stage may use besides its inputs: where to tell progress, and things it was given."""
 
     directory: Path
     progress: Progress = lambda share, text: None
     say: Callable[[str], None] = lambda text: None
-    key: str = ""  # identifies inputs and settings; a checkpoint of another key is not resumed
+    key: str = ""  # identifies inputs and settings
     external: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -129,8 +130,11 @@ def _compute(
 ) -> Outcome[Any]:
     path = directory / stage.writes.file_name
     context.directory = directory
-    artifact = made(stage, inputs, hashes, settings, context)
+    key = hashlib.sha256((code_sha256() + key_of(settings, hashes)).encode()).hexdigest()
+    with checkpointed(directory, stage.name, key, context.say) as checkpoint:
+        artifact = made(stage, inputs, hashes, settings, context)
     write(path, artifact)
+    checkpoint.remove()
     return Outcome(artifact, path, computed=True, why=why)
 
 
@@ -142,7 +146,7 @@ def made(
     context: Context,
 ) -> Any:
     """What a stage makes of its inputs, with its provenance; not written anywhere."""
-    context.key = settings.sha256() + "".join(f"{k}{v}" for k, v in sorted(hashes.items()))
+    context.key = key_of(settings, hashes)
     started = time.monotonic()
     content = stage.compute(inputs, settings, context)
     provenance = Provenance(
@@ -156,6 +160,11 @@ def made(
         seconds=time.monotonic() - started,
     )
     return stage.writes(provenance=provenance, **content)
+
+
+def key_of(settings: StageSettings, hashes: Mapping[str, str]) -> str:
+    """Identifies inputs and settings."""
+    return settings.sha256() + "".join(f"{k}{v}" for k, v in sorted(hashes.items()))
 
 
 def _up_to_date(
@@ -228,14 +237,3 @@ def load(directory: Path, kind: type[A]) -> tuple[A, str]:
 def load_if_there(directory: Path, kind: type[A]) -> A | None:
     """An artifact of a run; None where its stage has not run."""
     return load(directory, kind)[0] if (directory / kind.file_name).exists() else None
-
-
-def stored_hash(path: Path) -> str:
-    """The content hash an artifact carries."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return str(file.attrs.get("content_sha256", ""))
-    except UNREADABLE:
-        return ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.forward import Forward, Term
+from ropefit.inference.known import settled
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
@@ -51,7 +52,7 @@ def fit_rival(
         term = family.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
         forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
         begin = np.concatenate([smaller.point.u, np.zeros(term.size)])
-        if forward.at(begin).solution.converged.all():
+        if settled(forward, begin).solution.converged.all():
             break
     else:
         return None

@@ -1,0 +1,70 @@
+"""What a long computation has found so far, so that one that is killed goes on where it was.
+
+A computation that is repeated takes the same steps in the same order: a result is known by its name
+and number, and where it was kept it is taken from there. What was kept of the parts of a result is
+forgotten when the result itself is kept. Who keeps a journal (`keeping`) decides where it is saved.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+import numpy as np
+
+Arrays = dict[str, np.ndarray]
+Entries = dict[str, Arrays]
+
+
+class Journal:
+    """Results by name. `save` is called with all of them whenever there is a new one; without it
+    nothing is kept."""
+
+    def __init__(
+        self, entries: Entries | None = None, save: Callable[[Entries], None] | None = None
+    ):
+        self.entries = entries or {}
+        self._parts = {name for name in self.entries if "/" in name}
+        self._save = save
+        self._count: Counter[str] = Counter()
+
+    def next(self, kind: str) -> str:
+        """The name of the next result of a kind."""
+        self._count[kind] += 1
+        return f"{kind} {self._count[kind]}"
+
+    def recall(self, name: str) -> Arrays | None:
+        """What was kept under a name, or None."""
+        return self.entries.get(name)
+
+    def keep(self, name: str, make: Callable[[], Arrays]) -> None:
+        """Keep what `make` gives, copied, and forget the parts of it: names that go on with /."""
+        if self._save is None:
+            return
+        for part in [key for key in self._parts if key.startswith(f"{name}/")]:
+            del self.entries[part]
+            self._parts.remove(part)
+        if "/" in name:
+            self._parts.add(name)
+        self.entries[name] = {key: np.array(value) for key, value in make().items()}
+        self._save(self.entries)
+
+
+_current: ContextVar[Journal | None] = ContextVar("journal", default=None)
+
+
+def journal() -> Journal:
+    """The journal of the computation that is under way; one that keeps nothing if it has none."""
+    return _current.get() or Journal()
+
+
+@contextmanager
+def keeping(kept: Journal) -> Iterator[Journal]:
+    """Computations inside keep their results in this journal."""
+    token = _current.set(kept)
+    try:
+        yield kept
+    finally:
+        _current.reset(token)

@@ -1,0 +1,87 @@
+"""What the journal knows of one fit: evaluations that need not be made again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ropefit.inference.arrays import within
+from ropefit.inference.forward import Forward
+from ropefit.inference.journal import Arrays, journal
+from ropefit.inference.response import Point
+
+
+def settled(forward: Forward, u: np.ndarray, name: str = "") -> Point:
+    """The model at u, kept under a name, or known."""
+    name = name or journal().next("settled")
+    known = journal().recall(name)
+    if known and np.array_equal(known["u"], u):
+        return forward.restored(u, known)
+    point = forward.at(u)
+    journal().keep(name, lambda: {"u": u, **forward.kept(point)})
+    return point
+
+
+class Known:
+    """One fit of a forward model. Of a fit under way every row of numbers that the optimiser was
+    given is kept, and the latest state, from which the next would be found; of one that is done,
+    where it began and ended."""
+
+    def __init__(self, forward: Forward, start: np.ndarray):
+        self.forward, self.name = forward, journal().next("fit")
+        self.done = journal().recall(self.name)
+        if self.done and not np.array_equal(self.done["start"], start):
+            self.done = None
+        self.start, self.resumed = start, False
+        self.count = {"z": 0, "slope": 0}
+        self.first = self._first()
+
+    def _first(self) -> Point:
+        """The model where the fit begins."""
+        if self.done:
+            return self.forward.restored(self.start, within("first.", self.done))
+        return settled(self.forward, self.start, f"{self.name}/first")
+
+    def at(self, u: np.ndarray) -> Point:
+        """The model at u, from the state in which the fit was left."""
+        if self.done:
+            return self.forward.restored(u, within("best.", self.done))
+        if not self.resumed:
+            self.resumed = True
+            known = journal().recall(f"{self.name}/latest")
+            if known:
+                point = self.forward.restored(known["u"], known)
+                if np.array_equal(known["u"], u):
+                    return point
+        point = self.forward.at(u)
+        journal().keep(f"{self.name}/latest", lambda: {"u": u, **self.forward.kept(point)})
+        return point
+
+    def rows(self, kind: str, u: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """What the optimiser asks for next, "z" or "slope", at u."""
+        name = f"{self.name}/{kind} {self.count[kind]}"
+        self.count[kind] += 1
+        known = journal().recall(name)
+        if known and np.array_equal(known["u"], u):
+            return known["rows"].copy()
+        rows = make()
+        journal().keep(name, lambda: {"u": u, "rows": rows})
+        return rows
+
+    def result(self, find: Callable[[], tuple[Arrays, Point]]) -> Arrays:
+        """What the fit comes to: found, with the model there, or known."""
+        if self.done:
+            return self.done
+        first = journal().recall(f"{self.name}/first") or {}
+        found, point = find()
+        journal().keep(
+            self.name,
+            lambda: {
+                "start": self.start,
+                **found,
+                **{f"first.{name}": value for name, value in first.items()},
+                **{f"best.{name}": value for name, value in self.forward.kept(point).items()},
+            },
+        )
+        return found
