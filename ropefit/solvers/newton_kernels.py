@@ -187,9 +187,10 @@ def _state(rod, held, q, lam, x0, w):
             w.m[j, a] = k[a] * c
             w.k[j, a] = k[a]
             total += 0.5 * k[a] * c * c
-        w.coupling[j] = 0.0
-        for b in range(held.drag.shape[0]):
-            total += _slide(held, b, j, w)
+        if held.drag.shape[0] > 0:
+            w.coupling[j] = 0.0
+            for b in range(held.drag.shape[0]):
+                total += _slide(held, b, j, w)
     for s in range(held.node.shape[0]):
         if held.active[s]:
             d = held.direction[s]
@@ -265,6 +266,7 @@ def _assemble(rod, held, lam, w):
     w.diagonal[:] = 0.0
     w.off[:] = 0.0
     last = count  # the column of the residual
+    sliding = held.drag.shape[0] > 0
     scale = 0.0
     for i in range(n):
         u, g = w.u[i], w.g[i]
@@ -320,16 +322,20 @@ def _assemble(rod, held, lam, w):
             b[1, last] += h * m[1] - c1
             b[2, last] += h * m[2] - c2
             _add_square(w.diagonal[j], now, h, x, y, z, bend)
-            _couple(w.coupling[j], p, 1.0, 1.0, w.diagonal[j])
+            if sliding:
+                _couple(w.coupling[j], p, 1.0, 1.0, w.diagonal[j])
         if j > 0:
             b = w.border[j - 1]
             b[0, last] += -h * m[0] - c0
             b[1, last] += -h * m[1] - c1
             b[2, last] += -h * m[2] - c2
             _add_square(w.diagonal[j - 1], now, -h, x, y, z, bend)
-            _couple(w.coupling[j], p, -1.0, -1.0, w.diagonal[j - 1])
+            if sliding:
+                _couple(w.coupling[j], p, -1.0, -1.0, w.diagonal[j - 1])
         if 0 < j < n:
-            _cross(w, j, w.off[j - 1])
+            _cross_block(p, m, now, w.off[j - 1])
+            if sliding:
+                _couple(w.coupling[j], p, -1.0, 1.0, w.off[j - 1])
     for end in range(2):
         moment = rod.moment[end]
         if moment[0] != 0.0 or moment[1] != 0.0 or moment[2] != 0.0:
