@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import cKDTree
 
-from benchmarks.discovery import falsified, score, table
+from benchmarks.discovery import falsified, score, table, worked
 from benchmarks.discovery.cases import listed
 from benchmarks.discovery.make import Made, make, write
 from ropefit.recordings.ply import read_ply
@@ -98,7 +98,7 @@ def test_the_lists_are_complete_and_the_same_every_time():
     assert len({case.name for case in full}) == len(full)
     groups = [case.group for case in full]
     assert groups.count("clean") == 300
-    assert groups.count("single") == 13 * 8
+    assert groups.count("single") == 16 * 8
     assert groups.count("pair") == 20
     assert groups.count("decoy") >= 10
     assert groups.count("unknown") >= 10
@@ -167,6 +167,26 @@ def test_the_scorer_counts_hits_ties_and_misses():
     text = table.markdown(everything, {}, "--cases small", len(everything))
     assert "exit 1" in text
     assert "called tether" in text
+
+
+def test_worked_examples_are_the_first_that_were_answered_rightly():
+    times = {"preprocess": 1.0, "identify": 2.0, "diagnose": 3.0}
+    said = answer("point_mass") | {
+        "next_motion": None,
+        "detectable": {"kink": {"value": 0.01, "unit": "rad"}},
+        "mismatch": [],
+        "latent_force": {"log_evidence": 1.0, "threshold": 10.0},
+    }
+    said["effects"][0] |= {
+        "description": "a mass sits on the rope",
+        "evidence": {"log_bayes_factor": 20.0, "heldout_log_likelihood_gain": 30.0},
+    }
+    said["heldout"] = {"rms_before_m": 0.002, "rms_after_m": 0.001, "noise_m": 0.001}
+    judged = score.judged(truth("point_mass"), {"answer": said, "error": None, "seconds": times})
+    told = worked.markdown([judged], {judged["case"]: said})
+    assert "a mass sits on the rope" in told
+    assert "log Bayes factor 20.0" in told
+    assert "**Clean:**" not in told
 
 
 def test_a_falsehood_changes_one_thing(real, tmp_path):

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.discovery import falsified
+from benchmarks.discovery import falsified, worked
 from benchmarks.discovery.cases import Case, generate, listed
 from benchmarks.discovery.run import diagnose, kept
 from benchmarks.discovery.score import judged, rows
@@ -51,7 +51,12 @@ def main() -> None:
             print(f"{name}: not made: {why}")
         return
     chosen = f"--cases {options.cases} --seed {options.seed} --shard {options.shard}"
+    answers = {
+        j["case"]: falsified.read(out / "results" / f"{j['case']}.json")["answer"]
+        for j in judgements
+    }
     text = markdown(judgements, impossible, chosen, len(cases))
+    text += "\n" + worked.markdown(judgements, answers)
     data: dict[str, Any] = {
         "rows": rows(judgements), "cases": judgements, "impossible": impossible,
     }  # fmt: skip
