@@ -15,10 +15,12 @@ import torch
 from torch import Tensor
 
 from ropefit.inference.response import Change, Point
-from ropefit.inference.walk import WalkedPoint, settle_frames, walk
+from ropefit.inference.walk import WalkedPoint, walk
+from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.potentials import solve_with_potentials
 
 Apply = Callable[[Setup, Tensor], Setup]
 
@@ -115,10 +117,7 @@ class Forward:
         if setup.remembers:
             point = walk(u, setup, start, self.path if start is self.last else None)
         else:
-            conditions = Conditions(setup.ends, setup.clamp)
-            solution, conditions, rod = settle_frames(
-                setup.rod(), conditions, setup.potentials, start
-            )
+            solution, conditions, rod = _settled(setup, start)
             seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
             seen[~solution.converged] = np.nan
             point = Point(u, setup, rod, conditions, solution, seen)
@@ -150,6 +149,21 @@ class Forward:
             return setup
 
         return changed
+
+
+def _settled(setup: Setup, start: Solution | None) -> tuple[Solution, Conditions, Rod]:
+    """Equilibria of frames, each by itself, with conditions and rods as they stand there."""
+    conditions, rod = Conditions(setup.ends, setup.clamp), setup.rod()
+    if rod.load.ndim == 3:
+        rod = rod.each(len(rod.load))
+    if setup.potentials:
+        return solve_with_potentials(rod, conditions, setup.potentials, start)
+    solution = solve(rod, conditions, start)
+    retry = ~solution.converged
+    if retry.any() and start is not None:  # from the catenaries
+        again = solve(rod, conditions)
+        solution.put(retry, again, retry)
+    return solution, conditions, rod
 
 
 def _applied(setup: Setup, term: Term, value: Tensor) -> Setup:
