@@ -70,7 +70,7 @@ class Forward:
     base: Setup
     terms: list[Term]
     last: Solution | None = field(default=None, repr=False)
-    path: Solution | None = field(default=None, repr=False)
+    path: Solution | None = field(default=None, repr=False, init=False)
 
     @property
     def size(self) -> int:

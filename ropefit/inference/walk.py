@@ -69,10 +69,7 @@ class WalkedPoint(Point):
         _, directions = directions_of(self.whole.rod(), slopes, frames)
         law_slopes = _law_slopes(everywhere)
         rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
-        rest, load = (
-            np.array(np.broadcast_to(d, (frames, *d.shape[1:])))
-            for d in (directions.rest, directions.load)
-        )
+        rest, load = (in_frames(d, frames) for d in (directions.rest, directions.load))
         out = np.zeros((frames, count, nodes, 3))
         branches = len(self.laws.fresh)
         change = State(np.empty(0), np.zeros((count, branches, nodes, 2)))
@@ -211,6 +208,12 @@ def _settle_one(
         if found[0].converged[0]:
             break
     return found
+
+
+def in_frames(values: np.ndarray | None, frames: int) -> np.ndarray:
+    """(H, ...) a copy of values (H, ...) or (1, ...)."""
+    assert values is not None
+    return np.array(np.broadcast_to(values, (frames, *values.shape[1:])))
 
 
 def unknown(other: Solution) -> Solution:
