@@ -61,11 +61,11 @@ def motion(
 ) -> Ends:
     """End 0 is brought nearer and taut, lifted, swept and turned; end 1 stays.
 
-    Smooth, and no pose comes twice; with `back`, half of the way to and fro, twice.
+    Smooth, and no pose comes twice; with `back`, half of the way and back again.
     """
     phase = np.linspace(0, 2 * np.pi, frames, endpoint=False)
     if back:
-        phase = 0.5 * np.pi * (1 - np.cos(2 * phase))
+        phase = 0.5 * np.pi * (1 - np.cos(phase * frames / (frames - 1)))
     shift = rng.uniform(0, 2 * np.pi, 6)
     near, far = rng.uniform(0.35, 0.45), rng.uniform(0.85, 0.94)
     wave = np.cos(phase + shift[0]) + 0.15 * np.sin(2 * phase + shift[1])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.revisit import FEWEST
+from ropefit.effects.support_plane import touching
 from ropefit.rod.setup import Setup
 
 
@@ -15,17 +17,21 @@ class ContactFriction(Effect):
 
     name = "contact_friction"
     quantities = (Quantity("coefficient", "1", 0.3, 0.0, 2.0),)
-    linear = False
 
     def applies(self, setup: Setup) -> bool:
         contacts = any(p.hardness is not None for p in setup.potentials)
         return contacts and len(setup.whole()[0].ends) >= FEWEST
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        rubbing = tuple(
-            p if p.hardness is None else p._replace(friction=values[0]) for p in setup.potentials
+        # Every third of the nodes that touch for all.
+        all_of_them = touching(setup.segments)
+        third = torch.zeros_like(all_of_them)
+        third[:: 3 * int(all_of_them.max())] = 3 * all_of_them.max()
+        rough = tuple(
+            p if p.hardness is None else p._replace(friction=values[0], rubbing=third)
+            for p in setup.potentials
         )
-        return setup._replace(potentials=rubbing)
+        return setup._replace(potentials=rough)
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

@@ -17,11 +17,12 @@ from torch import Tensor
 from ropefit.inference.arrays import as_arrays, from_arrays
 from ropefit.inference.journal import Arrays
 from ropefit.inference.response import Change, Point
-from ropefit.inference.walk import WalkedPoint, settle_frames, walk
+from ropefit.inference.walk import WalkedPoint, walk
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.potentials import solve_with_potentials
 
 Apply = Callable[[Setup, Tensor], Setup]
 
@@ -71,7 +72,7 @@ class Forward:
     base: Setup
     terms: list[Term]
     last: Solution | None = field(default=None, repr=False)
-    path: Solution | None = field(default=None, repr=False)
+    path: Solution | None = field(default=None, repr=False, init=False)
 
     @property
     def size(self) -> int:
@@ -118,10 +119,7 @@ class Forward:
         if setup.remembers:
             point = walk(u, setup, start, self.path if start is self.last else None)
         else:
-            conditions = Conditions(setup.ends, setup.clamp)
-            solution, conditions, rod = settle_frames(
-                setup.rod(), conditions, setup.potentials, start
-            )
+            solution, conditions, rod = _settled(setup, start)
             point = self._point(u, setup, rod, conditions, solution)
         self._remember(point)
         return point
@@ -159,10 +157,8 @@ class Forward:
             conditions = from_arrays(Conditions, "conditions.", arrays)
             point = self._point(u, setup, rod, conditions, solution)
         else:
-            rod = setup.rod()
-            rod = rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
             held = Conditions(setup.ends, setup.clamp)
-            point = self._point(u, setup, rod, held, solution)
+            point = self._point(u, setup, _rod_of(setup), held, solution)
         self._remember(point)
         if "last.x" in arrays:
             self.last = from_arrays(Solution, "last.", arrays)
@@ -191,6 +187,25 @@ class Forward:
             return setup
 
         return changed
+
+
+def _rod_of(setup: Setup) -> Rod:
+    """The rod, or one for each frame where loads differ."""
+    rod = setup.rod()
+    return rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
+
+
+def _settled(setup: Setup, start: Solution | None) -> tuple[Solution, Conditions, Rod]:
+    """Equilibria of frames, each by itself, with conditions and rods as they stand there."""
+    conditions, rod = Conditions(setup.ends, setup.clamp), _rod_of(setup)
+    if setup.potentials:
+        return solve_with_potentials(rod, conditions, setup.potentials, start)
+    solution = solve(rod, conditions, start)
+    retry = ~solution.converged
+    if retry.any() and start is not None:  # from the catenaries
+        again = solve(rod, conditions)
+        solution.put(retry, again, retry)
+    return solution, conditions, rod
 
 
 def _applied(setup: Setup, term: Term, value: Tensor) -> Setup:

@@ -65,7 +65,8 @@ def _of(
     contact: Potential, grip: Grip, x: torch.Tensor, sides: list[tuple[Potential, Potential]]
 ) -> Rubbing:
     assert contact.hardness is not None
-    stiff = (contact.hardness * contact.share).numpy()
+    assert contact.rubbing is not None
+    stiff = (contact.hardness * contact.rubbing).numpy()
     by_node, by_place = (d.numpy() for d in friction.slopes(contact, grip, x))
     _, supports = force_and_stiffness((friction.potential(contact, grip),), x)
     # dragged moves with a node that nothing holds: no force changes there.

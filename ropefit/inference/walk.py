@@ -1,5 +1,5 @@
-"""Settling the frames of a recording: each by itself, or one after the other where the rope
-remembers, with the exact derivatives of either.
+"""Settling the frames of a recording one after the other, where the rope remembers, with the exact
+derivatives.
 
 A frame's equilibrium depends on the frames before by the state that they leave in the branches of
 `rod/memory.py`. The derivative of that state is carried from frame to frame along with it.
@@ -28,29 +28,11 @@ from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Potential, Setup
+from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions, Sliders
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.implicit import Directions, tangent
 from ropefit.solvers.potentials import solve_with_potentials
-
-ITERATIONS, EXACT = 60, 1e-11  # of a first-order change under friction
-
-
-def settle_frames(
-    rod: Rod, conditions: Conditions, potentials: tuple[Potential, ...], start: Solution | None
-) -> tuple[Solution, Conditions, Rod]:
-    """Equilibria of frames, each by itself, with conditions and rods as they stand there. Frames
-    that do not settle are marked."""
-    if rod.load.ndim == 3:
-        rod = rod.each(len(rod.load))
-    if potentials:
-        return solve_with_potentials(rod, conditions, potentials, start)
-    solution = solve(rod, conditions, start)
-    retry = ~solution.converged
-    if retry.any() and start is not None:  # from the catenaries
-        again = solve(rod, conditions)
-        solution.put(retry, again, retry)
-    return solution, conditions, rod
 
 
 @dataclass
@@ -78,10 +60,7 @@ class WalkedPoint(Point):
     path: Solution
 
     def respond(self, changes: list[Change]) -> np.ndarray:
-        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups.
-
-        Raises ArithmeticError where friction lets no first-order change be found.
-        """
+        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
         if not changes:
             return np.zeros((0, *self.seen.shape))
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
@@ -90,12 +69,7 @@ class WalkedPoint(Point):
         _, directions = directions_of(self.whole.rod(), slopes, frames)
         law_slopes = _law_slopes(everywhere)
         rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
-        assert directions.rest is not None
-        assert directions.load is not None
-        rest, load = (
-            np.array(np.broadcast_to(d, (frames, *d.shape[1:])))
-            for d in (directions.rest, directions.load)
-        )
+        rest, load = (in_frames(d, frames) for d in (directions.rest, directions.load))
         out = np.zeros((frames, count, nodes, 3))
         branches = len(self.laws.fresh)
         change = State(np.empty(0), np.zeros((count, branches, nodes, 2)))
@@ -133,24 +107,35 @@ def _with_friction(
     """Changes (P, N+1, 3) of one frame's nodes and (P, N, 3) turns of its frames.
 
     missed (N+1, 3, 3) [N/m]: friction's stiffness that its supports do not have, since it grows
-    with the normal force: unsymmetric, and small. By iteration.
+    with the normal force. The force from it is that for which the nodes that it acts on move as
+    they must to cause it.
     """
-    before = np.zeros_like(load)
-    for _ in range(ITERATIONS):
-        further = sum(np.einsum("nab,pnb->pna", m, before) for m in missed)
-        given = own._replace(load=(load + further)[None])
-        dx, turns = tangent(step.rod, step.conditions, step.solution, given)
-        if not missed or np.abs(dx[0] - before).max() <= EXACT * np.abs(dx[0]).max():
-            return dx[0], turns[0]
-        before = dx[0]
-    raise ArithmeticError("friction: no first-order change of a frame was found")
+    dx, turns = (
+        a[0]
+        for a in tangent(step.rod, step.conditions, step.solution, own._replace(load=load[None]))
+    )
+    stiff = sum(missed, np.zeros((load.shape[1], 3, 3)))
+    at = np.flatnonzero(stiff.any((1, 2)))
+    if not len(at):
+        return dx, turns
+    unit = np.zeros((len(at), 3, load.shape[1], 3))
+    unit[np.arange(len(at)), :, at] = np.eye(3)
+    unit = unit.reshape(1, -1, *load.shape[1:])
+    by, turning = (
+        a[0] for a in tangent(step.rod, step.conditions, step.solution, Directions(load=unit))
+    )
+    loop = np.einsum("iab,fib->iaf", stiff[at], by[:, at]).reshape(len(by), len(by))
+    begun = np.einsum("iab,pib->iap", stiff[at], dx[:, at]).reshape(len(by), -1)
+    force = np.linalg.solve(np.eye(len(by)) - loop, begun).T
+    return dx + np.tensordot(force, by, 1), turns + np.tensordot(force, turning, 1)
 
 
 def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | None) -> WalkedPoint:
     """Settle a setup with memory, frame after frame, at search variables u (P,).
 
-    near: states of its frames, path: of all that it has been through, to start from. Frames that do
-    not settle are NaN in `seen`, and leave no memory.
+    near: states of its frames, path: of all that it has been through, to start from. A frame that
+    does not settle leaves those after it, to the end of its clip, without a known past: they are
+    not settled either, and NaN in `seen`.
     """
     whole, shown = setup.whole()
     picked = shown.numpy()
@@ -165,6 +150,7 @@ def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | No
         first = bool(begins[t])
         one = rod if rod.load.ndim == 2 else rod._replace(load=rod.load[t])
         if first:
+            lost = False
             state = memory.unloaded(one.rest[:, :2].numpy(), len(law.fresh))
             grips = [loose(whole.segments + 1) for _ in rough]
         sliders = Sliders(*(item[None] for item in memory.sliders(law, t, first, state)))
@@ -176,11 +162,15 @@ def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | No
             known = near.frames(np.array([row[t]]))
         toward = state.vector if spins else None
         rubbing = (friction.potential(p, g) for p, g in zip(rough, grips, strict=True))
-        solution, conditions, rods = _settle_one(
-            one, held, (*whole.potentials, *rubbing), [known, last], toward
-        )
+        if lost:
+            solution, conditions, rods = unknown(steps[-1].solution), held, one
+        else:
+            solution, conditions, rods = _settle_one(
+                one, held, (*whole.potentials, *rubbing), [known, last], toward
+            )
         steps.append(Step(rods, conditions, solution, state, grips, first))
-        if solution.converged[0]:
+        lost = not solution.converged[0]
+        if not lost:
             last, x = solution, torch.from_numpy(solution.x[0])
             state = memory.after(law, t, first, state, vectors(rods, conditions, solution))
             grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
@@ -206,15 +196,29 @@ def _settle_one(
 
     toward (N+1, 2): where a rope that is free to spin has its bends, as near as it can.
     """
-    for start in [*(s for s in starts if s is not None), None]:
+    for start in [*(s for s in starts if s is not None and s.converged[0]), None]:
         if start is None:
-            start = settle_frames(rod, replace(held, sliders=None), potentials, None)[0]
+            start = solve(rod, replace(held, sliders=None), continuation=False)
         if toward is not None and start.converged[0]:
             start = spun(rod, held, start, toward)
-        found = settle_frames(rod, held, potentials, start)
+        if potentials:
+            found = solve_with_potentials(rod, held, potentials, start)
+        else:
+            found = solve(rod, held, start), held, rod
         if found[0].converged[0]:
             break
     return found
+
+
+def in_frames(values: np.ndarray | None, frames: int) -> np.ndarray:
+    """(H, ...) a copy of values (H, ...) or (1, ...)."""
+    assert values is not None
+    return np.array(np.broadcast_to(values, (frames, *values.shape[1:])))
+
+
+def unknown(other: Solution) -> Solution:
+    """The states of another frame, marked as not settled."""
+    return replace(other, status=np.full(1, kernels.LIMIT))
 
 
 def _law_slopes(changes: list[Change]) -> Laws:

@@ -38,35 +38,47 @@ def dragged(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
     offset, reach = _offset(grip, x, push(contact, x), contact)
     length = torch.sqrt((offset**2).sum(-1) + TINY)
     kept = torch.where(length > reach, reach / length, 1.0)
-    held = (grip.touched & (reach > 0))[..., None]
-    return torch.where(held, x - kept[..., None] * offset, x)
+    return torch.where(grip.touched[..., None], x - kept[..., None] * offset, x)
 
 
 def force(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
     """(..., N+1, 3) [N] of friction on the nodes at x."""
     assert contact.hardness is not None
-    return contact.hardness * contact.share[..., None] * (dragged(contact, grip, x) - x)
+    assert contact.rubbing is not None
+    return contact.hardness * contact.rubbing[..., None] * (dragged(contact, grip, x) - x)
 
 
 def after(contact: Potential, grip: Grip, x: Tensor) -> Grip:
     """The grip once a frame has settled at x."""
-    touching = (push(contact, x) != 0).any(-1) & (contact.share > 0)
+    assert contact.rubbing is not None
+    touching = (push(contact, x) != 0).any(-1) & (contact.rubbing > 0)
     return Grip(dragged(contact, grip, x).detach(), touching)
 
 
 def potential(contact: Potential, grip: Grip) -> Potential:
     """An energy whose slope is the friction, for a normal force that stays as it is."""
     assert contact.hardness is not None
+    assert contact.rubbing is not None
     hardness = contact.hardness
 
-    def energy(x: Tensor) -> Tensor:
+    def lengths(x: Tensor) -> tuple[Tensor, Tensor]:
         offset, reach = _offset(grip, x, push(contact, x.detach()).detach(), contact)
-        length = torch.sqrt((offset**2).sum(-1) + TINY)
+        return torch.sqrt((offset**2).sum(-1) + TINY), reach
+
+    def energy(x: Tensor) -> Tensor:
+        length, reach = lengths(x)
         inside, beyond = 0.5 * length**2, reach * (length - 0.5 * reach)
         value = hardness * torch.where(length > reach, beyond, inside)
         return torch.where(grip.touched, value, 0.0)
 
-    return Potential(energy, contact.share)
+    def firm(x: Tensor) -> Tensor:
+        """A spring that bears as much where it is: a bound from above, so that every step to its
+        lowest place goes down."""
+        length, reach = lengths(x)
+        share = torch.where(length > reach, reach / length, 1.0).detach()
+        return torch.where(grip.touched, 0.5 * hardness * share * length**2, 0.0)
+
+    return Potential(energy, contact.rubbing, firm=firm)
 
 
 def slopes(contact: Potential, grip: Grip, x: Tensor) -> tuple[Tensor, Tensor]:

@@ -69,9 +69,8 @@ def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> 
         given.append(torch.where(share > 0, -torch.expm1(-share) / share.clamp_min(1e-300), 1.0))
     fresh = np.array([b.fresh for b in branches])
     if not branches:
-        nodes, frames = len(at_node), len(time)
-        none, never = np.zeros((0, nodes)), np.zeros((frames, 0))
-        return Laws(none, none, never, never, fresh.astype(bool))
+        none, in_frames = np.zeros((0, len(at_node))), np.zeros((len(time), 0))
+        return Laws(none, none, in_frames, in_frames, fresh.astype(bool))
     return Laws(
         torch.stack(drag).numpy(),
         torch.stack(slip).numpy(),

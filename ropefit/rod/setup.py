@@ -56,13 +56,17 @@ class Potential(NamedTuple):
     """An energy [J] of single nodes: energy(x (..., 3)) -> (...,), times share (N+1,) per node.
 
     Smooth, or with a corner in its slope: contact, of a hardness [N/m], and perhaps with a
-    coefficient of friction.
+    coefficient of friction, which acts on some nodes for all, by their shares `rubbing`. firm: of
+    the same slope, but never softer than it is at a distance, for energies whose own curvature
+    leads astray from afar.
     """
 
     energy: Callable[[Tensor], Tensor]
     share: Tensor
     hardness: Tensor | None = None
     friction: Tensor | None = None
+    rubbing: Tensor | None = None
+    firm: Callable[[Tensor], Tensor] | None = None
 
 
 class Motion(NamedTuple):

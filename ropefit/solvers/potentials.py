@@ -18,7 +18,9 @@ from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 
-ROUNDS = 40
+ROUNDS, FIRM_ROUNDS = 40, 120
+SLOW, ALIGNED = 0.3, 0.98  # factor by which moves shrink, and how parallel: then extrapolate
+NEAR = 1e-4  # of the length: nodes that move less are where potentials may show their own curvature
 LIMIT = 60  # Newton steps of one round
 SOFTER = (0.003, 0.03, 0.3, 1.0)  # of the hardness, one after the other
 STILL = 1e-9  # of the length: nodes that move less have arrived
@@ -82,11 +84,16 @@ def _settle(
     held, rods, before = conditions, rod, current.x
     moved = np.full(len(current.x), np.inf)
     far = 3 if conditions.far_held else 0
-    for round_ in range(ROUNDS):
+    firm = tuple(p if p.firm is None else p._replace(energy=p.firm) for p in potentials)
+    careful = any(p.firm is not None for p in potentials)
+    near, bold = NEAR * float(rod.length.detach().sum(-1).max()), not careful
+    ahead, last = np.zeros_like(before), None
+    for round_ in range(FIRM_ROUNDS if careful else ROUNDS):
         # Contact that opens and closes in turn: go half the way.
-        before = current.x if round_ < ROUNDS // 3 else 0.5 * (current.x + before)
+        half = not careful and round_ >= ROUNDS // 3
+        before = 0.5 * (current.x + before) if half else current.x + ahead
         x = torch.from_numpy(before)
-        force, stiffness = force_and_stiffness(potentials, x)
+        force, stiffness = force_and_stiffness(potentials if bold else firm, x)
         held, load, reaction = _supports(conditions, x, force, stiffness)
         guess = Solution(
             current.q, current.x, current.force,
@@ -101,9 +108,28 @@ def _settle(
         moved = np.abs(current.x - before).max(axis=(1, 2))
         if not np.isfinite(moved).all() or moved.max() < still:
             break
+        if careful:
+            if bold and moved.max() > near:
+                near *= 0.1  # their own curvature led away
+            bold = bool(moved.max() < near)
+            ahead, last = _extrapolated(last, current.x - before)
     late = current.converged & ~(moved < 1e3 * still)
     current.status[late] = kernels.LIMIT
     return current, held, rods
+
+
+def _extrapolated(
+    last: np.ndarray | None, move: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Where moves that shrink, or swing, by a constant factor lead to, and the move to compare the
+    next with (Aitken's delta squared process)."""
+    if last is not None:
+        along = float((last * move).sum())
+        factor = along / float((last**2).sum())
+        straight = abs(along) > ALIGNED * np.linalg.norm(last) * np.linalg.norm(move)
+        if straight and abs(factor) > SLOW and factor < 1 - 1e-3:
+            return factor / (1 - factor) * move, None
+    return np.zeros_like(move), move
 
 
 def _supports(
@@ -130,12 +156,14 @@ def _supports(
     safe = torch.where(strong, values, 1.0)
     offset = (direction * x[:, touched, None]).sum(-1)
     flat = lambda t: t.reshape(frames, -1, *t.shape[3:])  # noqa: E731
+    active = flat(strong).numpy()
+    used = np.flatnonzero(active.any(0))
     held = replace(
         conditions,
-        node=np.repeat(touched.numpy(), rank),
-        direction=flat(direction).contiguous(),
-        offset=flat(offset),
-        compliance=flat(1 / safe),
-        active=flat(strong).numpy(),
+        node=np.repeat(touched.numpy(), rank)[used],
+        direction=flat(direction)[:, used].contiguous(),
+        offset=flat(offset)[:, used],
+        compliance=flat(1 / safe)[:, used],
+        active=active[:, used],
     )
-    return held, load, np.zeros((frames, offset[0].numel()))
+    return held, load, np.zeros((frames, len(used)))

@@ -39,6 +39,7 @@ from ropefit.stages.stage import Context, Stage, StageSettings
 BINS = 40  # stations of a frame
 FEWEST = 4  # frames
 GJ_SD = 1.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section
+THROUGH = 2  # times the frames that are compared: those that a rope with memory goes through
 
 
 class DiagnoseSettings(StageSettings):
@@ -68,7 +69,7 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
     used = spread_evenly(
         np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
     )
-    setup, data = setup.frames(torch.from_numpy(used)), data_in_space(o).frames(used)
+    setup, data = compared(setup, used, settings.most_frames), data_in_space(o).frames(used)
     source = context.external["nominal"] if settings.nominal else model
     terms, setup = nominal_terms(o, source, setup, prior=settings.nominal)
     noise = noise_of(o, data)
@@ -93,6 +94,16 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
             nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
         found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
         return content(o, found, used, every, bins)
+
+
+def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:
+    """The setup in the frames `used`, which a rope with memory comes to through some of the
+    others: as many again, evenly spread."""
+    every = np.arange(len(setup.ends))
+    between = spread_evenly(every, np.zeros_like(every), THROUGH * most)
+    passed = np.union1d(used, between)
+    through = setup.frames(torch.from_numpy(passed))._replace(past=None)
+    return through.frames(torch.from_numpy(np.searchsorted(passed, used)))
 
 
 def nominal_terms(

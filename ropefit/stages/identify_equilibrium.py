@@ -123,7 +123,8 @@ def started_setup(
             raise WrongUsage(
                 f"start {name} = {start[name]:g} is outside its bounds {low * f:g}..{high * f:g}"
             )
-        setup = ROPE[name](setup, torch.tensor([value], dtype=torch.float64))
+        given = torch.tensor([value], dtype=torch.float64)
+        setup = setup.after(lambda s, apply=ROPE[name], v=given: apply(s, v))
     return setup
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ropefit.inference.diagnosis.families import Family
+from ropefit.inference.diagnosis.families import CONTACT, Family
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.known import settled
 from ropefit.inference.least_squares import Fit, fit
@@ -57,7 +57,7 @@ def fit_rival(
     else:
         return None
     try:
-        most = 25 if family.effect.linear else 12
+        most = 12 if isinstance(family.effect, CONTACT) else 25
         found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None

@@ -1,0 +1,129 @@
+"""Ropes that rub on what they lie on: Coulomb's law, a rope that is dragged, derivatives."""
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.effects import ContactFriction, SupportPlane
+from ropefit.inference.forward import Forward, Term
+from ropefit.inference.terms import set_bend
+from ropefit.inference.walk import WalkedPoint
+from ropefit.rod import friction
+from ropefit.rod.friction import Grip
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import Potential, Setup, bare
+from tests.concealed import EI, EYE
+from tests.test_memory import difference
+
+WEIGHT, ROUGH = 0.06 * 9.81, 0.4  # N/m, coefficient
+
+
+def table(ends: np.ndarray, clamp: torch.Tensor, segments: int, height: float) -> Setup:
+    """A rope of 1 m whose ends (F, 2, 3) [m] are led over a rough table."""
+    made = uniform(length=1.0, segments=segments, bend=EI, density=0.06)
+    gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+    setup = bare(made, gravity, torch.tensor(ends), clamp, torch.tensor(EYE, dtype=torch.float64))
+    plane = torch.tensor([height, 0.0, 0.0], dtype=torch.float64)
+    return SupportPlane().apply(setup, plane)
+
+
+def rough(setup: Setup, coefficient: float) -> Setup:
+    return ContactFriction().apply(setup, torch.tensor([coefficient], dtype=torch.float64))
+
+
+def swept(segments: int = 60, frames: int = 10) -> Setup:
+    """A rope that hangs onto the table between its ends, one of which sweeps to and fro."""
+    share = np.sin(np.linspace(0, 2 * np.pi, frames))
+    moving = np.stack([0.9 + 0 * share, 0.1 * share, 0.0 * share], axis=1)
+    ends = np.stack([moving, np.zeros_like(moving)], axis=1)
+    free = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    return table(ends, free, segments, -0.15)
+
+
+def test_a_node_sticks_then_slides_at_the_coefficient_times_the_normal_force():
+    hardness = torch.tensor(100.0, dtype=torch.float64)
+
+    def energy(x: torch.Tensor) -> torch.Tensor:
+        return 0.5 * hardness * torch.clamp(-x[..., 2], min=0.0) ** 2
+
+    mu = torch.tensor(0.3, dtype=torch.float64)
+    one = torch.ones(1, dtype=torch.float64)
+    contact = Potential(energy, one, hardness, mu, one)
+    deep = 0.01  # m: a normal force of 1 N
+    grip = Grip(torch.zeros(1, 3, dtype=torch.float64), torch.ones(1, dtype=torch.bool))
+    for x, wanted in [(0.001, -0.1), (0.0025, -0.25), (0.02, -0.3), (0.018, -0.1), (0.012, 0.3)]:
+        at = torch.tensor([[x, 0.0, -deep]], dtype=torch.float64)
+        force = friction.force(contact, grip, at)
+        np.testing.assert_allclose(force.numpy()[0], [wanted, 0, 0], atol=1e-12)
+        if x >= 0.0025:
+            grip = friction.after(contact, grip, at)
+    away = torch.tensor([[0.0, 0.0, 0.001]], dtype=torch.float64)
+    assert friction.force(contact, grip, away).abs().max() == 0
+    assert not friction.after(contact, grip, away).touched.any()
+
+
+def test_a_dragged_rope_is_as_taut_as_what_it_drags():
+    """μ times the weight of all that follows, in either direction of the way."""
+    way = np.array([0, -0.002, -0.005, -0.02, -0.05, -0.045, -0.03])
+    ends = np.full((len(way), 2, 3), np.nan)
+    ends[:, 0] = 0.0
+    ends[:, 0, 0] = way
+    clamp = torch.full((len(way), 2, 4), torch.nan, dtype=torch.float64)
+    clamp[:, 0] = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64)
+    setup = rough(table(ends, clamp, 60, 0.0), ROUGH)
+    point = Forward(setup, []).at(np.empty(0))
+    assert point.solution.converged.all()
+    tension = point.solution.force[:, 6:54, 0]
+    arc = setup.arc.numpy()
+    rest = 1 - 0.5 * (arc[6:54] + arc[7:55])
+    np.testing.assert_allclose(tension[0], 0, atol=1e-6)
+    # Every third node rubs for its neighbours: steps of a twentieth.
+    wanted, step = ROUGH * WEIGHT * rest, ROUGH * WEIGHT / 20
+    np.testing.assert_allclose(tension[1:5], np.tile(wanted, (4, 1)), atol=0.6 * step)
+    np.testing.assert_allclose(tension[5:7], np.tile(-wanted, (2, 1)), atol=0.6 * step)
+    np.testing.assert_allclose(tension[1:5].mean(1), wanted.mean(), rtol=0.02)
+
+
+def test_without_a_coefficient_nothing_changes():
+    setup = swept()
+    plain, none = (Forward(s, []).at(np.empty(0)) for s in (setup, rough(setup, 0.0)))
+    assert isinstance(none, WalkedPoint)
+    np.testing.assert_allclose(none.seen, plain.seen, atol=1e-7)
+    assert ContactFriction().applies(setup)
+    assert not ContactFriction().applies(setup._replace(potentials=()))
+
+
+def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():
+    setup = swept()
+    seen = Forward(rough(setup, ROUGH), []).at(np.empty(0)).seen
+    plain = Forward(setup, []).at(np.empty(0)).seen
+    behind = (seen - plain)[:, 20:45, 1].mean(1)
+    way = np.diff(setup.ends[:, 0, 1].numpy())
+    assert np.corrcoef(behind[1:], way)[0, 1] < -0.3
+    assert np.abs(behind).max() > 1e-3
+
+
+@pytest.mark.parametrize("coefficient", [0.15, 0.5])
+def test_derivatives_through_friction_are_exact(coefficient):
+    setup, free = swept(40, 6), np.full(1, np.inf)
+
+    def one(name, apply, start, scale):
+        return Term(name, (name,), ("",), apply, np.array([start]), np.array([scale]), -free, free,
+                    free)  # fmt: skip
+
+    def moved(setup: Setup, v: torch.Tensor) -> Setup:
+        by = torch.tensor([[0.3, 0.1, 0.2], [0.0, 0.0, 0.0]], dtype=torch.float64)
+        return setup._replace(ends=setup.ends + v[0] * by)
+
+    terms = [
+        one("EI", set_bend, EI, EI),
+        one("ends", moved, 0.0, 0.1),
+        one("coefficient", ContactFriction().apply, coefficient, coefficient),
+    ]
+    forward = Forward(setup, terms)
+    point = forward.at(np.zeros(3))
+    assert point.solution.converged.all()
+    found = forward.jacobian(point)
+    for k in range(3):
+        errors = [difference(forward, k, step, found[k]) for step in (1e-4, 1e-3, 3e-3)]
+        assert min(errors) < 3e-5  # nodes are settled to 1e-9 of the length only
