@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.inference import rest_curve
 from ropefit.inference.diagnosis import search as engine
 from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.equilibrium_rope import ranges
@@ -110,8 +111,9 @@ def nominal_terms(
         values = {
             name: p.value
             for name, p in group.parameters.items()
-            if name in ("EI", "GJ") and p.verdict != "fixed"
+            if name in ("EI", "GJ", *rest_curve.NAMES) and p.verdict != "fixed"
         }
+    curve = {name: values.pop(name) for name in rest_curve.NAMES if name in values}
     setup = started_setup(setup, values, scale)
     names = ["EI"]
     if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
@@ -127,6 +129,12 @@ def nominal_terms(
         if prior and p is not None and p.ci95 is not None:
             sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
             term = _with_prior(term, sd)
+        terms.append(term)
+    for name, value in curve.items():
+        term, p = rest_curve.term(name, setup), group.parameters[name]
+        term = replace(term, start=np.array([value]))
+        if prior and p.ci95 is not None:
+            term = _with_prior(term, 0.5 * (p.ci95[1] - p.ci95[0]) / INTERVAL)
         terms.append(term)
     return terms, setup
 

@@ -9,6 +9,7 @@ import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import NotConverged, WrongUsage
+from ropefit.inference import rest_curve
 from ropefit.inference.equilibrium_rope import NAMES, ranges
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, fit
@@ -39,6 +40,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     out = held_out(len(group), settings.holdout)
     train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
     free = free_names(settings, o)
+    if settings.groups != "one" and set(free) & set(rest_curve.NAMES):
+        raise WrongUsage("a rest curve belongs to the rope, not to a group of frames: --groups one")
     started = started_setup(setup, given_values(o, settings, context), scale)
     parts, groups = [], {}
     for number in range(int(group.max()) + 1):
@@ -91,9 +94,11 @@ def free_names(settings: IdentifySettings, o: Observations) -> list[str]:
         return []
     if free is None:
         return ["EI"] + (["length"] if o.length_source == "estimated" else [])
+    free = rest_curve.spelled_out(free)
     for name in free:
-        if name not in NAMES:
-            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
+        if name not in (*NAMES, *rest_curve.NAMES):
+            known = ", ".join((*NAMES, *rest_curve.UNIFORM, rest_curve.SHORT))
+            raise WrongUsage(f"unknown parameter {name}; one of {known}")
     return free
 
 
@@ -106,6 +111,7 @@ def unit_scale(o: Observations) -> dict[str, tuple[float, str]]:
         "GJ": (weight, rigid),
         "EA": (weight, "N" if o.mass else "m"),
         "length": (1.0, "m"),
+        **dict.fromkeys(rest_curve.NAMES, (1.0, "1/m")),
     }
 
 
@@ -114,6 +120,10 @@ def started_setup(
 ) -> Setup:
     """The setup with some parameters set. Raises WrongUsage for values out of reach."""
     for name in sorted(start):  # EI before GJ, which otherwise follows it
+        if name in rest_curve.NAMES:
+            curvature = torch.tensor([start[name]], dtype=torch.float64)
+            setup = rest_curve.apply(name)(setup, curvature)
+            continue
         if name not in NAMES:
             raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
         value = start[name] / scale[name][0]
@@ -132,6 +142,9 @@ def rope_terms(setup: Setup, free: list[str]) -> list[Term]:
     known = ranges(setup)
     terms = []
     for name in sorted(free):
+        if name in rest_curve.NAMES:
+            terms.append(rest_curve.term(name, setup))
+            continue
         start, low, high = known[name]
         start = 1e3 * low if not np.isfinite(start) else start
         terms.append(rope_term(name, "", start, low, high, ROPE[name]))
