@@ -23,7 +23,6 @@ from ropefit.inference.terms import (
 )
 from ropefit.rod.setup import Setup
 
-PAIR = 30.0  # degrees: how far the line of two held markers may lie from the rope's own
 LOOSE = 50.0  # rad/(N m) per weight and length: how far a grip may yield, see `_grip`
 
 

@@ -79,19 +79,22 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
         if settings.calibration:
             errors = calibrated(errors, context.external["calibration"])
         nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-        edge = on_edge(nominal)
-        if edge.all() or (~edge).sum() < FEWEST:
-            raise BadInput(
-                "nearly every frame is at the edge of its stability, where a hair's breadth "
-                "decides the shape; record poses in which the rope hangs firmly"
-            )
-        if edge.any():
-            told = ", ".join(map(str, o.frames[used[edge]]))
-            context.say(f"left out, at the edge of stability: frames {told}")
-            firm = np.flatnonzero(~edge)
-            used, setup, data = used[firm], setup.frames(torch.from_numpy(firm)), data.frames(firm)
-            nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-        found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
+        edge, found = on_edge(nominal), None
+        while found is None or edge.any():  # with what is found, other frames may come to the edge
+            if edge.all() or (~edge).sum() < FEWEST:
+                raise BadInput(
+                    "nearly every frame is at the edge of its stability, where a hair's breadth "
+                    "decides the shape; record poses in which the rope hangs firmly"
+                )
+            if edge.any():
+                told = ", ".join(map(str, o.frames[used[edge]]))
+                context.say(f"left out, at the edge of stability: frames {told}")
+                firm = np.flatnonzero(~edge)
+                used, data = used[firm], data.frames(firm)
+                setup = setup.frames(torch.from_numpy(firm))
+                nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
+            found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
+            edge = on_edge(found.final)
         return content(o, found, used, every, bins)
 
 

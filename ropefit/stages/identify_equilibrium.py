@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.limits import limits
 from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.stations import Data, match
-from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
+from ropefit.inference.terms import PAIR, ROPE, Priors, calibration, rope_term
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import follow, other_states
 from ropefit.solvers.equilibrium import Solution
@@ -28,6 +29,7 @@ from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.stages.scene import node_at
 from ropefit.stages.stage import Context, Progress
 
+CALM = 0.05  # of the frames of a rope in motion
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 
 
@@ -38,10 +40,14 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     data, scale = data_in_space(o), unit_scale(o)
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
-    train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
+    train = spread_evenly(
+        calmest(np.flatnonzero(~out), setup, settings.most_frames)
+        if settings.groups == "one"
+        else np.flatnonzero(~out),
+        group,
+        settings.most_frames,
+    )
     free = free_names(settings, o)
-    if settings.groups != "one" and set(free) & set(rest_curve.NAMES):
-        raise WrongUsage("a rest curve belongs to the rope, not to a group of frames: --groups one")
     started = started_setup(setup, given_values(o, settings, context), scale)
     parts, groups = [], {}
     for number in range(int(group.max()) + 1):
@@ -63,6 +69,16 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         "frames": o.frames,
         "models": {"nominal": model},
     }
+
+
+def calmest(frames: np.ndarray, setup: Setup, least: int) -> np.ndarray:
+    """Of frames (their indices) of a rope in motion, those in which it accelerates least, `least`
+    of them or more: there a model at rest is nearest to the truth. All of a rope at rest."""
+    if setup.motion is None:
+        return frames
+    size = setup.motion.acceleration[torch.from_numpy(frames)].square().sum(-1).mean(-1)
+    count = max(least, round(CALM * len(frames)))
+    return np.sort(frames[np.argsort(size.numpy(), kind="stable")[:count]])
 
 
 def held_node(o: Observations, control_at: float | None) -> int:
@@ -157,8 +173,10 @@ def noise_of(o: Observations, data: Data) -> Noise:
 
 
 def priors_of(o: Observations) -> Priors:
-    """The recording's own priors over the defaults."""
-    return Priors(**{k: v for k, v in o.priors.model_dump().items() if v is not None})
+    """The recording's own priors over the defaults. Two markers tell a clamp's direction badly."""
+    given = {k: v for k, v in o.priors.model_dump().items() if v is not None}
+    pairs = {} if o.end_twist_known else {"end_orientation": PAIR}
+    return Priors(**(pairs | given))
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:
@@ -204,6 +222,8 @@ def nominal_fit(
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
     last = nearer_branch(best, data, bins)
     progress(0.5, "least squares")
+    if data.material:  # what the rope misses must not be forced on the errors of the set-up
+        noise = replace(noise, marker=noise.marker * max(1.0, best.scale))
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
     return calibrated_fit(full, best.point.u, data, noise, bins, evaluations)
 

@@ -14,7 +14,7 @@ from ropefit.inference.forward import Term
 from ropefit.inference.least_squares import Noise, data_without, fit
 from ropefit.inference.motion import MotionForward, MotionPoint
 from ropefit.inference.motion_spread import BLOCK, spread_of
-from ropefit.inference.motion_terms import PAIR, grips, unknowns
+from ropefit.inference.motion_terms import grips, unknowns
 from ropefit.inference.stations import Data
 from ropefit.rod.setup import Setup
 from ropefit.stages.identify_equilibrium import held_node, priors_of
@@ -146,9 +146,9 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
 
 def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
     """The free parameters, then the errors of the grips."""
-    known, degrees = unknowns(setup), priors_of(o).end_orientation
-    pairs = PAIR if not o.end_twist_known else 0.0
-    return [known[name].term(name, setup) for name in free] + grips(setup, max(degrees, pairs))
+    known = unknowns(setup)
+    own = [known[name].term(name, setup) for name in free]
+    return own + grips(setup, priors_of(o).end_orientation)
 
 
 def _forward(
