@@ -70,7 +70,7 @@ def wire(real: Path, folder: Path) -> tuple[Identified, Identified, Identified]:
 def cable_table(c: Cables) -> str:
     rows = [
         "A cable held at its base, its free end hanging, at 23 angles of the base; then the same",
-        "again with something changed. Written by `python -m benchmarks.real`. As it was, it leaves",
+        "again with something changed; written by `python -m benchmarks.real`. As it was it leaves",
         f"{_mm(c.straight.fitted)} mm taken as straight at rest (held-out angles "
         f"{_mm(c.straight.heldout)}),",
         f"and {_mm(c.curved.fitted)} mm (held-out angles {_mm(c.curved.heldout)}) with a",
