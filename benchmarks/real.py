@@ -1,12 +1,13 @@
 """Measured ropes: what the tool finds in recordings that are not its own.
 
     python -m benchmarks.real [--real DIR] [--clips N] [--only PART] [--write docs/results.md]
-                              [--json FILE]
+                              [--keep DIR] [--json FILE]
 
 DIR holds the real recordings (default: ../shared/real). Parts: motion (ropes in motion, fitted to N
 of their training clips and scored on the clips that their authors score on), named (what the
 diagnosis finds in them, given a model at rest), cable (a cable that was changed), wire (is it
-straight at rest?). Each part owns a section of the document.
+straight at rest?). Each part owns a section of the document. Models of ropes in motion that DIR of
+--keep holds are not fitted again.
 """
 
 from __future__ import annotations
@@ -107,13 +108,15 @@ def main() -> None:
     arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
     arguments.add_argument("--clips", type=int, default=12, help="training clips for each rope")
     arguments.add_argument("--only", choices=PARTS, default=None, help="one part")
+    arguments.add_argument("--keep", type=Path, default=None, help="folder of the runs")
     options = arguments.parse_args()
     if not options.real.is_dir():
         raise SystemExit(f"no real recordings at {options.real}; give --real DIR")
     every = {}
     for name in [options.only] if options.only else PARTS:
-        with tempfile.TemporaryDirectory() as folder:
-            text, every[name] = PARTS[name](options.real, Path(folder), options.clips)
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = (options.keep or Path(scratch)) / name
+            text, every[name] = PARTS[name](options.real, folder, options.clips)
         publish(options, f"real-{name}", text, every)
 
 

@@ -56,7 +56,14 @@ def clips_of(source: Path, kind: str) -> list[Path]:
 
 
 def prove(source: Path, folder: Path, count: int) -> Score:
-    """Fit to `count` training clips, evenly spread, and predict the eval clips."""
+    """Fit to `count` training clips, evenly spread, and predict the eval clips. What folder holds
+    already is not fitted again."""
+    if not (folder / "run-train" / Model.file_name).exists():
+        _fit(source, folder, count)
+    return _score(source, folder)
+
+
+def _fit(source: Path, folder: Path, count: int) -> None:
     train, test = clips_of(source, "train"), clips_of(source, "eval")
     few = [train[k] for k in np.linspace(0, len(train) - 1, count).round().astype(int)]
     join(source, few, folder / "train")
@@ -68,6 +75,10 @@ def prove(source: Path, folder: Path, count: int) -> Score:
         "identify", "--solver", "dynamics", "--free", FREE, "--holdout", "0",
         "--run", folder / "run-train",
     )  # fmt: skip
+
+
+def _score(source: Path, folder: Path) -> Score:
+    test = clips_of(source, "eval")
     model, _ = read(folder / "run-train" / Model.file_name, Model)
     o, _ = read(folder / "run-eval" / Observations.file_name, Observations)
     span, point = restored_motion(o, model.nominal)
