@@ -79,9 +79,12 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
         if settings.calibration:
             errors = calibrated(errors, context.external["calibration"])
         nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-        edge, found = on_edge(nominal), None
-        while found is None or edge.any():  # with what is found, other frames may come to the edge
-            if edge.all() or (~edge).sum() < FEWEST:
+        found = None
+        for _ in range(2):  # with what is found, other frames may come to the edge
+            edge = on_edge(found.final if found else nominal)
+            if (~edge).sum() < FEWEST:
+                if found:
+                    break
                 raise BadInput(
                     "nearly every frame is at the edge of its stability, where a hair's breadth "
                     "decides the shape; record poses in which the rope hangs firmly"
@@ -93,8 +96,9 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
                 used, data = used[firm], data.frames(firm)
                 setup = setup.frames(torch.from_numpy(firm))
                 nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-            found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
-            edge = on_edge(found.final)
+            if found is None or edge.any():
+                found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
+        assert found is not None
         return content(o, found, used, every, bins)
 
 

@@ -30,6 +30,7 @@ from ropefit.stages.scene import node_at
 from ropefit.stages.stage import Context, Progress
 
 CALM = 0.05  # of the frames of a rope in motion
+LIVELY = 0.05  # of gravity: where a rope accelerates less, any frame is calm
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 
 
@@ -77,6 +78,8 @@ def calmest(frames: np.ndarray, setup: Setup, least: int) -> np.ndarray:
     if setup.motion is None:
         return frames
     size = setup.motion.acceleration[torch.from_numpy(frames)].square().sum(-1).mean(-1)
+    if float(size.median().sqrt()) < LIVELY * float(setup.gravity.norm()):
+        return frames
     count = max(least, round(CALM * len(frames)))
     return np.sort(frames[np.argsort(size.numpy(), kind="stable")[:count]])
 
@@ -222,21 +225,29 @@ def nominal_fit(
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
     last = nearer_branch(best, data, bins)
     progress(0.5, "least squares")
-    if data.material:  # what the rope misses must not be forced on the errors of the set-up
-        noise = replace(noise, marker=noise.marker * max(1.0, best.scale))
+    # What the rope misses must not be forced on the errors of the set-up.
+    loose = max(1.0, best.scale) if data.material else 1.0
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
-    return calibrated_fit(full, best.point.u, data, noise, bins, evaluations)
+    return calibrated_fit(full, best.point.u, data, noise, bins, evaluations, loose)
 
 
 def calibrated_fit(
-    full: Forward, rope: np.ndarray, data: Data, noise: Noise, bins: int, evaluations: int
+    full: Forward,
+    rope: np.ndarray,
+    data: Data,
+    noise: Noise,
+    bins: int,
+    evaluations: int,
+    loose: float,
 ) -> tuple[Fit, Noise]:
     """Fit rope and calibration together, from search variables `rope` of the first terms; measure
-    what is left of noise, and fit once more under it."""
+    what is left of noise, and fit once more under it. loose: how many times the markers' noise the
+    rope alone misses; the errors of the set-up may take their share of that."""
     start = full.start()
     start[: rope.size] = rope
-    first = fit(full, data, noise, bins, start, evaluations)
-    noise = estimate(first.stations, Noise(marker=noise.marker))
+    first = fit(full, data, replace(noise, marker=loose * noise.marker), bins, start, evaluations)
+    missed = max(1.0, loose * first.scale) if loose > 1 else 1.0
+    noise = estimate(first.stations, Noise(marker=missed * noise.marker))
     return fit(full, data, noise, bins, first.point.u, evaluations), noise
 
 
