@@ -112,7 +112,8 @@ def judge(number: int) -> dict[str, float] | None:
     noise = Noise(marker=case.sd if markers else 0.0)
     first = fit(Forward(setup, terms), case.data, noise, NODES - 1, evaluations=15)
     full = Forward(setup, [*terms, *calibration(setup, Priors(), shared=False)])
-    found, noise = calibrated_fit(full, first.point.u, case.data, noise, NODES - 1, 60)
+    loose = max(1.0, first.scale) if markers else 1.0
+    found, noise = calibrated_fit(full, first.point.u, case.data, noise, NODES - 1, 60, loose)
     if not found.converged:
         return None
     out = {"scale": found.scale, "correlated": noise.correlated, "seed": float(number)}

@@ -1,20 +1,27 @@
 """Measured ropes: what the tool finds in recordings that are not its own.
 
-    python -m benchmarks.real [--real DIR] [--clips N] [--write docs/results.md] [--json FILE]
+    python -m benchmarks.real [--real DIR] [--clips N] [--only PART] [--write docs/results.md]
+                              [--keep DIR] [--json FILE]
 
-DIR holds the real recordings (default: ../shared/real). Ropes in motion are fitted to N of their
-training clips and scored on the clips that their authors score on.
+DIR holds the real recordings (default: ../shared/real). Parts: motion (ropes in motion, fitted to N
+of their training clips and scored on the clips that their authors score on), named (what the
+diagnosis finds in them, given a model at rest), cable (a cable that was changed), wire (is it
+straight at rest?). Each part owns a section of the document. Models of ropes in motion that DIR of
+--keep holds are not fitted again.
 """
 
 from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.document import parser, publish
 from benchmarks.real_motion import Score, prove
+from benchmarks.real_named import name_motion, named_table
+from benchmarks.real_shapes import cable_table, cables, wire, wire_table
 
 ROPES = ("mocap_dlo1", "mocap_dlo2")
 # Mean absolute error [mm] of others on the same eval clips, as told: the first shape held, the
@@ -59,18 +66,9 @@ def table(scores: dict[str, Score], clips: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    arguments = parser(__doc__)
-    root = Path(__file__).parents[1]
-    arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
-    arguments.add_argument("--clips", type=int, default=12, help="training clips for each rope")
-    options = arguments.parse_args()
-    if not options.real.is_dir():
-        raise SystemExit(f"no real recordings at {options.real}; give --real DIR")
-    scores = {}
-    for name in ROPES:
-        with tempfile.TemporaryDirectory() as folder:
-            scores[name] = prove(options.real / name, Path(folder), options.clips)
+def motion(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """The table, and its numbers."""
+    scores = {name: prove(real / name, folder / name, clips) for name in ROPES}
     numbers = {
         name: {
             "clip_m": s.clip.tolist(), "free_m": s.free.tolist(), "by_time_m": s.by_time.tolist(),
@@ -78,7 +76,48 @@ def main() -> None:
         }
         for name, s in scores.items()
     }  # fmt: skip
-    publish(options, "real", table(scores, options.clips), numbers)
+    return table(scores, clips), numbers
+
+
+def named(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """The same of the diagnosis."""
+    found = {name: name_motion(real / name, folder / name) for name in ROPES}
+    return named_table(found), found
+
+
+def cable(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """The same of the cable."""
+    found = cables(real, folder)
+    return cable_table(found), {"known": found.known, "alone": found.alone}
+
+
+def wires(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """The same of the wire."""
+    found = wire(real, folder / "run")
+    names = ("straight", "curved", "pose by pose")
+    told = dict(zip(names, found, strict=True))
+    return wire_table(*found), {name: i.by_frame.tolist() for name, i in told.items()}
+
+
+PARTS = {"motion": motion, "named": named, "cable": cable, "wire": wires}
+
+
+def main() -> None:
+    arguments = parser(__doc__)
+    root = Path(__file__).parents[1]
+    arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
+    arguments.add_argument("--clips", type=int, default=12, help="training clips for each rope")
+    arguments.add_argument("--only", choices=PARTS, default=None, help="one part")
+    arguments.add_argument("--keep", type=Path, default=None, help="folder of the runs")
+    options = arguments.parse_args()
+    if not options.real.is_dir():
+        raise SystemExit(f"no real recordings at {options.real}; give --real DIR")
+    every = {}
+    for name in [options.only] if options.only else PARTS:
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = (options.keep or Path(scratch)) / name
+            text, every[name] = PARTS[name](options.real, folder, options.clips)
+        publish(options, f"real-{name}", text, every)
 
 
 if __name__ == "__main__":

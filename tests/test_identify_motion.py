@@ -87,7 +87,7 @@ def test_what_it_cannot_do_is_said(ropefit, recording):
     ropefit("preprocess", recording, "--run", "run")
     wrong = ropefit("identify", "--solver", "dynamics", "--search", "grid", code=2)
     assert "least-squares" in wrong.stderr
-    wrong = ropefit("identify", "--solver", "dynamics", "--free", "EA", code=2)
+    wrong = ropefit("identify", "--solver", "dynamics", "--free", "mass", code=2)
     assert "bend_damping" in wrong.stderr
     ropefit("preprocess", "--run", "cloud")
     assert "markers" in ropefit("identify", "--solver", "dynamics", "--run", "cloud", code=3).stderr

@@ -113,6 +113,22 @@ def test_hanging_plane() -> None:
     assert abs(normal[0]) > 0.9
 
 
+def test_marker_arc_of_a_rope_that_bends_now_and_then() -> None:
+    """Two pieces, 0.1 and 0.2 m; the second is bent in most of the frames, straight in some."""
+    frames = 400
+    turn = 1.25 * (1 - np.cos(np.arange(frames) * 2 * np.pi / 100)) + 1e-9
+    chord = np.stack([np.full(frames, 0.1), 0.2 * np.sin(turn / 2) / (turn / 2)], axis=1)
+    places = np.concatenate([np.zeros((frames, 1)), chord.cumsum(axis=1)], axis=1)
+    noise = np.random.default_rng(0).normal(scale=1e-4, size=(frames, 3, 3))
+    positions = noise + places[..., None] * np.array([1.0, 0, 0])
+    unknown = np.full((frames, 2, 3), np.nan)
+    few, _ = marker_arc(positions[:80], unknown[:80], None)
+    assert few[2] - few[1] < 0.195  # of few frames the usual chord
+    found, total = marker_arc(positions, unknown, None)
+    np.testing.assert_allclose(found, [0, 0.1, 0.3], atol=5e-4)
+    assert total == found[-1]
+
+
 def test_marker_arc_with_markers_unseen() -> None:
     arc, curve = shapes()["helix"]
     at = np.linspace(0.05, 0.95, 19)

@@ -18,6 +18,7 @@ TWO_SIDED = 1.96**2
 NARROW = 0.3  # sd of a logarithm up to which the parabola is trusted for its interval
 VANISHING = np.log(1e-3)  # a thousandth of the best value stands for nothing at all
 WIDEST = 50.0  # of a logarithm: an interval beyond says nothing
+VAGUE = 0.5  # of the range: an interval as wide says nothing of a value that may be zero
 DEAD = 1e-6  # whitened sensitivity, all stations together, of what does nothing
 
 
@@ -33,7 +34,7 @@ class Limits:
 
 
 def limits(result: Fit, data: Data, noise: Noise, bins: int) -> dict[str, Limits]:
-    """For every rope parameter (a term on a log scale) of a fit."""
+    """For every rope parameter of a fit: on a log scale, or of either sign."""
     out, place = {}, 0
     covariance, sd = result.covariance, result.sd()
     low, high = result.forward.bounds()
@@ -55,10 +56,16 @@ def limits(result: Fit, data: Data, noise: Noise, bins: int) -> dict[str, Limits
         if width < WIDEST:
             interval = value * float(np.exp(-width)), value * float(np.exp(width))
         below, verdict = None, "determined"
+        if not term.log:
+            half = width * float(term.scale[0])
+            interval = (value - half, value + half)
         if strength < DEAD:
             interval, verdict = None, "dead"
         elif min(u - low[k], high[k] - u) < 0.005 * (high[k] - low[k]):
             interval, verdict = None, "at bound"
+        elif not term.log:
+            if 2 * width > VAGUE * (high[k] - low[k]):
+                verdict = "trade-off" if partners else "flat direction"
         elif partners and sd[k] > NARROW:
             verdict = "trade-off"
         elif sd[k] > NARROW:

@@ -8,12 +8,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.inference import rest_curve
 from ropefit.inference.forward import Term
 from ropefit.inference.terms import (
     DEGREE,
     Apply,
     nuisance,
     rope_term,
+    set_axial,
     set_bend,
     set_length,
     set_twist,
@@ -21,15 +23,13 @@ from ropefit.inference.terms import (
 )
 from ropefit.rod.setup import Setup
 
-PAIR = 30.0  # degrees: how far the line of two held markers may lie from the rope's own
 LOOSE = 50.0  # rad/(N m) per weight and length: how far a grip may yield, see `_grip`
-CURVED = 5.0  # 1/m per length: bounds of a rest curvature
 
 
 @dataclass(frozen=True)
 class Unknown:
     """A parameter: its meaning, its unit with the mass known and without, where it starts, its
-    bounds in SI, how it acts; signed: it may be zero or negative."""
+    bounds in SI, how it acts."""
 
     meaning: str
     unit: str
@@ -38,16 +38,11 @@ class Unknown:
     low: float
     high: float
     apply: Apply
-    signed: bool = False
 
-    def term(self, name: str) -> Term:
-        if not self.signed:
-            return rope_term(name, "", self.start, self.low, self.high, self.apply)
-        one = np.ones(1)
-        return Term(
-            name, (name,), ("",), self.apply, one * self.start, one * self.high / 10,
-            one * self.low, one * self.high, np.full(1, np.inf),
-        )  # fmt: skip
+    def term(self, name: str, setup: Setup) -> Term:
+        if name in rest_curve.NAMES:
+            return rest_curve.term(name, setup)
+        return rope_term(name, "", self.start, self.low, self.high, self.apply)
 
 
 def unknowns(setup: Setup) -> dict[str, Unknown]:
@@ -57,13 +52,16 @@ def unknowns(setup: Setup) -> dict[str, Unknown]:
     g = float(setup.gravity.norm())
     heavy, time = density * g, (length / g) ** 0.5
     bend, air = heavy * length**3, heavy * time / length
-    most = CURVED / length
-    return {
+    found = {
         "EI": Unknown(
             "bending rigidity", "N m^2", "m^3", 3e-3 * bend, 1e-6 * bend, 1.0 * bend, set_bend
         ),
         "GJ": Unknown(
             "twist rigidity", "N m^2", "m^3", 2e-3 * bend, 1e-6 * bend, 1.0 * bend, set_twist
+        ),
+        "EA": Unknown(
+            "axial rigidity", "N", "m", 1e3 * heavy * length, 30 * heavy * length,
+            1e6 * heavy * length, set_axial,
         ),
         "bend_damping": Unknown(
             "bending moment per rate of curvature", "N m^2 s", "m^3 s",
@@ -73,18 +71,17 @@ def unknowns(setup: Setup) -> dict[str, Unknown]:
             "force per length and speed", "N s/m^2", "s/m",
             0.05 * air, 1e-4 * air, 10 * air, set_air_damping,
         ),
-        "curvature_1": Unknown(
-            "rest curvature", "1/m", "1/m", 0.0, -most, most, add_curvature(0), signed=True
-        ),
-        "curvature_2": Unknown(
-            "rest curvature, across the first", "1/m", "1/m", 0.0, -most, most, add_curvature(1),
-            signed=True,
-        ),
         "length": Unknown(
             "rest length between the grips", "m", "m", length, 0.8 * length, 1.2 * length,
             set_length,
         ),
     }  # fmt: skip
+    for name in rest_curve.NAMES:
+        most = rest_curve.bound(name, setup)
+        found[name] = Unknown(
+            rest_curve.meaning(name), "1/m", "1/m", 0.0, -most, most, rest_curve.apply(name)
+        )
+    return found
 
 
 def grips(setup: Setup, degrees: float) -> list[Term]:
@@ -123,18 +120,6 @@ def set_bend_damping(setup: Setup, v: Tensor) -> Setup:
     assert setup.damping is not None
     same = v[0].expand(setup.properties.length.shape)
     return setup._replace(damping=setup.damping._replace(bend=same, twist=same))
-
-
-def add_curvature(axis: int) -> Apply:
-    """Rest curvature [1/m] about one of the directors across the rope, the same everywhere."""
-
-    def apply(setup: Setup, v: Tensor) -> Setup:
-        p = setup.properties
-        about = torch.zeros(3, dtype=torch.float64)
-        about[axis] = 1.0
-        return setup._replace(properties=p._replace(curvature=p.curvature + v[0] * about))
-
-    return apply
 
 
 def _grip(end: int) -> Apply:

@@ -18,6 +18,7 @@ from ropefit.inference.forward import Apply, Term
 from ropefit.rod.setup import Setup
 
 DEGREE = math.pi / 180
+PAIR = 30.0  # degrees: how far the line of two held markers may lie from the rope's own
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ from scipy.interpolate import CubicSpline
 from ropefit.perception.trace import FrameRejected, Trace
 
 MOST_STRETCH = 1.3  # chords longer than this times the rope are no rope
+MANY = 100  # frames among which some show each piece of the rope nearly straight
+STRAIGHT = 0.95  # their quantile
+NORMAL = 1.645  # that quantile of a normal law, in sd
 
 
 def marker_arc(
@@ -15,16 +18,15 @@ def marker_arc(
 ) -> tuple[np.ndarray, float]:
     """Arc length of each marker (M,) and the rope's length [m], from all frames.
 
-    positions (F, M, 3), ends (F, 2, 3), NaN where unknown. Chords between neighbours, median over
-    the frames, from end 0 if it is known; scaled to `length` if the whole rope is spanned.
+    positions (F, M, 3), ends (F, 2, 3), NaN where unknown. Chords between neighbours, from end 0 if
+    it is known; scaled to `length` if the whole rope is spanned. Of few frames their median, of
+    many what the straightest show: where a rope always bends, its chords are too short.
     Raises FrameRejected where the markers do not make a line.
     """
     both = np.concatenate([ends[:, :1], positions, ends[:, 1:]], axis=1)
     chords = np.linalg.norm(np.diff(both, axis=1), axis=2)
     with np.errstate(all="ignore"):
-        chord = np.array(
-            [np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in chords.T]
-        )
+        chord = np.array([_piece(c[np.isfinite(c)]) for c in chords.T])
     inner = chord[1:-1]
     if np.isnan(inner).any() and np.isfinite(inner).any():
         # A pair never seen together: as far apart as neighbours usually are.
@@ -41,6 +43,17 @@ def marker_arc(
         else:
             total = length
     return arc, total
+
+
+def _piece(chords: np.ndarray) -> float:
+    """[m] of rope between two markers so far apart (F,), frame after frame; NaN of none."""
+    if not chords.size:
+        return np.nan
+    middle = float(np.median(chords))
+    if len(chords) < MANY:
+        return middle
+    noise = _robust(np.diff(chords, n=3) / np.sqrt(20.0))
+    return max(middle, float(np.quantile(chords, STRAIGHT)) - NORMAL * noise)
 
 
 def trace_markers(

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.inference import rest_curve
 from ropefit.inference.diagnosis import search as engine
 from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.equilibrium_rope import ranges
@@ -80,19 +81,26 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
         if settings.calibration:
             errors = calibrated(errors, context.external["calibration"])
         nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-        edge = on_edge(nominal)
-        if edge.all() or (~edge).sum() < FEWEST:
-            raise BadInput(
-                "nearly every frame is at the edge of its stability, where a hair's breadth "
-                "decides the shape; record poses in which the rope hangs firmly"
-            )
-        if edge.any():
-            told = ", ".join(map(str, o.frames[used[edge]]))
-            context.say(f"left out, at the edge of stability: frames {told}")
-            firm = np.flatnonzero(~edge)
-            used, setup, data = used[firm], setup.frames(torch.from_numpy(firm)), data.frames(firm)
-            nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-        found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
+        found = None
+        for _ in range(2):  # with what is found, other frames may come to the edge
+            edge = on_edge(found.final if found else nominal)
+            if (~edge).sum() < FEWEST:
+                if found:
+                    break
+                raise BadInput(
+                    "nearly every frame is at the edge of its stability, where a hair's breadth "
+                    "decides the shape; record poses in which the rope hangs firmly"
+                )
+            if edge.any():
+                told = ", ".join(map(str, o.frames[used[edge]]))
+                context.say(f"left out, at the edge of stability: frames {told}")
+                firm = np.flatnonzero(~edge)
+                used, data = used[firm], data.frames(firm)
+                setup = setup.frames(torch.from_numpy(firm))
+                nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
+            if found is None or edge.any():
+                found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
+        assert found is not None
         return content(o, found, used, every, bins)
 
 
@@ -122,8 +130,9 @@ def nominal_terms(
         values = {
             name: p.value
             for name, p in group.parameters.items()
-            if name in ("EI", "GJ") and p.verdict != "fixed"
+            if name in ("EI", "GJ", *rest_curve.NAMES) and p.verdict != "fixed"
         }
+    curve = {name: values.pop(name) for name in rest_curve.NAMES if name in values}
     setup = started_setup(setup, values, scale)
     names = ["EI"]
     if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
@@ -141,6 +150,12 @@ def nominal_terms(
         if prior and p is not None and p.ci95 is not None:
             sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
             term = _with_prior(term, sd)
+        terms.append(term)
+    for name, value in curve.items():
+        term, p = rest_curve.term(name, setup), group.parameters[name]
+        term = replace(term, start=np.array([value]))
+        if prior and p.ci95 is not None:
+            term = _with_prior(term, 0.5 * (p.ci95[1] - p.ci95[0]) / INTERVAL)
         terms.append(term)
     return terms, setup
 

@@ -14,6 +14,7 @@ from ropefit.artifacts import (
     ParameterGroup,
 )
 from ropefit.errors import NotConverged
+from ropefit.inference import rest_curve
 from ropefit.inference.equilibrium_rope import MEANING, NAMES, ranges
 from ropefit.inference.evaluate import agreement
 from ropefit.inference.forward import Forward, Term
@@ -76,6 +77,22 @@ def describe_group(
             trades_with=list(partners),
         )
     count = len(free)
+    parameters |= {
+        name: Parameter(
+            meaning=rest_curve.meaning(name),
+            unit="1/m",
+            initial=0.0,
+            value=t.value,
+            lower=-rest_curve.bound(name, point.setup),
+            upper=rest_curve.bound(name, point.setup),
+            free=True,
+            verdict=t.verdict if found.converged else "not converged",
+            ci95=t.interval,
+            trades_with=list(t.partners),
+        )
+        for name, t in told.items()
+        if name in rest_curve.NAMES
+    }
     names = [t.name for t in found.forward.terms if not t.nuisance]
     covariance = found.covariance[:count, :count]
     root = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

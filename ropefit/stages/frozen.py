@@ -6,6 +6,7 @@ import numpy as np
 
 from ropefit.artifacts import Model, Observations
 from ropefit.errors import WrongUsage
+from ropefit.inference import rest_curve
 from ropefit.stages.shapes_only import shapes_only
 
 
@@ -32,6 +33,7 @@ def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]
     here = o.mass / o.length * float(np.linalg.norm(o.gravity)) if o.mass else 1.0
     factor = 1.0 if m.balance.mass_known and o.mass else here / weight
     out = {name: factor * known[name].value for name in ("EI", "GJ", "EA") if name in known}
+    out |= {name: p.value for name, p in known.items() if name in rest_curve.NAMES}
     if known["length"].free or o.length_source == "estimated":
         out["length"] = known["length"].value
     return out

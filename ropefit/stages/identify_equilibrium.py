@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,14 @@ import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import NotConverged, WrongUsage
+from ropefit.inference import rest_curve
 from ropefit.inference.equilibrium_rope import NAMES, ranges
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.limits import limits
 from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.stations import Data, match
-from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
+from ropefit.inference.terms import PAIR, ROPE, Priors, calibration, rope_term
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import follow, other_states
 from ropefit.solvers.equilibrium import Solution
@@ -27,6 +29,8 @@ from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.stages.scene import node_at
 from ropefit.stages.stage import Context, Progress
 
+CALM = 0.05  # of the frames of a rope in motion
+LIVELY = 0.05  # of gravity: where a rope accelerates less, any frame is calm
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 
 
@@ -37,7 +41,13 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     data, scale = data_in_space(o), unit_scale(o)
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
-    train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
+    train = spread_evenly(
+        calmest(np.flatnonzero(~out), setup, settings.most_frames)
+        if settings.groups == "one"
+        else np.flatnonzero(~out),
+        group,
+        settings.most_frames,
+    )
     free = free_names(settings, o)
     started = started_setup(setup, given_values(o, settings, context), scale)
     parts, groups = [], {}
@@ -60,6 +70,18 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         "frames": o.frames,
         "models": {"nominal": model},
     }
+
+
+def calmest(frames: np.ndarray, setup: Setup, least: int) -> np.ndarray:
+    """Of frames (their indices) of a rope in motion, those in which it accelerates least, `least`
+    of them or more: there a model at rest is nearest to the truth. All of a rope at rest."""
+    if setup.motion is None:
+        return frames
+    size = setup.motion.acceleration[torch.from_numpy(frames)].square().sum(-1).mean(-1)
+    if float(size.median().sqrt()) < LIVELY * float(setup.gravity.norm()):
+        return frames
+    count = max(least, round(CALM * len(frames)))
+    return np.sort(frames[np.argsort(size.numpy(), kind="stable")[:count]])
 
 
 def held_node(o: Observations, control_at: float | None) -> int:
@@ -91,9 +113,11 @@ def free_names(settings: IdentifySettings, o: Observations) -> list[str]:
         return []
     if free is None:
         return ["EI"] + (["length"] if o.length_source == "estimated" else [])
+    free = rest_curve.spelled_out(free)
     for name in free:
-        if name not in NAMES:
-            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
+        if name not in (*NAMES, *rest_curve.NAMES):
+            known = ", ".join((*NAMES, *rest_curve.UNIFORM, rest_curve.SHORT))
+            raise WrongUsage(f"unknown parameter {name}; one of {known}")
     return free
 
 
@@ -106,6 +130,7 @@ def unit_scale(o: Observations) -> dict[str, tuple[float, str]]:
         "GJ": (weight, rigid),
         "EA": (weight, "N" if o.mass else "m"),
         "length": (1.0, "m"),
+        **dict.fromkeys(rest_curve.NAMES, (1.0, "1/m")),
     }
 
 
@@ -114,6 +139,10 @@ def started_setup(
 ) -> Setup:
     """The setup with some parameters set. Raises WrongUsage for values out of reach."""
     for name in sorted(start):  # EI before GJ, which otherwise follows it
+        if name in rest_curve.NAMES:
+            curvature = torch.tensor([start[name]], dtype=torch.float64)
+            setup = rest_curve.apply(name)(setup, curvature)
+            continue
         if name not in NAMES:
             raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
         value = start[name] / scale[name][0]
@@ -133,6 +162,9 @@ def rope_terms(setup: Setup, free: list[str]) -> list[Term]:
     known = ranges(setup)
     terms = []
     for name in sorted(free):
+        if name in rest_curve.NAMES:
+            terms.append(rest_curve.term(name, setup))
+            continue
         start, low, high = known[name]
         start = 1e3 * low if not np.isfinite(start) else start
         terms.append(rope_term(name, "", start, low, high, ROPE[name]))
@@ -145,8 +177,10 @@ def noise_of(o: Observations, data: Data) -> Noise:
 
 
 def priors_of(o: Observations) -> Priors:
-    """The recording's own priors over the defaults."""
-    return Priors(**{k: v for k, v in o.priors.model_dump().items() if v is not None})
+    """The recording's own priors over the defaults. Two markers tell a clamp's direction badly."""
+    given = {k: v for k, v in o.priors.model_dump().items() if v is not None}
+    pairs = {} if o.end_twist_known else {"end_orientation": PAIR}
+    return Priors(**(pairs | given))
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:
@@ -192,19 +226,29 @@ def nominal_fit(
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
     last = nearer_branch(best, data, bins)
     progress(0.5, "least squares")
+    # What the rope misses must not be forced on the errors of the set-up.
+    loose = max(1.0, best.scale) if data.material else 1.0
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
-    return calibrated_fit(full, best.point.u, data, noise, bins, evaluations)
+    return calibrated_fit(full, best.point.u, data, noise, bins, evaluations, loose)
 
 
 def calibrated_fit(
-    full: Forward, rope: np.ndarray, data: Data, noise: Noise, bins: int, evaluations: int
+    full: Forward,
+    rope: np.ndarray,
+    data: Data,
+    noise: Noise,
+    bins: int,
+    evaluations: int,
+    loose: float,
 ) -> tuple[Fit, Noise]:
     """Fit rope and calibration together, from search variables `rope` of the first terms; measure
-    what is left of noise, and fit once more under it."""
+    what is left of noise, and fit once more under it. loose: how many times the markers' noise the
+    rope alone misses; the errors of the set-up may take their share of that."""
     start = full.start()
     start[: rope.size] = rope
-    first = fit(full, data, noise, bins, start, evaluations)
-    noise = estimate(first.stations, Noise(marker=noise.marker))
+    first = fit(full, data, replace(noise, marker=loose * noise.marker), bins, start, evaluations)
+    missed = max(1.0, loose * first.scale) if loose > 1 else 1.0
+    noise = estimate(first.stations, Noise(marker=missed * noise.marker))
     return fit(full, data, noise, bins, first.point.u, evaluations), noise
 
 

@@ -9,11 +9,12 @@ import torch
 
 from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.inference import rest_curve
 from ropefit.inference.forward import Term
-from ropefit.inference.least_squares import Noise, fit
+from ropefit.inference.least_squares import Noise, data_without, fit
 from ropefit.inference.motion import MotionForward, MotionPoint
-from ropefit.inference.motion_spread import spread_of
-from ropefit.inference.motion_terms import PAIR, grips, unknowns
+from ropefit.inference.motion_spread import BLOCK, spread_of
+from ropefit.inference.motion_terms import grips, unknowns
 from ropefit.inference.stations import Data
 from ropefit.rod.setup import Setup
 from ropefit.stages.identify_equilibrium import held_node, priors_of
@@ -25,7 +26,9 @@ from ropefit.stages.stage import Context
 
 SHORTEST = 20  # frames of a clip
 OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes
+HORIZONS = (0.5, 1.5)  # s of each clip that are fitted before all of it
 LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get below
+LOOK = 15  # evaluations of a first fit
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
@@ -44,13 +47,21 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     train, out = held_back(clips, len(o.frames), settings.holdout)
     train = train[: max(1, settings.most_frames * OF_MOTION // len(train[0]))]
     forward = _forward(o, span, terms, train)
-    used = np.isin(np.arange(len(o.frames)), np.concatenate(train))
-    data = span.data
-    seen = Data(data.points, data.share, data.mask & used[:, None], data.material, data.eye)
-    noise = Noise(marker=max(float(np.median(o.noise)), LEAST_NOISE))
+    seen = _within(span.data, train)
+    # What a motion misses wanders for a swing or so: of its many samples, few are news.
+    noise, step = Noise(marker=LEAST_NOISE), float(np.median(np.diff(o.time)))
     context.progress(0.1, "least squares")
     _check(forward.at(forward.start()), train)
-    found = fit(forward, seen, noise, 1, forward.start(), settings.evaluations, tolerance=1e-5)
+    start = forward.start()
+    for seconds in HORIZONS:  # a rope far off swings out of step: first, as long as it is in step
+        few = [c[: max(SHORTEST, round(seconds / step))] for c in train]
+        short = _forward(o, span, terms, few)
+        near = fit(short, _within(span.data, few), noise, 1, start, LOOK, tolerance=1e-3)
+        start = near.point.u
+        rms = float(np.sqrt((near.stations.residual**2).mean()))
+        noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
+    context.progress(0.3, "least squares")
+    found = fit(forward, seen, noise, 1, start, settings.evaluations, tolerance=1e-4)
     context.progress(0.8, "all clips")
     whole = _forward(o, span, terms, clips)
     point, first = whole.at(found.point.u), whole.at(forward.start())
@@ -119,10 +130,14 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
     """The parameters that are fitted. Raises WrongUsage."""
     allowed = unknowns(setup)
     if settings.free is not None:
-        for name in settings.free:
+        asked = rest_curve.spelled_out(settings.free)
+        for name in asked:
             if name not in allowed:
-                raise WrongUsage(f"unknown parameter {name}; one of {', '.join(allowed)}")
-        return sorted(settings.free, key=list(allowed).index)
+                known = [n for n in allowed if n not in rest_curve.VARYING]
+                raise WrongUsage(
+                    f"unknown parameter {name}; one of {', '.join([*known, rest_curve.SHORT])}"
+                )
+        return sorted(set(asked), key=list(allowed).index)
     names = ["EI", "bend_damping", "air_damping"]
     if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
         names.insert(1, "GJ")
@@ -131,9 +146,9 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
 
 def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
     """The free parameters, then the errors of the grips."""
-    known, degrees = unknowns(setup), priors_of(o).end_orientation
-    pairs = PAIR if not o.end_twist_known else 0.0
-    return [known[name].term(name) for name in free] + grips(setup, max(degrees, pairs))
+    known = unknowns(setup)
+    own = [known[name].term(name, setup) for name in free]
+    return own + grips(setup, priors_of(o).end_orientation)
 
 
 def _forward(
@@ -142,6 +157,12 @@ def _forward(
     return MotionForward(
         span.setup, terms, time=o.time, clips=clips, observed=span.lines, every=EVERY
     )
+
+
+def _within(data: Data, clips: list[np.ndarray]) -> Data:
+    """The data of some clips."""
+    used = np.isin(np.arange(len(data.points)), np.concatenate(clips))
+    return data_without(data, ~used)
 
 
 def _check(point: MotionPoint, clips: list[np.ndarray]) -> None:

@@ -54,6 +54,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     given = given_values(o, settings, context)
     setup = started_setup(base_setup(o, segments_of(o)), given, scale)
     free = free_names(settings, o)
+    if not set(free) <= set(NAMES):
+        raise WrongUsage(f"--search {settings.how} fits {', '.join(NAMES)}; leave out the rest")
     every = setup.segments // (len(o.node_arc) - 1)
     tied = "GJ" not in {*free, *given}
     rope = EquilibriumRope(setup, every, node, tied, device=_accelerator(settings.device))

@@ -11,7 +11,8 @@ from torch import Tensor
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
-from ropefit.errors import StageFailed
+from ropefit.errors import StageFailed, WrongUsage
+from ropefit.inference import rest_curve
 from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.inference.forward import Forward
 from ropefit.inference.terms import calibration
@@ -19,7 +20,7 @@ from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states
 from ropefit.stages.equilibrium_model import calibration_name
-from ropefit.stages.identify_equilibrium import priors_of, unit_scale
+from ropefit.stages.identify_equilibrium import priors_of, started_setup, unit_scale
 from ropefit.stages.rope_setup import base_setup
 
 
@@ -35,6 +36,7 @@ def restored_rope(
 
     Calibration errors are those of the fit, if it was one fit for all frames. With a diagnosis that
     found causes, the rope has them, and values and calibration are those fitted along with them.
+    Raises WrongUsage where groups of frames have rest curves of their own.
     hold_frame: end 0 holds its frame although it is not clamped, to begin with the one that it has
     of itself.
     """
@@ -43,6 +45,13 @@ def restored_rope(
     segments = (found.segments if found else 0) or model.balance.segments
     setup = base_setup(o, segments)._replace(ends=torch.from_numpy(ends))
     values = restored_values(o, model)
+    group = next(iter(model.groups.values())).parameters
+    curve = {name: p.value for name, p in group.items() if name in rest_curve.NAMES}
+    if found:
+        curve |= {name: s.value for name, s in found.rope.items() if name in rest_curve.NAMES}
+    if curve and len(model.groups) > 1:
+        raise WrongUsage("every group of frames has a rest curve of its own: --groups one")
+    setup = started_setup(setup, curve, {})
     known = found.calibration if found else model.balance.calibration
     if found or len(model.groups) == 1:
         for term in calibration(setup, priors_of(o), o.ends_assumed):

@@ -9,7 +9,7 @@ import torch
 from ropefit.inference.diagnosis.weigh import Rival
 from ropefit.inference.forward import Forward
 from ropefit.rod.quaternion import from_rotation_vector, multiply
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import Motion, Setup
 
 
 def motions(setup: Setup) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
@@ -77,7 +77,12 @@ def next_motion(first: Rival, second: Rival) -> tuple[str, float]:
                 origin=base.seen.origin[:1].expand(5, 1, 3),
                 normal=base.seen.normal[:1].expand(5, 1, 3),
             )
-            moved = base._replace(ends=ends, clamp=clamp, seen=seen, time=None, past=None)
+            slow = base.motion and Motion(
+                *(torch.zeros_like(item[:1]).expand(5, *item.shape[1:]) for item in base.motion)
+            )
+            moved = base._replace(
+                ends=ends, clamp=clamp, seen=seen, motion=slow, time=None, past=None
+            )
             point = Forward(moved, rival.fit.forward.terms).at(rival.fit.point.u)
             shapes.append(point.seen)
         apart = float(np.sqrt(np.nanmean(((shapes[0] - shapes[1]) ** 2).sum(-1))))

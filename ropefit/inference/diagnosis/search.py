@@ -13,6 +13,7 @@ from ropefit.inference.diagnosis.columns import Columns, Responses
 from ropefit.inference.diagnosis.contact import Start, proposals, uneven
 from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import NARROWEST, Family, families
+from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.latent import Latent, latent_force
 from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms
 from ropefit.inference.forward import Forward
@@ -30,6 +31,7 @@ SET_NATS = 3.0
 SAME_SIGNAL, SAME_NATS = 0.98, 10.0  # of what the best one explains, and so little behind
 IMPLAUSIBLE = 30.0  # usual sizes: what large no rope or set-up has
 AGREEING = 0.8  # share of the held-out blocks that must gain
+MOVES = "inertia"
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
 
@@ -82,8 +84,8 @@ def search(
     nominal = fit(start, data, noise, bins, nominal.point.u, 20, tolerance=1e-5)
     current, accepted, refused = nominal, [], []
     threshold, clean, first_scan, detectable, units = LEAST, 0.0, [], {}, {}
-    latent, crowded = None, False
-    for round_ in range(MOST_EFFECTS + 1):
+    latent, crowded, most = None, False, MOST_EFFECTS
+    for round_ in range(MOST_EFFECTS + 2):
         progress(0.2 + 0.2 * round_, "scan")
         columns = _columns(current, data, bins, accepted)
         project = Projection(current)
@@ -105,13 +107,13 @@ def search(
                 detectable[s.family.name] = min(size, detectable.get(s.family.name, np.inf))
                 units[s.family.name] = s.family.effect.quantities[0].unit
         latent.threshold = clean
-        if round_ == MOST_EFFECTS:
+        if round_ == most:
             crowded = scan[0].log_factor > 3 * threshold
             break
         progress(0.25 + 0.2 * round_, "fits of the leaders")
         # Contact is a force, in some frames only; its fits cost the most.
         anything = max(latent.evidence, scan[0].log_factor) > ANYTHING or uneven(current)
-        touching = proposals(current) if anything else []
+        touching = (proposals(current) if anything else []) + inertial(current)
         rivals = _rivals(current, scan, touching, data, noise, bins, threshold)
         winner = _winner(rivals, threshold, heldout_rms(current)[0], refused)
         if winner is None:
@@ -120,17 +122,20 @@ def search(
         winner, same = _measurement_first(*_simplest_first(winner, same))
         p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
+        most += winner.family.name == MOVES  # what every rope in motion has explains nothing away
         current = winner.fit
         current.forward.last = current.point.solution
         data = every.settled(current.point.seen)
         current = fit(current.forward, data, noise, bins, current.point.u, 10, tolerance=1e-5)
     assert latent is not None
-    verdict = "unknown" if crowded else "found" if accepted else "none"
-    if latent.evidence > latent.threshold:
-        left = float(current.z @ current.z) - len(current.z)
-        was = max(float(nominal.z @ nominal.z) - len(nominal.z), 1e-9)
-        if not accepted or left > NEGLIGIBLE * was:
-            verdict = "unknown"
+    left = float(current.z @ current.z) - len(current.z)
+    was = max(float(nominal.z @ nominal.z) - len(nominal.z), 1e-9)
+    explained = bool(accepted) and left <= NEGLIGIBLE * was
+    moving = explained and any(f.rival.family.name == MOVES for f in accepted)
+    # A motion is never explained down to the noise of its markers.
+    verdict = "unknown" if crowded and not moving else "found" if accepted else "none"
+    if latent.evidence > latent.threshold and not explained:
+        verdict = "unknown"
     return Diagnosis(
         verdict, accepted, nominal, current, noise, first_scan, threshold, latent, detectable,
         units, refused,

@@ -1,0 +1,172 @@
+"""Measured ropes at rest: a cable that was changed, and a wire that may not be straight."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import ropefit
+from ropefit.artifacts import Model, read
+
+CURVED = "EI,curvature_1,curvature_2"  # uniform: what three markers still determine
+VARYING = "EI,rest_curve"
+
+
+@dataclass(frozen=True)
+class Identified:
+    """rms [m] of fitted and held-out frames, and every free parameter as the artifact has it; EI of
+    every group of frames."""
+
+    fitted: float
+    heldout: float | None
+    by_frame: np.ndarray
+    parameters: dict[str, dict[str, Any]]
+    rigid: list[dict[str, Any]]
+
+
+def identified(run: Path, free: str, groups: str = "one") -> Identified:
+    """`ropefit identify --free` on a run; the parameters of the first group."""
+    ropefit("identify", "--run", run, "--free", free, "--groups", groups)
+    model = read(run / Model.file_name, Model)[0].nominal
+    told = {n: p.model_dump() for n, p in next(iter(model.groups.values())).parameters.items()}
+    few = {n: p for n, p in told.items() if p["free"]}
+    rigid = [group.parameters["EI"].model_dump() for group in model.groups.values()]
+    return Identified(model.rms_fit, model.rms_heldout, model.rms, few, rigid)
+
+
+@dataclass(frozen=True)
+class Cables:
+    """The cable as it was, straight and with a rest curvature, and what the diagnosis says of the
+    changed one: with the first as its nominal model, and by itself."""
+
+    straight: Identified
+    curved: Identified
+    known: dict[str, Any]
+    alone: dict[str, Any]
+
+
+def cables(real: Path, folder: Path) -> Cables:
+    was, now, alone = folder / "unweighted", folder / "weighted", folder / "alone"
+    for run in (was, now):
+        ropefit("preprocess", real / f"cable_black_{run.name}", "--run", run)
+    straight, curved = identified(was, "EI"), identified(was, CURVED)
+    identified(now, CURVED)
+    shutil.copytree(now, alone)
+    known = ropefit("diagnose", "--run", now, "--nominal", was)
+    return Cables(straight, curved, known, ropefit("diagnose", "--run", alone))
+
+
+def wire(real: Path, folder: Path) -> tuple[Identified, Identified, Identified]:
+    """The wire taken as straight, with a rest curve, and with one of its own in every pose."""
+    ropefit("preprocess", real / "wire_black", "--run", folder)
+    own = identified(folder, VARYING, ",".join(f"{t}-{t}" for t in range(5)))
+    return identified(folder, "EI"), identified(folder, VARYING), own
+
+
+def cable_table(c: Cables) -> str:
+    rows = [
+        "A cable held at its base, its free end hanging, at 23 angles of the base; then the same",
+        "again with something changed; written by `python -m benchmarks.real`. As it was it leaves",
+        f"{_mm(c.straight.fitted)} mm taken as straight at rest (held-out angles "
+        f"{_mm(c.straight.heldout)}),",
+        f"and {_mm(c.curved.fitted)} mm (held-out angles {_mm(c.curved.heldout)}) with a",
+        "uniform rest curvature:",
+        "",
+        *parameter_rows({"unweighted": c.curved}),
+        "",
+        "The changed cable, by `ropefit diagnose`:",
+        "",
+        "| rope known from | verdict | named | where [m] | size (95 %) | or as well | nats | "
+        "held out before → after [mm] |",
+        "|---" * 8 + "|",
+        _row("the first run (`--nominal`)", c.known),
+        _row("nowhere", c.alone),
+    ]
+    for where, found in (("With `--nominal`", c.known), ("Without it", c.alone)):
+        rows += ["", f"{where}, it says besides: " + _words(found)]
+    return "\n".join(rows) + "\n"
+
+
+def _words(found: dict[str, Any]) -> str:
+    said = [f"not believed: {text}" for text in found["refused"]]
+    if found["next_motion"]["description"]:
+        apart = " from ".join(found["next_motion"]["separates"])
+        said.append(f"to tell {apart}: {found['next_motion']['description']}")
+    return ("; ".join(said) or "nothing") + "."
+
+
+def _row(known: str, found: dict[str, Any]) -> str:
+    """Of the first cause; the others follow in the words."""
+    out = found["heldout"]
+    held = f"{_mm(out['rms_before_m'])} → {_mm(out['rms_after_m'])}"
+    if not found["effects"]:
+        return f"| {known} | {found['verdict']} | - | - | - | - | - | {held} |"
+    cells = [cause_cells(effect) for effect in found["effects"]]
+    joined = " | ".join("; ".join(column) for column in zip(*cells, strict=True))
+    return f"| {known} | {found['verdict']} | {joined} | {held} |"
+
+
+def cause_cells(effect: dict[str, Any]) -> tuple[str, ...]:
+    """What, where, size, equivalents and evidence of one cause."""
+    key, size = next(iter(effect["parameters"].items()))
+    place = effect["arc_length_m"]
+    low, high = size["ci95"]
+    return (
+        effect["name"],
+        "-" if place is None else f"{place[0]:.3f} .. {place[1]:.3f}",
+        f"{key} {size['value']:.3g} {size['unit']} ({low:.3g} .. {high:.3g})",
+        ", ".join(effect["equivalent_to"]) or "-",
+        f"{effect['evidence']['log_bayes_factor']:.0f}",
+    )
+
+
+def wire_table(straight: Identified, free: Identified, own: Identified) -> str:
+    return "\n".join([
+        "A wire clamped at both ends, five poses clicked on photographs: is it straight at rest?",
+        "Written by `python -m benchmarks.real`.",
+        "",
+        "| rest shape | fitted frames [mm] | frame by frame [mm] |",
+        "|---|---|---|",
+        *(
+            f"| {name} | {_mm(i.fitted)} | " + ", ".join(_mm(v) for v in i.by_frame) + " |"
+            for name, i in (
+                ("straight", straight), ("one curve", free), ("a curve for every pose", own),
+            )
+        ),
+        "",
+        *parameter_rows({"straight": straight, "one curve": free}),
+        "",
+        "EI pose by pose, with a rest curve of its own each: "
+        + "; ".join(
+            f"{p['value']:.3g} {p['unit']} ({interval(p)}, {p['verdict']})" for p in own.rigid
+        )
+        + ".",
+    ]) + "\n"  # fmt: skip
+
+
+def parameter_rows(found: dict[str, Identified]) -> list[str]:
+    rows = [
+        "| model | parameter | value | 95 % interval | verdict | trades with |",
+        "|---" * 6 + "|",
+    ]
+    for model, i in found.items():
+        for name, p in i.parameters.items():
+            partners = ", ".join(p["trades_with"]) or "-"
+            cells = [model, f"{name} [{p['unit']}]", f"{p['value']:.3g}", interval(p), p["verdict"]]
+            rows.append(f"| {' | '.join(cells)} | {partners} |")
+    return rows
+
+
+def interval(p: dict[str, Any]) -> str:
+    """Of a parameter: from .. to, or its limit."""
+    if p["below"] is not None:
+        return f"below {p['below']:.3g}"
+    return "-" if p["ci95"] is None else f"{p['ci95'][0]:.3g} .. {p['ci95'][1]:.3g}"
+
+
+def _mm(value: float | None) -> str:
+    return "-" if value is None else f"{1e3 * value:.3g}"

@@ -1,0 +1,67 @@
+"""The shape of a rope on which nothing acts, as parameters: its curvature, uniform or varying.
+
+About the rope's own two directions across it, those of the clamps, carried along it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.inference.forward import Apply, Term
+from ropefit.rod.setup import Setup
+
+PLACES = (0, 25, 50, 75, 100)  # % of the length: where a varying curvature is told
+UNIFORM = ("curvature_1", "curvature_2")
+VARYING = tuple(f"{name}_at_{place}" for name in UNIFORM for place in PLACES)
+NAMES = (*UNIFORM, *VARYING)
+SHORT = "rest_curve"  # stands for all of `VARYING`
+MOST, STEEP = 5.0, 20.0  # 1/m per length: bounds of a uniform and of a varying curvature
+ACROSS = ("", ", across the first")
+
+
+def spelled_out(names: list[str]) -> list[str]:
+    """The names, `SHORT` replaced by what it stands for."""
+    return [full for name in names for full in (VARYING if name == SHORT else (name,))]
+
+
+def meaning(name: str) -> str:
+    """In words."""
+    uniform, _, place = name.partition("_at_")
+    where = f" at {place} % of the length" if place else ""
+    return f"rest curvature{where}{ACROSS[UNIFORM.index(uniform)]}"
+
+
+def bound(name: str, setup: Setup) -> float:
+    """[1/m] that no rope's rest curvature exceeds."""
+    return (MOST if name in UNIFORM else STEEP) / float(setup.properties.length.sum())
+
+
+def term(name: str, setup: Setup) -> Term:
+    """One of `NAMES` as a free parameter of a rope that is straight so far."""
+    one, most = np.ones(1), bound(name, setup)
+    return Term(
+        name, (name,), ("1/m",), apply(name), 0 * one, 0.1 * most * one, -most * one, most * one,
+        np.full(1, np.inf),
+    )  # fmt: skip
+
+
+def apply(name: str) -> Apply:
+    """Adds a curvature [1/m]: everywhere, or at one of `PLACES` and less and less up to the
+    next."""
+    uniform, _, place = name.partition("_at_")
+    about = torch.zeros(3, dtype=torch.float64)
+    about[UNIFORM.index(uniform)] = 1.0
+
+    def added(setup: Setup, v: Tensor) -> Setup:
+        p = setup.properties
+        near = torch.ones_like(p.length)
+        if place:
+            share = (setup.arc[1:] - 0.5 * p.length) / p.length.sum()
+            apart = 0.01 * (PLACES[1] - PLACES[0])
+            near = torch.clamp(1 - (share - 0.01 * float(place)).abs() / apart, min=0)
+        curvature = p.curvature + v[0] * near[:, None] * about
+        return setup._replace(properties=p._replace(curvature=curvature))
+
+    return added
