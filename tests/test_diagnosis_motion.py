@@ -1,0 +1,64 @@
+"""Inertia is found although the model at rest came out rigid, where the scan sees no force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.effects import Inertia
+from ropefit.inference.diagnosis.in_motion import inertial
+from ropefit.inference.diagnosis.motion import next_motion
+from ropefit.inference.diagnosis.weigh import fit_rival
+from ropefit.inference.forward import Forward
+from ropefit.inference.least_squares import Noise, fit
+from ropefit.inference.stations import Data
+from ropefit.inference.terms import rope_term, set_bend
+from ropefit.recordings.ends import quaternion_along
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import Motion, bare
+
+FRAMES, SEGMENTS, EI = 8, 40, 0.02
+DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+
+
+def shaken():
+    """A rope of 1 kg between two clamps, in frames that accelerate, and where it is seen."""
+    rng = np.random.default_rng(0)
+    p = uniform(length=1.0, segments=SEGMENTS, bend=EI, density=1.0)
+    ends = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
+    ends[:, 1, 0] = torch.from_numpy(rng.uniform(0.4, 0.7, FRAMES))
+    level = np.stack([quaternion_along(np.array(v)) for v in ((0.2, 0.0, -1), (0.2, 0.0, 1))])
+    clamp = torch.from_numpy(level).expand(FRAMES, 2, 4).clone()
+    still = bare(p, DOWN, ends, clamp, torch.tensor([0.0, -2, 0]).double())
+    bump = torch.sin(torch.linspace(0, torch.pi, SEGMENTS + 1, dtype=torch.float64))[:, None]
+    acceleration = bump * torch.from_numpy(rng.normal(scale=4.0, size=(FRAMES, 1, 3)))
+    zero = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
+    moving = still._replace(motion=Motion(0 * acceleration, acceleration, zero, zero, zero))
+    true = Inertia().apply(moving, torch.ones(1, dtype=torch.float64))
+    seen = Forward(true, []).at(np.empty(0))
+    assert seen.solution.converged.all()
+    nodes = np.arange(4, SEGMENTS, 4)
+    points = seen.seen[:, nodes] + 1e-3 * rng.normal(size=(FRAMES, len(nodes), 3))
+    share = np.broadcast_to(nodes / SEGMENTS, points.shape[:2])
+    mask = np.ones(points.shape[:2], dtype=bool)
+    return moving, Data(points, share.copy(), mask, True, np.array([0.0, -2, 0]))
+
+
+def test_inertia_is_found_from_a_rigid_model():
+    setup, data = shaken()
+    bend = rope_term("EI", "", 100 * EI, 1e-4 * EI, 1e6 * EI, set_bend)
+    noise = Noise(marker=1e-3)
+    nominal = fit(Forward(setup, [bend]), data, noise, 1)
+    ((family, start),) = inertial(nominal)[0]
+    rival = fit_rival(nominal, family, start, data, noise, 1)
+    assert rival is not None
+    assert rival.values()[0] == pytest.approx(1, abs=0.05)
+    assert bend.value(rival.fit.point.u[:1])[0] == pytest.approx(EI, rel=0.05)
+    assert rival.evidence > 100
+    assert (rival.gains > 0).all()
+    assert inertial(rival.fit) == []
+    at_rest = nominal.forward.base._replace(motion=None)
+    assert inertial(fit(Forward(at_rest, [bend]), data, noise, 1, evaluations=1)) == []
+    name, apart = next_motion(rival, rival)  # a rival is like itself in every slow motion
+    assert (name, apart) == ("", 0.0)
