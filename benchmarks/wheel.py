@@ -57,7 +57,8 @@ def main() -> None:
     data = {"wheel": wheel.name, "bytes": wheel.stat().st_size, "packages": packages}
     text = (
         f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB, {packages} packages in the "
-        f"environment,\nPython {sys.version.split()[0]}; the sample's report has {size / 1e6:.1f} MB.\n"
+        f"environment,\nPython {sys.version.split()[0]}; "
+        f"the sample's report: {size / 1e6:.1f} MB.\n"
     )
     publish(options, "wheel", text, data)
 
