@@ -214,6 +214,7 @@ def disturb(chain: Chain, kills: int, run: Path, rng: np.random.Generator) -> Ta
         stages = os.read(read_end, 100)
         os.close(read_end)
         _check(chain, run, tally)
+        print(f"{chain.name}: {sum(tally.kills.values())} of {kills} kills", file=sys.stderr)
         tally.resumed += stages.count(RESUMED)
         stages = stages.replace(bytes([RESUMED]), b"")
         if code == KILLED:

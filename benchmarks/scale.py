@@ -167,9 +167,10 @@ def table(data: dict[str, Any]) -> str:
     heaviest = max(data["bytes"], key=data["bytes"].get)
     lines += [
         "",
-        f"It breaks first in {first[1]}, at some {_round(first[0])} recordings; the rest of the batch "
-        f"does not need it. {WORKERS} workers on tasks of {task:.1f} s ask for {WORKERS / task:.0f} "
-        f"tasks a second and write {WORKERS / task * len(data['bytes']):.0f} files a second, "
+        f"It breaks first in {first[1]}, at some {_round(first[0])} recordings; the rest of the "
+        f"batch does not need it. {WORKERS} workers on tasks of {task:.1f} s ask for "
+        f"{WORKERS / task:.0f} tasks a second and write "
+        f"{WORKERS / task * len(data['bytes']):.0f} files a second, "
         f"{WORKERS / task * size / 1e6:.0f} MB a second, of which "
         f"{data['bytes'][heaviest] / size:.0%} is {heaviest}.",
     ]
