@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import sys
@@ -41,6 +42,7 @@ from tests.factories import marker_recording
 
 KILLED = -signal.SIGKILL
 SOUGHT = ("distributed_load", "scale_error")  # by the diagnosis: all would take a minute a time
+TIMES = re.compile(r'<td data-label="(took|created)">.*?</td>')  # what a page says of its making
 LOST = ("damaged", "other", "unequal", "left")
 RESUMED = 255  # what a process tells instead of a stage's number
 FAST = {"solver": "thomas", "steps": 4, "iterations": 3, "evaluations": 25, "free": ["eta_x_G"]}
@@ -105,7 +107,8 @@ def hashes(run: Path) -> dict[str, str]:
         if path.name.startswith("."):
             continue
         if path.name == REPORT:
-            found[path.name] = str(hash(path.read_bytes()))
+            page = TIMES.sub("", path.read_text())
+            found[path.name] = str(hash(page)) if page.rstrip().endswith("</html>") else "cut off"
             continue
         schema = identity(path)[0]
         kind = next(kind for kind in ARTIFACTS if kind.schema_name == schema)
