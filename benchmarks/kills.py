@@ -261,7 +261,7 @@ def measure(
 ) -> dict[str, Tally]:
     """Prepare and disturb both chains, or one of them, up to a stage."""
     torch.set_num_threads(1)
-    checkpoint.EVERY, checkpoint.SHARE = 0.1, 0  # so that many are interrupted, and resumed
+    checkpoint.EVERY, checkpoint.SHARE = 0.01, 0  # so that many are interrupted, and resumed
     search.families = lambda setup: [f for f in families(setup) if f.name in SOUGHT]
     search.proposals = lambda fit: []
     recording = marker_recording(scratch / "recording", frames=4)
@@ -303,7 +303,7 @@ def main() -> None:
         "`python -m benchmarks.kills`. *Damaged*: an artifact that cannot be read or whose hash is",
         "wrong; *other*: neither the old file nor the new one; *unequal*: a resumed run that ended",
         "with other bytes than an undisturbed one; *left*: files it left behind. Stages save what",
-        "they found every 0.1 s here, not every 15 s: *resumed* counts those that went on from",
+        "they found every 0.01 s here, not every 15 s: *resumed* counts those that went on from",
         "that. The diagnosis looks for two effects only, to be quick.",
         "",
         f"| chain | {' | '.join(stages)} | resumed | finished | damaged | other | unequal | left |",
