@@ -303,7 +303,7 @@ def main() -> None:
         "`python -m benchmarks.kills`. *Damaged*: an artifact that cannot be read or whose hash is",
         "wrong; *other*: neither the old file nor the new one; *unequal*: a resumed run that ended",
         "with other bytes than an undisturbed one; *left*: files it left behind. Stages save what",
-        "they found every 0.01 s here, not every 15 s: *resumed* counts those that went on from",
+        "they found every 0.01 s here, not every 10 s: *resumed* counts those that went on from",
         "that. The diagnosis looks for two effects only, to be quick.",
         "",
         f"| chain | {' | '.join(stages)} | resumed | finished | damaged | other | unequal | left |",
