@@ -79,11 +79,14 @@ def per_recording(folder: Path, runs: Path) -> dict[str, float]:
     tracemalloc.stop()
     write_index(runs, records)
     seconds = time.monotonic() - started
+    pages = [(runs / name).stat().st_size for name in ("index.html", "summary.csv")]
+    write_index(runs, [])  # what they are without any
+    empty = [(runs / name).stat().st_size for name in ("index.html", "summary.csv")]
     run = runs / records[0].name
     files = sum(path.is_file() for path in run.rglob("*")) + 1  # and its record
     found = {
-        "index.html": (runs / "index.html").stat().st_size,
-        "summary.csv": (runs / "summary.csv").stat().st_size,
+        "index.html": pages[0] - empty[0],
+        "summary.csv": pages[1] - empty[1],
         "memory of the process that hands out": held,
         "time to list and tell, without work": seconds,
         "record in " + FOLDER: sum(p.stat().st_size for p in (runs / FOLDER).rglob("*.json")),
