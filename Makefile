@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 RUN    ?= run
 
-.PHONY: demo test check install schemas results exporters batch clean
+.PHONY: demo test check install schemas results exporters wheel audit batch clean
 .DEFAULT_GOAL := demo
 
 install: $(STAMP)
@@ -51,6 +51,14 @@ results: $(STAMP)
 # An environment for each simulator under build/simulators, then how far exported ropes are off.
 exporters: $(STAMP)
 	$(BIN)/python -m benchmarks.exporters --setup --write docs/results.md
+
+# The wheel in an environment of its own; known vulnerabilities of the versions that are tested.
+wheel: $(STAMP)
+	$(BIN)/python -m benchmarks.wheel --write docs/dependencies.md
+
+audit: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check pip-audit
+	$(BIN)/pip-audit -r constraints.txt --no-deps --disable-pip --strict
 
 include pipelines/batch.mk
 include pipelines/paper.mk

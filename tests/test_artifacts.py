@@ -167,17 +167,16 @@ def test_without_its_seal_a_file_is_still_read(path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["attribute", "text"])
 def test_files_on_which_libhdf5_never_returns(name: str) -> None:
+    path = ROOT / "benchmarks" / "fuzz" / "found" / f"hang-global-heap-{name}.h5"
     started = time.monotonic()
-    result = subprocess.run(
-        [sys.executable, "-m", "ropefit", "inspect",
-         ROOT / "benchmarks" / "fuzz" / "found" / f"hang-global-heap-{name}.h5"],
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+    assert "never ends" in refused(path)
     assert time.monotonic() - started < 10
-    assert result.returncode == 3
-    assert result.stderr.startswith("ropefit: ")
-    assert result.stderr.count("\n") == 1
-    assert "never ends" in result.stderr
+    if name == "text":
+        command = [sys.executable, "-m", "ropefit", "inspect", str(path)]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert result.returncode == 3
+        assert result.stderr.startswith("ropefit: ")
+        assert result.stderr.count("\n") == 1
 
 
 def test_sealed_text_of_variable_length_is_refused(path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from ropefit.artifacts import Checkpoint, content_sha256, read, write
 from ropefit.artifacts.packing import packed, unpacked
 from ropefit.errors import StageFailed
+from ropefit.inference import journal as journals
 from ropefit.inference.diagnosis import search
 from ropefit.inference.diagnosis.families import Family, families
 from ropefit.inference.journal import Entries, Journal, journal, keeping
@@ -153,6 +154,16 @@ def test_a_journal_forgets_the_parts_of_what_is_whole() -> None:
     assert set(kept.entries) == {"fit 11/z 0", "fit 1"}
     assert journal().recall("fit 1") is None
     journal().keep("fit 1", lambda: pytest.fail("nothing is kept"))
+
+
+def test_a_journal_keeps_no_gaps_when_it_is_full(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journals, "MOST", 100.0)
+    kept = Journal(save=lambda entries: None)
+    for name, count in (("fit 1/z 0", 5), ("fit 1/slope 0", 50), ("fit 1/z 1", 1), ("fit 2", 90)):
+        kept.keep(name, lambda count=count: {"x": np.zeros(count)})
+    assert set(kept.entries) == {"fit 1/z 0", "fit 2"}  # nothing after what had no room
+    kept.keep("fit 1", lambda: {"x": np.zeros(50)})
+    assert set(kept.entries) == {"fit 1", "fit 2"}
 
 
 def test_arrays_of_any_type_and_shape_come_back() -> None:

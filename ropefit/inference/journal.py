@@ -14,21 +14,24 @@ from contextvars import ContextVar
 
 import numpy as np
 
+MOST = 256e6  # bytes of the parts of what is under way
+
 Arrays = dict[str, np.ndarray]
 Entries = dict[str, Arrays]
 
 
 class Journal:
-    """Results by name. `save` is called with all of them whenever there is a new one; without it
-    nothing is kept."""
+    """Results by name; a part of a result is named result/part. `save` is called with all of them
+    whenever there is a new one; without it nothing is kept."""
 
     def __init__(
         self, entries: Entries | None = None, save: Callable[[Entries], None] | None = None
     ):
         self.entries = entries or {}
-        self._parts = {name for name in self.entries if "/" in name}
         self._save = save
         self._count: Counter[str] = Counter()
+        self._parts = {name: _size(e) for name, e in self.entries.items() if "/" in name}
+        self._full: set[str] = set()
 
     def next(self, kind: str) -> str:
         """The name of the next result of a kind."""
@@ -40,16 +43,29 @@ class Journal:
         return self.entries.get(name)
 
     def keep(self, name: str, make: Callable[[], Arrays]) -> None:
-        """Keep what `make` gives, copied, and forget the parts of it: names that go on with /."""
-        if self._save is None:
+        """Keep what `make` gives, copied, and forget the parts of it.
+
+        When the parts are too many no more are kept of that result: a computation goes on from the
+        last that was.
+        """
+        whole = name.partition("/")[0]
+        if self._save is None or (name != whole and whole in self._full):
             return
-        for part in [key for key in self._parts if key.startswith(f"{name}/")]:
-            del self.entries[part]
-            self._parts.remove(part)
-        if "/" in name:
-            self._parts.add(name)
-        self.entries[name] = {key: np.array(value) for key, value in make().items()}
+        entry = {key: np.array(value) for key, value in make().items()}
+        if name == whole:
+            for part in [key for key in self._parts if key.startswith(f"{name}/")]:
+                del self.entries[part], self._parts[part]
+        elif sum(self._parts.values()) + _size(entry) > MOST:
+            self._full.add(whole)
+            return
+        else:
+            self._parts[name] = _size(entry)
+        self.entries[name] = entry
         self._save(self.entries)
+
+
+def _size(entry: Arrays) -> int:
+    return sum(value.nbytes for value in entry.values())
 
 
 _current: ContextVar[Journal | None] = ContextVar("journal", default=None)

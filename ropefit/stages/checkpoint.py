@@ -15,7 +15,7 @@ from ropefit.artifacts.packing import packed, unpacked
 from ropefit.errors import RopefitError, StageFailed
 from ropefit.inference.journal import Entries, Journal, keeping
 
-EVERY = 15.0  # s
+EVERY = 10.0  # s
 SHARE = 20  # one that takes long to write is written so much more seldom
 
 
