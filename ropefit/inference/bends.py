@@ -25,7 +25,8 @@ def darboux(rod: Rod, held: Conditions, solution: Solution) -> np.ndarray:
     real = np.sqrt(np.maximum(1 - (rest**2).sum(-1), 0.0))
     nearer = p[:, 0] * real + (p[:, 1:] * rest).sum(-1)
     stiff = rod.stiff.reshape(len(p), 3).numpy()
-    return p * np.where(nearer < 0, -1.0, 1.0)[:, None] * (stiff > 0).any(-1)[:, None]
+    sign = np.where(np.asarray(nearer) < 0, -1.0, 1.0)
+    return p * (sign * (stiff > 0).any(-1))[:, None]
 
 
 def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) -> np.ndarray:
