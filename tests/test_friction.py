@@ -103,8 +103,9 @@ def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():
     assert np.abs(behind).max() > 1e-3
 
 
-@pytest.mark.parametrize("coefficient", [0.15, 0.5])
-def test_derivatives_through_friction_are_exact(coefficient):
+# With more friction nodes change from sticking to sliding within any step that shows more digits.
+@pytest.mark.parametrize(("coefficient", "digits"), [(0.15, 2e-6), (0.5, 1e-4)])
+def test_derivatives_through_friction_are_exact(coefficient, digits):
     setup, free = swept(40, 6), np.full(1, np.inf)
 
     def one(name, apply, start, scale):
@@ -126,4 +127,4 @@ def test_derivatives_through_friction_are_exact(coefficient):
     found = forward.jacobian(point)
     for k in range(3):
         errors = [difference(forward, k, step, found[k]) for step in (1e-4, 1e-3, 3e-3)]
-        assert min(errors) < 3e-5  # nodes are settled to 1e-9 of the length only
+        assert min(errors) < digits  # nodes are settled to 1e-9 of the length only

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +61,11 @@ def export_run(
     whole = setup
     for cause in diagnosis.causes.values() if diagnosis else []:
         effect = effect_of(cause)
+        if cause.name == "contact_friction":  # of what the rope touches, which goes along already
+            extras = [_rough(extra, float(cause.values[0])) for extra in extras]
+            continue
         changed = effect.apply(whole, torch.tensor(cause.values))
-        if len(changed.memory) > len(whole.memory):
+        if changed.remembers:
             notes.append(f"{cause.name}: no target's rope remembers how it was bent; left out")
             continue
         whole = changed
@@ -120,6 +124,12 @@ def _record(cause: Cause, setup: Setup, nodes: int) -> Any:
         start, stop = _three(middle - BAR / 2 * axis), _three(middle + BAR / 2 * axis)
         return records.Cylinder(start, stop, v["radius"])
     return None
+
+
+def _rough(extra: Any, coefficient: float) -> Any:
+    if isinstance(extra, records.Plane | records.Cylinder):
+        return replace(extra, friction=coefficient)
+    return extra
 
 
 def _horizontal(setup: Setup) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ropefit.effects import ContactFriction
 from ropefit.inference.diagnosis.families import CONTACT, Family
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.known import settled
@@ -16,6 +17,7 @@ from ropefit.inference.stations import Data
 BROAD = 3.0  # usual sizes: how large an effect may well be
 ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
+SLOW = (*CONTACT, ContactFriction)
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 
 
@@ -57,7 +59,7 @@ def fit_rival(
     else:
         return None
     try:
-        most = 12 if isinstance(family.effect, CONTACT) else 25
+        most = 12 if isinstance(family.effect, SLOW) else 25
         found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
