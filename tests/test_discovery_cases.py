@@ -98,13 +98,13 @@ def test_the_lists_are_complete_and_the_same_every_time():
     assert len({case.name for case in full}) == len(full)
     groups = [case.group for case in full]
     assert groups.count("clean") == 300
-    assert groups.count("single") == 13 * 8
+    assert groups.count("single") == 16 * 8
     assert groups.count("pair") == 20
     assert groups.count("decoy") >= 10
     assert groups.count("unknown") >= 10
     halves = [case.calibration for case in full if case.group == "clean"]
     assert np.mean(halves) == pytest.approx(0.5, abs=0.02)
-    assert len(listed("small")) == 12
+    assert len(listed("small")) == 15
 
 
 def answer(name: str, **more) -> dict:
