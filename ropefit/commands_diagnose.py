@@ -90,6 +90,6 @@ def _tell_diagnosis(session: Session, d: Diagnosis) -> None:
         f"after; noise of a point {d.noise_white * 1e3:.3g} mm"
     )
     for reason in d.refused:
-        session.say(f"not believed: {reason}")
+        session.say(f"not believed, or not to be told: {reason}")
     if d.motion:
         session.say(f"to tell {' from '.join(d.separates)}: {d.motion}")

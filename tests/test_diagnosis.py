@@ -9,6 +9,7 @@ import torch
 from ropefit.artifacts.model import Calibration
 from ropefit.effects import FreeKink, GravityMisalignment, PointMass, StiffSection
 from ropefit.errors import WrongUsage
+from ropefit.inference.diagnosis.absorbed import absorbed
 from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.diagnosis.columns import Responses
 from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residuals
@@ -21,7 +22,7 @@ from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
-from ropefit.inference.terms import Priors, calibration
+from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 from ropefit.stages.diagnose import calibrated
@@ -92,6 +93,15 @@ def test_a_left_out_block_is_predicted_not_fitted():
     assert (predicted(found) ** 2).sum() > (found.z**2).sum()
 
 
+def test_a_hanging_rope_does_not_pass_for_a_heavier_one():
+    found = nominal_fit(recorded(rope(20)))
+    responses = Responses(found, recorded(rope(20)), BINS)
+    setup = found.point.setup
+    masses = [responses.of(f) for f in families(setup) if f.name == "point_mass"]
+    assert masses
+    assert absorbed(found, masses) == []
+
+
 def test_the_mismatch_is_located():
     data = recorded(with_effect(PointMass(), [0.004, 0.37]), seed=4)
     found = regions(nominal_fit(data), BINS)
@@ -117,6 +127,28 @@ def test_a_rope_about_to_fall_over_is_on_the_edge():
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
     found = fit(Forward(setup, []), data, Noise(marker=1e-3), BINS)
     assert on_edge(found).tolist() == [True, False]
+
+
+def test_a_softer_rope_passes_for_a_heavier_tip():
+    length, frames = 0.6, 5
+    made = uniform(length=length, segments=60, bend=0.02, density=0.05)
+    ends = torch.zeros(frames, 2, 3, dtype=torch.float64)
+    ends[:, 1] = torch.nan
+    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    for t, tilt in enumerate(np.radians([70, 80, 90, 100, 110])):  # of the tangent to the vertical
+        half = torch.tensor([np.cos(tilt / 2), 0.0, np.sin(tilt / 2), 0.0])
+        clamp[t, 0] = half
+    down = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+    setup = bare(made, down, ends, clamp, torch.tensor(EYE, dtype=torch.float64))
+    seen = Forward(setup, []).at(np.empty(0)).seen
+    share = np.tile(np.linspace(0, 1, seen.shape[1]), (frames, 1))
+    data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
+    term = rope_term("EI", "", 0.02, 1e-5, 10.0, ROPE["EI"])
+    found = fit(Forward(setup, [term]), data, Noise(marker=1e-4), BINS)
+    responses = Responses(found, data, BINS)
+    said = absorbed(found, [responses.of(f) for f in families(setup) if f.name == "point_mass"])
+    assert len(said) == 1
+    assert "--nominal" in said[0]
 
 
 def test_another_runs_calibration_is_taken_with_its_own_uncertainty():

@@ -75,7 +75,7 @@ class Diagnosis(Artifact):
     causes: dict[str, Cause] = Field(default_factory=dict)
     scan: dict[str, Candidate] = Field(default_factory=dict)
     mismatch: list[Region]
-    refused: list[str] = Field(description="what was fitted well but not believed, and why")
+    refused: list[str] = Field(description="what is not believed, or cannot be told, and why")
     threshold: float = Field(description="nats an effect needs, from this recording's own noise")
     noise_white: float = quantity("m", "of one point, over all components that count")
     noise_correlated: float = quantity("m")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ropefit.inference.diagnosis.absorbed import absorbed
 from ropefit.inference.diagnosis.background import measure
 from ropefit.inference.diagnosis.branch_repair import repaired
 from ropefit.inference.diagnosis.columns import Columns, Responses
@@ -102,6 +103,7 @@ def search(
             threshold = max(LEAST, float(highest.mean() + spread * (-np.log(0.01) - 0.5772)))
             clean = float(np.quantile(latent.null(null), 0.99)) + MARGIN
             first_scan = scan
+            refused += absorbed(current, columns)
             for s in scorers:
                 size = s.detectable(threshold)
                 detectable[s.family.name] = min(size, detectable.get(s.family.name, np.inf))

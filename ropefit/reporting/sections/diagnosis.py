@@ -60,7 +60,9 @@ class DiagnosisSection(Section):
         if d.causes:
             body += _causes(d)
         if d.refused:
-            body += paragraph("Fitted well but not believed: " + "; ".join(d.refused) + ".", "note")
+            body += paragraph(
+                "Not believed, or not to be told: " + "; ".join(d.refused) + ".", "note"
+            )
         body += pair(_scan(d), _places(d))
         if d.causes:
             body += heading("Before and after") + pair(_heldout(d), _by_frame(d))
