@@ -16,7 +16,7 @@ from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residu
 from ropefit.inference.diagnosis.families import families
 from ropefit.inference.diagnosis.latent import latent_force
 from ropefit.inference.diagnosis.regions import regions
-from ropefit.inference.diagnosis.search import search
+from ropefit.inference.diagnosis.search import _agreeing, search
 from ropefit.inference.diagnosis.weigh import heldout_rms, predicted
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
@@ -127,6 +127,20 @@ def test_a_rope_about_to_fall_over_is_on_the_edge():
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
     found = fit(Forward(setup, []), data, Noise(marker=1e-3), BINS)
     assert on_edge(found).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("gains", "supported"),
+    [
+        ([-0.5, -0.8, 4.1, 124.9, 207.4], True),  # a plane touched in the last frames
+        ([5.0, 4.0, 6.0, 3.0, 5.0], True),
+        ([60.0, -0.2, 0.1, -0.3, 0.0], False),  # one block's own
+        ([60.0, 20.0, -5.0, -8.0, 0.0], False),
+        ([2.0, 2.0, 0.0, 0.0, -9.0], False),
+    ],
+)
+def test_held_out_blocks_support_an_effect(gains, supported):
+    assert _agreeing(np.array(gains)) is supported
 
 
 def test_a_softer_rope_passes_for_a_heavier_tip():

@@ -148,8 +148,8 @@ def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
         ("two effects, both named", ">=", 0.80, share([all(j["in_set"]) for j in group["pair"]])),
         ("out of catalogue: `unknown`, or held-out frames predicted to noise", ">=", 0.90,
          share([j["verdict"] == "unknown" or fits(j) for j in group["unknown"]])),
-        ("measurement decoys called measurement (or a tie with it)", ">=", 0.95,
-         share([as_measurement(j) for j in group["decoy"]])),
+        ("measurement decoys of score 6 or more called measurement (or a tie)", ">=", 0.95,
+         share([as_measurement(j) for j in group["decoy"] if j["score"] > 0.9 * WEAK])),
     ]  # fmt: skip
     out = [_row(what, sign, bar, found) for what, sign, bar, found in table]
     sizes = [j["set_size"] for j in strong if j["set_size"]]

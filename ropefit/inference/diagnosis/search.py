@@ -31,7 +31,8 @@ LEADERS = 6
 SET_NATS = 3.0
 SAME_SIGNAL, SAME_NATS = 0.98, 10.0  # of what the best one explains, and so little behind
 IMPLAUSIBLE = 30.0  # usual sizes: what large no rope or set-up has
-AGREEING = 0.8  # share of the held-out blocks that must gain
+AGREEING = 0.8  # share of the held-out blocks that must not lose
+NEUTRAL = 1.0  # nats that a block may gain or lose by chance
 MOVES = "inertia"
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
@@ -205,7 +206,7 @@ def _winner(rivals: list[Rival], threshold: float, rms: float, refused: list[str
         # of the same kind does: there the evidence is in the prior.
         effect = rival.family.effect
         physics = effect.kind == "physics" and not effect.calibrated
-        agreeing = float((rival.gains > 0).mean()) >= AGREEING and rival.gains.sum() > 0
+        agreeing = _agreeing(rival.gains)
         sizes = np.abs(rival.values()[: rival.family.size]) / rival.term.scale[: rival.family.size]
         if rival.family.effect.linear and sizes.max() > IMPLAUSIBLE:
             refused.append(f"{rival.family.name}: larger than anything plausible")
@@ -214,6 +215,13 @@ def _winner(rivals: list[Rival], threshold: float, rms: float, refused: list[str
         else:
             return rival
     return None
+
+
+def _agreeing(gains: np.ndarray) -> bool:
+    """Whether held-out blocks support an effect, by their gains [nats]: hardly any loses by it, and
+    more than one gains. A rope touches a plane in some frames only; others neither gain nor lose."""
+    lose, gain = gains < -NEUTRAL, gains > NEUTRAL
+    return bool((~lose).mean() >= AGREEING and gain.sum() > 1 and gains.sum() > 0)
 
 
 def _equivalents(winner: Rival, rivals: list[Rival], before: float) -> list[Rival]:
