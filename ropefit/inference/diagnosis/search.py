@@ -218,8 +218,9 @@ def _winner(rivals: list[Rival], threshold: float, rms: float, refused: list[str
 
 
 def _agreeing(gains: np.ndarray) -> bool:
-    """Whether held-out blocks support an effect, by their gains [nats]: hardly any loses by it, and
-    more than one gains. A rope touches a plane in some frames only; others neither gain nor lose."""
+    """Whether held-out blocks support an effect, by their gains [nats]: hardly any loses by it and
+    more than one gains. A rope may touch a plane in few frames; the others gain and lose nothing.
+    """
     lose, gain = gains < -NEUTRAL, gains > NEUTRAL
     return bool((~lose).mean() >= AGREEING and gain.sum() > 1 and gains.sum() > 0)
 
