@@ -92,7 +92,7 @@ def cable_table(c: Cables) -> str:
 
 
 def _words(found: dict[str, Any]) -> str:
-    said = [f"not believed: {text}" for text in found["refused"]]
+    said = [f"not believed, or not to be told: {text}" for text in found["refused"]]
     if found["next_motion"]["description"]:
         apart = " from ".join(found["next_motion"]["separates"])
         said.append(f"to tell {apart}: {found['next_motion']['description']}")
