@@ -34,6 +34,7 @@ IMPLAUSIBLE = 30.0  # usual sizes: what large no rope or set-up has
 AGREEING = 0.8  # share of the held-out blocks that must not lose
 NEUTRAL = 1.0  # nats that a block may gain or lose by chance
 MOVES = "inertia"
+IN_MOTION = 0.5  # of the first misfit: what may stay once inertia is found
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
 
@@ -133,10 +134,11 @@ def search(
     assert latent is not None
     left = float(current.z @ current.z) - len(current.z)
     was = max(float(nominal.z @ nominal.z) - len(nominal.z), 1e-9)
-    explained = bool(accepted) and left <= NEGLIGIBLE * was
-    moving = explained and any(f.rival.family.name == MOVES for f in accepted)
+    moving = any(f.rival.family.name == MOVES for f in accepted)
     # A motion is never explained down to the noise of its markers.
-    verdict = "unknown" if crowded and not moving else "found" if accepted else "none"
+    explained = bool(accepted) and left <= (IN_MOTION if moving else NEGLIGIBLE) * was
+    crowded = crowded and not (moving and explained)
+    verdict = "unknown" if crowded else "found" if accepted else "none"
     if latent.evidence > latent.threshold and not explained:
         verdict = "unknown"
     return Diagnosis(
