@@ -135,7 +135,8 @@ def test_a_rope_about_to_fall_over_is_on_the_edge():
         ([-0.5, -0.8, 4.1, 124.9, 207.4], True),  # a plane touched in the last frames
         ([5.0, 4.0, 6.0, 3.0, 5.0], True),
         ([60.0, -0.2, 0.1, -0.3, 0.0], False),  # one block's own
-        ([60.0, 20.0, -5.0, -8.0, 0.0], False),
+        ([7.0, 5.1, -1.9, 6.2, -2.8], True),  # barely visible
+        ([60.0, 20.0, -22.0, -8.0, 0.0], False),
         ([2.0, 2.0, 0.0, 0.0, -9.0], False),
     ],
 )
