@@ -50,5 +50,5 @@ def named_table(found: dict[str, dict[str, Any]]) -> str:
                 f"| {rope} | {d['verdict']} | {name} | {size} | {same} | {nats} | {change} |"
             )
     said = [f"{rope}: {text}" for rope, d in found.items() for text in d["refused"]]
-    rows += ["", "Not believed: " + ("; ".join(said) or "nothing") + "."]
+    rows += ["", "Not believed, or not to be told: " + ("; ".join(said) or "nothing") + "."]
     return "\n".join(rows) + "\n"

@@ -8,7 +8,6 @@ failures are `ropefit.errors.RopefitError`, told in one line.
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -251,11 +250,10 @@ def _compute(
     external: dict[str, Any],
     progress: Progress | None,
 ) -> Any:
-    with tempfile.TemporaryDirectory(prefix="ropefit-") as folder:  # searches checkpoint there
-        context = Context(Path(folder), external=external)
-        if progress is not None:
-            context.progress = progress
-        return made(stage, inputs, hashes, settings, context)
+    context = Context(external=external)
+    if progress is not None:
+        context.progress = progress
+    return made(stage, inputs, hashes, settings, context)
 
 
 def _inputs(*artifacts: Artifact) -> dict[str, Artifact]:

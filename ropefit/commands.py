@@ -27,7 +27,7 @@ def _stage(
     objects: dict[str, Any] | None = None,
     external: dict[str, str] | None = None,
 ) -> Outcome[Any]:
-    context = Context(run, session.progress(stage.name), session.say, external=objects or {})
+    context = Context(session.progress(stage.name), session.say, external=objects or {})
     with telling(session.say):
         outcome = execute(stage, run, settings, context, external, force)
     session.finish()

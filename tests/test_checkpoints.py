@@ -62,7 +62,7 @@ def run(made: Path, tmp_path: Path) -> Path:
 
 def compute(run: Path, case: str, say: list[str] | None = None) -> Outcome[Any]:
     stage, settings = CASES[case]
-    context = Context(run, say=[].append if say is None else say.append)
+    context = Context(say=[].append if say is None else say.append)
     external = {}
     if stage is preprocess:
         recording = open_recording(run.parent / "recording")

@@ -26,7 +26,7 @@ PROVENANCE = Provenance(stage="preprocess", package_version="0")
 
 
 def observed(recording: Path) -> Observations:
-    context = Context(recording, external={"recording": open_recording(recording)})
+    context = Context(external={"recording": open_recording(recording)})
     settings = preprocess.PreprocessSettings(nodes=6, project="no")
     return Observations(provenance=PROVENANCE, **preprocess.compute({}, settings, context))
 

@@ -70,7 +70,7 @@ def made(tmp_path_factory):
                 preprocess.STAGE,
                 run,
                 PreprocessSettings(nodes=12),
-                Context(run, external={"recording": recording}),
+                Context(external={"recording": recording}),
                 {"recording": fingerprint(recording)},
             )
             made[solver, noise] = run
@@ -81,7 +81,7 @@ def made(tmp_path_factory):
 
 def fit(run, **settings):
     chosen = IdentifySettings(**{**QUICK, **settings})
-    execute(identify.STAGE, run, chosen, Context(run), force=True)
+    execute(identify.STAGE, run, chosen, Context(), force=True)
     return read(run / Model.file_name, Model)[0].nominal
 
 
@@ -189,7 +189,7 @@ def test_interrupted_search_resumes_to_the_same_answer(made, monkeypatch):
         identify.STAGE,
         run,
         IdentifySettings(**QUICK, free=list(TRUE)),
-        Context(run, say=said.append),
+        Context(say=said.append),
         force=True,
     )
     resumed = read(run / Model.file_name, Model)[0].nominal
@@ -212,7 +212,7 @@ def test_groups_that_make_no_sense_are_refused(made, spec):
 
 
 def estimate(run, external=None, **settings):
-    context = Context(run, external=external or {})
+    context = Context(external=external or {})
     hashes = {"target": external["targets"].sha256} if external else None
     execute(control.STAGE, run, ControlSettings(**settings), context, hashes, force=True)
     return read(run / Control.file_name, Control)[0]
@@ -310,10 +310,10 @@ def test_start_of_a_frame_follows_the_control_point(fitted):
 def test_up_to_date_output_is_not_computed_again(made):
     run = made()
     settings = IdentifySettings(**QUICK, free=["eta_x_G"])
-    execute(identify.STAGE, run, settings, Context(run), force=True)
-    again = execute(identify.STAGE, run, settings, Context(run))
+    execute(identify.STAGE, run, settings, Context(), force=True)
+    again = execute(identify.STAGE, run, settings, Context())
     assert not again.computed
-    other = execute(identify.STAGE, run, settings.model_copy(update={"dt": 0.11}), Context(run))
+    other = execute(identify.STAGE, run, settings.model_copy(update={"dt": 0.11}), Context())
     assert other.computed
     assert "dt 0.1 -> 0.11" in other.why
     assert other.artifact.provenance.settings["dt"] == 0.11

@@ -29,7 +29,7 @@ FINE = np.linspace(0, 1, 4001)  # arc length [m]
 def observe(where: Path, directory: Path, **settings) -> Observations:
     """What preprocess makes of a recording."""
     recording = open_recording(where)
-    context = Context(directory, external={"recording": recording})
+    context = Context(external={"recording": recording})
     external = {"recording": fingerprint(recording)}
     chosen = PreprocessSettings(**settings)
     return execute(preprocess.STAGE, directory, chosen, context, external).artifact

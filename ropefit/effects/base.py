@@ -92,10 +92,8 @@ class Effect(ABC):
 
 
 def duration(setup: Setup) -> float:
-    """[s] from the first frame to the last, at a second a frame where no time is known."""
-    if setup.time is None:
-        return float(len(setup.ends) - 1)
-    return float((setup.time.max() - setup.time.min()).clamp_min(1e-9))
+    """[s] from the first frame to the last."""
+    return float((setup.clock.max() - setup.clock.min()).clamp_min(1e-9))
 
 
 def one_end(end: int, value: Tensor) -> Tensor:

@@ -46,10 +46,10 @@ class SupportPlane(Effect):
         )
 
 
-def touching(segments: int, nodes: int = 60) -> Tensor:
+def touching(segments: int) -> Tensor:
     """(N+1,) shares of the nodes in contact: some sixty nodes stand for the others, which bounds
     the cost of contact."""
-    every = max(1, segments // nodes)
+    every = max(1, segments // 60)
     share = torch.zeros(segments + 1, dtype=torch.float64)
     share[::every] = float(every)
     return share

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ropefit.rod.quaternion import conjugate_product, multiply
+from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.solvers.conditions import Conditions, Sliders
 from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.turns import rolled
 
 
 def vectors(rod: Rod, held: Conditions, solution: Solution) -> np.ndarray:
@@ -41,12 +42,8 @@ def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) ->
 
 def spun(rod: Rod, held: Conditions, start: Solution, toward: np.ndarray) -> Solution:
     """A start whose frames are all spun alike, for its bends to lie as `toward` (N+1, 2) does."""
-    v = vectors(rod, held, start)
-    along, across = (v * toward).sum(), (v[:, 1] * toward[:, 0] - v[:, 0] * toward[:, 1]).sum()
-    angle = float(np.arctan2(across, along))
-    spin = torch.tensor([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)], dtype=torch.float64)
     out = start.copy()
-    out.q[:] = multiply(torch.from_numpy(start.q), spin).numpy()
+    out.q[:] = rolled(start.q, vectors(rod, held, start)[None], toward[None])
     return out
 
 

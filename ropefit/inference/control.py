@@ -62,13 +62,8 @@ class Gripper:
         tolerance: float = 1e-5,
     ) -> Search:
         """Minimise every frame's loss by BFGS from its start, or from what the journal has kept."""
-        name = journal().next("search")
-        known = journal().recall(name)
-        if known:
-            search = minimise.restored(known)
-        else:
-            start = torch.zeros(len(self.eta), self.unknowns, dtype=torch.float64)
-            search = minimise.begin(self.loss, start, reach=0.2)
+        start = torch.zeros(len(self.eta), self.unknowns, dtype=torch.float64)
+        name, search = minimise.resumed(lambda _: minimise.begin(self.loss, start, reach=0.2))
         while search.running and search.evaluations < evaluations:
             minimise.step(self.loss, search, tolerance=tolerance, largest=0.5)
             journal().keep(name, lambda: minimise.kept(search))

@@ -84,13 +84,9 @@ def gradient_search(
 
     Returns one row a group: the best of STARTS searches.
     """
-    name = journal().next("search")
-    known = journal().recall(name)
-    if known:
-        search = minimise.restored(known)
-    else:
-        starts = _screened_starts(task, f"{name}/screen")
-        search = minimise.begin(task.loss, starts, reach=0.3)
+    name, search = minimise.resumed(
+        lambda own: minimise.begin(task.loss, _screened_starts(task, f"{own}/screen"), reach=0.3)
+    )
     while search.running and search.evaluations < evaluations:
         minimise.step(task.loss, search, tolerance=tolerance)
         if len(search.trace) > RACE:  # from here on only the leaders go on
@@ -149,13 +145,10 @@ def grid_search(
     """
     m, groups = len(task.space.free), task.groups
     start = task.space.to_search(np.tile(task.space.start, (groups, 1)))
-    name = journal().next("search")
-    known = journal().recall(name)
-    if known:
-        search = minimise.restored(known)
-    else:
-        loss = _grid_losses(task, start[:, None, :], f"{name}/start")[:, 0]
-        search = Search(
+
+    def begun(own: str) -> Search:
+        loss = _grid_losses(task, start[:, None, :], f"{own}/start")[:, 0]
+        return Search(
             start.clone(),
             loss,
             torch.zeros_like(start),
@@ -165,6 +158,8 @@ def grid_search(
             1,
             [loss.clone()],
         )
+
+    name, search = minimise.resumed(begun)
     offsets = torch.tensor(
         list(itertools.product(np.linspace(-1, 1, levels), repeat=m)), dtype=torch.float64
     )

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.journal import Arrays
+from ropefit.inference.journal import Arrays, journal
 
 Function = Callable[[Tensor, Tensor], Tensor]  # (u (b, n), rows (b,)) -> losses (b,)
 
@@ -80,6 +80,14 @@ def kept(search: Search) -> Arrays:
     found = {name: getattr(search, name).detach().numpy() for name in ARRAYS}
     trace = torch.stack(search.trace).numpy()
     return {**found, "trace": trace, "evaluations": np.array(search.evaluations)}
+
+
+def resumed(start: Callable[[str], Search]) -> tuple[str, Search]:
+    """The name of the next search in the journal, and what was kept of it; else what `start` gives
+    for that name."""
+    name = journal().next("search")
+    known = journal().recall(name)
+    return name, restored(known) if known else start(name)
 
 
 def restored(arrays: Arrays) -> Search:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ropefit.inference.bends import darboux, merged, spun, stacked, vector_change, vectors
 from ropefit.inference.response import (
@@ -140,7 +139,7 @@ def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | No
     whole, shown = setup.whole()
     picked = shown.numpy()
     frames, rod = len(whole.ends), whole.rod()
-    law, begins = laws_of(whole), memory.restarts(time_of(whole))
+    law, begins = laws_of(whole), memory.restarts(whole.clock)
     spins = float(rod.stiff[..., 0, 2]) == 0.0 == float(rod.stiff[..., -1, 2])
     row = {int(t): k for k, t in enumerate(picked)}
     rough = [p for p in whole.potentials if p.friction is not None]
@@ -235,11 +234,4 @@ def _law_slopes(changes: list[Change]) -> Laws:
 
 def laws_of(setup: Setup) -> Laws:
     """What a setup's rope remembers by."""
-    return memory.laws(setup.memory, setup.rod(), setup.properties.bend, time_of(setup))
-
-
-def time_of(setup: Setup) -> Tensor:
-    """(F,) [s], a second a frame where no time is known."""
-    if setup.time is not None:
-        return setup.time
-    return torch.arange(len(setup.ends), dtype=torch.float64)
+    return memory.laws(setup.memory, setup.rod(), setup.properties.bend, setup.clock)

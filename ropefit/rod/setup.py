@@ -129,6 +129,11 @@ class Setup(NamedTuple):
         return bool(self.memory) or any(p.friction is not None for p in self.potentials)
 
     @property
+    def clock(self) -> Tensor:
+        """(F,) [s] the time of the frames, a second a frame where none is known."""
+        return torch.arange(len(self.ends), dtype=torch.float64) if self.time is None else self.time
+
+    @property
     def segments(self) -> int:
         return self.kinks.shape[-2] - 1
 

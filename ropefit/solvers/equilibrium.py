@@ -15,6 +15,7 @@ from ropefit.rod.rod import Rod
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions, Problem, as_numpy, cut, in_threads, problem_of
 from ropefit.solvers.start import start_ropes
+from ropefit.solvers.turns import rolled
 
 Index = int | np.integer | slice | np.ndarray
 TOLERANCE = 1e-10  # of the largest moment, and of the length
@@ -228,9 +229,8 @@ def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | No
 def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """Frames q (F, N, 4) of ropes that no clamp keeps from rolling about themselves, rolled until
     they bend, on the whole, as they are bent at rest (F, N+1, 4)."""
-    wanted = rest[:, 1:-1, 1:3].sum(1)
-    curved = np.isfinite(wanted).all(1) & wanted.any(1)
-    if not curved.any():
+    wanted = np.nan_to_num(rest[:, 1:-1, 1:3].sum(1, keepdims=True), posinf=0.0, neginf=0.0)
+    if not wanted.any():
         return q
     w, x, y, z = np.ascontiguousarray(q.transpose(2, 0, 1))
     (w1, x1, y1, z1), (w2, x2, y2, z2) = (
@@ -240,10 +240,7 @@ def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
         (w1 * x2 - x1 * w2 - y1 * z2 + z1 * y2).sum(1),
         (w1 * y2 - y1 * w2 - z1 * x2 + x1 * z2).sum(1),
     ]
-    roll = np.arctan2(bent[1], bent[0]) - np.arctan2(wanted[:, 1], wanted[:, 0])
-    roll = 0.5 * np.where(curved, roll, 0.0)[:, None]
-    c, s = np.cos(roll), np.sin(roll)
-    return np.stack([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s], axis=-1)
+    return rolled(q, np.stack(bent, axis=-1)[:, None], wanted)
 
 
 def stability(

@@ -1,4 +1,4 @@
-"""Gradients of quaternions as gradients of small turns about their own axes, and back."""
+"""Frames turned about their own axes: gradients in such turns, and back; ropes that are rolled."""
 
 from __future__ import annotations
 
@@ -19,3 +19,14 @@ def from_turn(q: np.ndarray, turn: np.ndarray, factor: float) -> np.ndarray:
     w, v = q[..., :1], q[..., 1:]
     real = -(v * turn).sum(-1, keepdims=True)
     return factor * np.concatenate([real, w * turn + np.cross(v, turn)], axis=-1)
+
+
+def rolled(q: np.ndarray, bent: np.ndarray, toward: np.ndarray) -> np.ndarray:
+    """(F, N, 4) frames rolled about their own tangents, all of a rope alike, until its bends
+    (F, M, 2) lie, on the whole, as `toward` (F, M, 2) does."""
+    along = (bent * toward).sum((1, 2))
+    across = (bent[..., 1] * toward[..., 0] - bent[..., 0] * toward[..., 1]).sum(1)
+    half = 0.5 * np.arctan2(across, along)[:, None]
+    c, s = np.cos(half), np.sin(half)
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    return np.stack([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s], axis=-1)

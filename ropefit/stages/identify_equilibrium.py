@@ -41,13 +41,10 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     data, scale = data_in_space(o), unit_scale(o)
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
-    train = spread_evenly(
-        calmest(np.flatnonzero(~out), setup, settings.most_frames)
-        if settings.groups == "one"
-        else np.flatnonzero(~out),
-        group,
-        settings.most_frames,
-    )
+    train = np.flatnonzero(~out)
+    if settings.groups == "one":
+        train = calmest(train, setup, settings.most_frames)
+    train = spread_evenly(train, group, settings.most_frames)
     free = free_names(settings, o)
     started = started_setup(setup, given_values(o, settings, context), scale)
     parts, groups = [], {}

@@ -48,10 +48,8 @@ Progress = Callable[[float, str], None]  # (share done in 0..1, what is going on
 class Context:
     """What a stage may use besides its inputs: where to tell progress, and things it was given."""
 
-    directory: Path
     progress: Progress = lambda share, text: None
     say: Callable[[str], None] = lambda text: None
-    key: str = ""  # identifies inputs and settings
     external: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -129,7 +127,6 @@ def _compute(
     why: str,
 ) -> Outcome[Any]:
     path = directory / stage.writes.file_name
-    context.directory = directory
     key = hashlib.sha256((code_sha256() + key_of(settings, hashes)).encode()).hexdigest()
     with checkpointed(directory, stage.name, key, context.say) as checkpoint:
         artifact = made(stage, inputs, hashes, settings, context)
@@ -146,7 +143,6 @@ def made(
     context: Context,
 ) -> Any:
     """What a stage makes of its inputs, with its provenance; not written anywhere."""
-    context.key = key_of(settings, hashes)
     started = time.monotonic()
     content = stage.compute(inputs, settings, context)
     provenance = Provenance(

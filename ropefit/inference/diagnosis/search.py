@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ropefit.effects import Inertia
 from ropefit.inference.diagnosis.absorbed import absorbed
 from ropefit.inference.diagnosis.background import measure
 from ropefit.inference.diagnosis.branch_repair import repaired
@@ -33,7 +34,6 @@ SAME_SIGNAL, SAME_NATS = 0.98, 10.0  # of what the best one explains, and so lit
 IMPLAUSIBLE = 30.0  # usual sizes: what large no rope or set-up has
 NEUTRAL = 1.0  # nats that a held-out block may gain by chance
 AT_MOST = 0.3  # of what blocks gain may others lose
-MOVES = "inertia"
 IN_MOTION = 0.5  # of the first misfit: what may stay once inertia is found
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
@@ -126,7 +126,8 @@ def search(
         winner, same = _measurement_first(*_simplest_first(winner, same))
         p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
-        most += winner.family.name == MOVES  # what every rope in motion has explains nothing away
+        # What every rope in motion has explains nothing away.
+        most += winner.family.name == Inertia.name
         current = winner.fit
         current.forward.last = current.point.solution
         data = every.settled(current.point.seen)
@@ -134,7 +135,7 @@ def search(
     assert latent is not None
     left = float(current.z @ current.z) - len(current.z)
     was = max(float(nominal.z @ nominal.z) - len(nominal.z), 1e-9)
-    moving = any(f.rival.family.name == MOVES for f in accepted)
+    moving = any(f.rival.family.name == Inertia.name for f in accepted)
     # A motion is never explained down to the noise of its markers.
     explained = bool(accepted) and left <= (IN_MOTION if moving else NEGLIGIBLE) * was
     crowded = crowded and not (moving and explained)
