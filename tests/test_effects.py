@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ropefit.effects import CATALOGUE, Effect, Obstacle, StiffSection, SupportPlane, Tether
+from ropefit.effects.place import horizontal
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.forward import Forward, Term
 from ropefit.rod.setup import Motion, Setup
+from ropefit.solvers.branches import wound
+from ropefit.solvers.equilibrium import solve
 from ropefit.solvers.potentials import force_and_stiffness
 from tests.concealed import rope
 
@@ -131,3 +136,32 @@ def test_potentials_know_their_forces_where_gradients_are_off():
     with torch.no_grad():
         again = force_and_stiffness(setup.potentials, x)
     torch.testing.assert_close((force, stiffness), again, rtol=0, atol=0)
+
+
+TILT = st.floats(-0.1, 0.1)
+
+
+@given(st.tuples(TILT, TILT), st.tuples(TILT, TILT))
+def test_directions_across_gravity_follow_it(a, b):
+    """However little gravity is tilted, and to whatever side: planes and bars are told in them."""
+    down = torch.tensor([[*a, -1.0], [*b, -1.0]], dtype=torch.float64) * 9.81
+    first, second = (torch.stack(v) for v in zip(*(horizontal(g) for g in down), strict=True))
+    change = float((down[0] - down[1]).norm()) / 9.81
+    for across in (first, second):
+        assert float((across[0] - across[1]).norm()) <= 1.1 * change + 1e-12
+        assert float((across * down).sum(-1).abs().max()) < 1e-12 * 9.81
+
+
+def test_states_a_turn_of_twist_away_are_told():
+    """They are equilibria too, and no fit may come to them."""
+    setup = clamped()
+    plain = Forward(setup, []).at(np.empty(0))
+    for turns in (-1.0, 1.0):
+        every = np.full(len(setup.ends), turns)
+        turned = solve(plain.rod, plain.conditions, turns=every)
+        assert turned.converged.all()
+        assert wound(plain.conditions, turned, plain.solution).all()
+        assert not wound(plain.conditions, turned, turned).any()
+    soft = plain.rod._replace(stiff=plain.rod.stiff * torch.tensor([0.7, 0.7, 0.3]))
+    near = solve(soft, plain.conditions, plain.solution)
+    assert not wound(plain.conditions, near, plain.solution).any()

@@ -56,6 +56,7 @@ def listed(size: str, seed: int = 5) -> list[Case]:
         often = 2 if group == "single" else 10  # MuJoCo takes a minute or two
         own = group in ("clean", "single") and shared and (index // 4) % often == 1
         own = own and not (clamped and set(effects) & {"support_plane", "obstacle"})
+        own = own and not (clamped and calibration)  # its far clamp never turns
         number = int(rng.integers(2**31))
         case = Case(f"{label}-{index:03d}", group, number, effects, score, clamped, calibration,
                     "mujoco" if own else "elastica", **more)  # fmt: skip

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.place import horizontal, middle_of
-from ropefit.effects.support_plane import HARDNESS, touching
+from ropefit.effects.support_plane import HARDNESS
 from ropefit.rod.setup import Potential, Setup
 
 
@@ -35,7 +35,7 @@ class Obstacle(Effect):
             distance = torch.sqrt((across * across).sum(-1) + 1e-16)
             return 0.5 * hardness * torch.clamp(radius - distance, min=0.0) ** 2
 
-        share = touching(setup.segments)
+        share = torch.ones(setup.segments + 1, dtype=torch.float64)  # a bar is no wider than a few
         return setup._replace(potentials=(*setup.potentials, Potential(energy, share, hardness)))
 
     def sentence(self, values: dict[str, float]) -> str:

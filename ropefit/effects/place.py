@@ -29,12 +29,12 @@ def over_interval(arc: Tensor, centre: Tensor, width: Tensor) -> Tensor:
 
 
 def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
-    """Two unit vectors across gravity (3,), as fixed as they can be."""
+    """Two unit vectors across gravity (3,), which follow it smoothly while it is tilted."""
     g = gravity.detach()
     size = g.norm()
     down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
     axis = torch.zeros(3, dtype=g.dtype)
-    axis[int(down.abs().argmin())] = 1.0
+    axis[(int(down.abs().argmax()) + 1) % 3] = 1.0
     first = torch.linalg.cross(down, axis)
     first = first / first.norm()
     return first, torch.linalg.cross(down, first)

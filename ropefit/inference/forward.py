@@ -20,6 +20,7 @@ from ropefit.inference.response import Change, Point
 from ropefit.inference.walk import WalkedPoint, walk
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
+from ropefit.solvers.branches import wound
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.potentials import solve_with_potentials
@@ -199,12 +200,15 @@ def _settled(setup: Setup, start: Solution | None) -> tuple[Solution, Conditions
     """Equilibria of frames, each by itself, with conditions and rods as they stand there."""
     conditions, rod = Conditions(setup.ends, setup.clamp), _rod_of(setup)
     if setup.potentials:
-        return solve_with_potentials(rod, conditions, setup.potentials, start)
+        found = solve_with_potentials(rod, conditions, setup.potentials, start)
+        if start is not None and not found[0].converged.all():  # from the rope that touches nothing
+            return solve_with_potentials(rod, conditions, setup.potentials)
+        return found
     solution = solve(rod, conditions, start)
-    retry = ~solution.converged
-    if retry.any() and start is not None:  # from the catenaries
-        again = solve(rod, conditions)
-        solution.put(retry, again, retry)
+    if start is not None:
+        retry = ~solution.converged | wound(conditions, solution, start)
+        if retry.any():  # from the catenaries
+            solution.put(retry, solve(rod, conditions), retry)
     return solution, conditions, rod
 
 

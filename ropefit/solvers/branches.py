@@ -11,6 +11,7 @@ from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 
 DIFFERENT = 1e-3  # of the length: states that lie nearer are the same
+WHOLE = 1.5 * np.pi  # rad: twist that differs by more differs by a turn
 
 
 def other_states(
@@ -20,7 +21,7 @@ def other_states(
     found.
 
     Looked for from the catenary and from the state turned half way about the clamp's tangent (a
-    cantilever that may fall to either side).
+    cantilever that may fall to either side). A rope that is wound by whole turns is another rope.
     """
     best, far = solution.copy(), np.full(len(solution.x), np.nan)
     starts: list[Solution | None] = [None]
@@ -32,9 +33,28 @@ def other_states(
         found = solve(rod, conditions, start)
         apart = np.abs(found.x - solution.x).max(axis=(1, 2))
         new = found.converged & (apart > least) & ~(apart <= np.nan_to_num(far, nan=0.0))
+        new &= ~wound(conditions, found, solution)
         best.put(new, found, new)
         far[new] = apart[new]
     return best, far
+
+
+def wound(conditions: Conditions, solution: Solution, before: Solution) -> np.ndarray:
+    """(F,) bool: frames between two clamps that are a whole turn of twist or more from `before`. No
+    small change of anything does that: such a state was jumped to."""
+    clamp = conditions.clamp
+    if bool(torch.isnan(clamp).any()):
+        return np.zeros(len(solution.q), dtype=bool)
+    return np.abs(_twist(clamp, solution.q) - _twist(clamp, before.q)) > WHOLE
+
+
+def _twist(clamp: torch.Tensor, q: np.ndarray) -> np.ndarray:
+    """(F,) [rad] by which the frames turn about their tangents from one clamp to the other."""
+    every = torch.cat([clamp[:, :1], torch.from_numpy(q), clamp[:, 1:]], dim=1)
+    step = conjugate_product(every[:, :-1], every[:, 1:])
+    # Of the two quaternions of a turn the one of the smaller angle.
+    angle = 2 * torch.atan2(step[..., 3], step[..., 0])
+    return torch.remainder(angle + np.pi, 2 * np.pi).sub(np.pi).sum(-1).numpy()
 
 
 def _turned(conditions: Conditions, solution: Solution, end: int) -> Solution:

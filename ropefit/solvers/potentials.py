@@ -19,11 +19,12 @@ from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 
 ROUNDS, FIRM_ROUNDS = 40, 120
+SHRINKS, MORE, LESS, LEAST = 0.7, 2.0, 0.5, 0.1  # moves that do, or not: share of them to go
 SLOW, ALIGNED = 0.3, 0.98  # factor by which moves shrink, and how parallel: then extrapolate
 NEAR = 1e-4  # of the length: nodes that move less are where potentials may show their own curvature
 LIMIT = 60  # Newton steps of one round
-SOFTER = (0.003, 0.03, 0.3, 1.0)  # of the hardness, one after the other
-STILL = 1e-9  # of the length: nodes that move less have arrived
+SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
+STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arrived
 
 
 @torch.enable_grad()  # also where a caller wants no gradients of its own
@@ -56,21 +57,20 @@ def solve_with_potentials(
 
     Returns the states, and the conditions and rods with the supports and loads that stand for the
     potentials there (derivatives of the states need them). Frames that do not settle are marked.
-    A start deep inside an obstacle is brought out in steps, while the obstacle hardens.
+    A rope that does not settle is brought out of an obstacle in steps, while the obstacle hardens.
     """
     if start is None or not start.converged.all():
         start = solve(rod, conditions)
     length = float(rod.length.detach().sum(-1).max())
-    weight = float(rod.load.detach().norm(dim=-1).sum(-1).max())
-    x = torch.from_numpy(start.x)
-    force, _ = force_and_stiffness(potentials, x)
-    deep = float(force.norm(dim=-1).max()) > weight
-    current, held, rods = start, conditions, rod
-    for share in SOFTER if deep else (1.0,):
+    # A softer obstacle may let the rope through: only where nothing else leads to rest.
+    found = _settle(rod, conditions, potentials, start, STILL * length)
+    if found[0].converged.all():
+        return found
+    current = start
+    for share in SOFTER:
         scaled = tuple(p._replace(share=share * p.share) for p in potentials)
-        still = STILL if share == 1.0 else 1e4 * STILL
-        current, held, rods = _settle(rod, conditions, scaled, current, still * length)
-    return current, held, rods
+        current = _settle(rod, conditions, scaled, current, SOFT_STILL * length)[0]
+    return _settle(rod, conditions, potentials, current, STILL * length)
 
 
 def _settle(
@@ -86,14 +86,15 @@ def _settle(
     far = 3 if conditions.far_held else 0
     firm = tuple(p if p.firm is None else p._replace(energy=p.firm) for p in potentials)
     careful = any(p.firm is not None for p in potentials)
-    near, bold = NEAR * float(rod.length.detach().sum(-1).max()), not careful
+    near, bold = NEAR * float(rod.length.detach().sum(-1).max()), False
     ahead, last = np.zeros_like(before), None
-    for round_ in range(FIRM_ROUNDS if careful else ROUNDS):
-        # Contact that opens and closes in turn: go half the way.
-        half = not careful and round_ >= ROUNDS // 3
-        before = 0.5 * (current.x + before) if half else current.x + ahead
+    share = np.ones((len(before), 1, 1))
+    for _ in range(FIRM_ROUNDS if careful else ROUNDS):
+        before = current.x + ahead - (1 - share) * (current.x - before)
         x = torch.from_numpy(before)
         force, stiffness = force_and_stiffness(potentials if bold else firm, x)
+        if not bold:
+            stiffness = _pulling_back(stiffness)
         held, load, reaction = _supports(conditions, x, force, stiffness)
         guess = Solution(
             current.q, current.x, current.force,
@@ -105,17 +106,29 @@ def _settle(
             rods = rod.each(len(x))
             rods = rods._replace(load=rods.load + load)
         current = solve(rods, held, guess, limit=LIMIT)
-        moved = np.abs(current.x - before).max(axis=(1, 2))
-        if not np.isfinite(moved).all() or moved.max() < still:
+        earlier, moved = moved, np.abs(current.x - before).max(axis=(1, 2))
+        if not careful:  # contact that opens and closes in turn: go a part of the way
+            calm = moved < SHRINKS * earlier
+            factor = np.where(calm, MORE, LESS)[:, None, None]
+            share = np.clip(factor * share, LEAST, 1.0)
+        if not np.isfinite(moved).all() or (bold and moved.max() < still):
             break
+        if bold and moved.max() > near:
+            near *= 0.1  # their own curvature led away
+        bold = bool(moved.max() < near)
         if careful:
-            if bold and moved.max() > near:
-                near *= 0.1  # their own curvature led away
-            bold = bool(moved.max() < near)
             ahead, last = _extrapolated(last, current.x - before)
     late = current.converged & ~(moved < 1e3 * still)
     current.status[late] = kernels.LIMIT
     return current, held, rods
+
+
+def _pulling_back(stiffness: Tensor) -> Tensor:
+    """Stiffness (F, K, 3, 3) without what pushes away: from afar, a rope would slide off a bar."""
+    if not bool((stiffness != 0).any()):
+        return stiffness
+    values, vectors = torch.linalg.eigh(stiffness)
+    return (vectors * values.clamp_min(0.0)[..., None, :]) @ vectors.transpose(-1, -2)
 
 
 def _extrapolated(

@@ -39,7 +39,7 @@ from ropefit.stages.stage import Context, Stage, StageSettings
 
 BINS = 40  # stations of a frame
 FEWEST = 4  # frames
-GJ_SD = 1.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section
+GJ_SD = 0.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section
 THROUGH = 2  # times the frames that are compared: those that a rope with memory goes through
 
 

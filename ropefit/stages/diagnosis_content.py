@@ -11,7 +11,7 @@ from ropefit.artifacts.diagnosis import Candidate, Cause, Detectable, Region, Si
 from ropefit.inference.diagnosis import search as engine
 from ropefit.inference.diagnosis.motion import next_motion
 from ropefit.inference.diagnosis.regions import misfit, regions
-from ropefit.inference.diagnosis.weigh import Rival, heldout_rms
+from ropefit.inference.diagnosis.weigh import Rival, heldout_rms, touches
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit
 from ropefit.stages.equilibrium_model import calibration_of
@@ -25,8 +25,9 @@ def content(
 ) -> dict[str, Any]:
     length = o.length
     first, last = d.nominal, d.final
-    before, noise = heldout_rms(first)
-    after, _ = heldout_rms(last)
+    along = touches(last)
+    before, noise = heldout_rms(first, along)
+    after, _ = heldout_rms(last, along)
     frames = o.frames[used]
     motion, separates = "", []
     for item in d.found:

@@ -12,7 +12,10 @@ from ropefit.inference.least_squares import Fit
 
 DEEP = 2.0  # noise sd by which the nominal rope must sink below where the data stop
 LOWER = (0.0, 0.001, 0.002, 0.004, 0.006)  # m below where the data stop, until the rope settles
-UNEVEN = 5.0  # standard errors
+UNEVEN, ODD = 5.0, 3.0  # standard errors: of a recording, of a frame in it
+LIFTED = 2.5  # standard errors
+SMOOTH = np.full(5, 0.2)  # of neighbouring stations
+RADII = (0.01, 0.03)  # m
 NONE = np.zeros((1, 0))
 
 
@@ -29,12 +32,18 @@ def proposals(found: Fit) -> list[list[Start]]:
 
 def uneven(found: Fit) -> bool:
     """Whether some frames are left far worse than the usual one."""
-    s = found.stations
+    return bool((_excess(found) > UNEVEN).any())
+
+
+def _excess(found: Fit) -> np.ndarray:
+    """(F,) standard errors by which the frames' mean squares are above the usual one's."""
+    s, frames = found.stations, len(found.point.seen)
     square = (found.z.reshape(len(s.frame), -1) ** 2).mean(axis=1)
-    count = np.bincount(s.frame)
-    mean = np.bincount(s.frame, square)[count > 0] / count[count > 0]
-    spread = np.sqrt(2 / (count[count > 0] * s.residual.shape[1]))
-    return bool(((mean / np.median(mean) - 1) / spread).max() > UNEVEN)
+    count = np.bincount(s.frame, minlength=frames)
+    mean = np.bincount(s.frame, square, frames) / np.maximum(count, 1)
+    usual = float(np.median(mean[count > 0]))
+    spread = np.sqrt(2 / np.maximum(count * s.residual.shape[1], 1))
+    return np.where(count > 0, (mean / usual - 1) / spread, 0.0)
 
 
 def _planes(found: Fit) -> list[list[Start]]:
@@ -65,31 +74,28 @@ def _moves(found: Fit) -> np.ndarray:
 
 
 def _bars(found: Fit) -> list[list[Start]]:
-    """A bar under the place in space near which the data lie above the fitted rope the most."""
+    """A bar under the place in space where the data of the odd frames lie above the fitted rope."""
     s, setup = found.stations, found.point.setup
     up = -(setup.gravity / setup.gravity.norm()).numpy()
     first, second = (v.numpy() for v in horizontal(setup.gravity))
     origin = middle_of(setup).numpy()
     move = _moves(found)
-    data = s.places(found.point.seen) + move
-    lift = move @ up
+    data, lift = s.places(found.point.seen) + move, np.zeros(len(s.frame))
+    for t in np.flatnonzero(_excess(found) > ODD):
+        mine = s.frame == t
+        if mine.sum() >= len(SMOOTH):
+            lift[mine] = np.convolve(move[mine] @ up, SMOOTH, mode="same")
     noise = float(np.sqrt((s.scatter / s.count[:, None]).sum(1).mean())) + 1e-4
-    if lift.max() < 4 * noise:
+    if lift.max() < LIFTED * noise * np.linalg.norm(SMOOTH):
         return []
-    # Where the data of many frames pass through the same place although the fitted ropes do not.
-    lifted = lift > max(2 * noise, 0.4 * lift.max())
-    if lifted.sum() < 5:
-        return []
-    centre = np.median(data[lifted], axis=0)
-    for _ in range(10):
-        apart = np.linalg.norm(data[lifted] - centre, axis=1)
-        weight = 1 / np.maximum(apart, 1e-3)
-        centre = (weight[:, None] * data[lifted]).sum(0) / weight.sum()
+    lifted = lift > 0.7 * lift.max()
+    centre = np.average(data[lifted], axis=0, weights=lift[lifted])
     span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
     across = np.cross(span, up)
-    heading = float(np.arctan2(across @ second, across @ first))
+    turn = float(np.arctan2(across @ second, across @ first))
+    heading = (turn + np.pi / 2) % np.pi - np.pi / 2  # an axis has no direction
     family = Family(Obstacle(), NONE)
     return [
         [(family, np.array([*(centre - origin - (r + d) * up), r, heading])) for d in LOWER]
-        for r in (0.01, 0.03)
+        for r in RADII
     ]

@@ -18,19 +18,31 @@ from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.least_squares import Fit
 
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+ANYTHING = 100.0  # search variables: how far a free parameter may be off
+EDGE = 1e-9  # search variables: what is nearer to its bound is at it
 FAR, NEARLY = 0.2, 0.6  # of the rope; of the best place's log factor: a second place to start from
 
 
 class Projection:
-    """G = 1 - J (JᵀJ + prior⁻²)⁻¹ Jᵀ of a fit."""
+    """G = 1 - J (JᵀJ + prior⁻²)⁻¹ Jᵀ of a fit, without the parameters at their bounds.
+
+    z (M D,): the residual where the linearised fit is at its very best: a search stops a little
+    short of that, which would pass for an effect that the model has already.
+    """
 
     def __init__(self, fit: Fit) -> None:
-        self.jacobian = fit.jacobian
+        low, high = fit.forward.bounds()
+        inside = (fit.point.u > low + EDGE) & (fit.point.u < high - EDGE)
+        self.jacobian = fit.jacobian * inside
         held = np.isfinite(fit.prior)
-        weight = np.where(held, 1 / fit.prior**2, 0.0)
+        # What nothing shows any more (where a stretch ends that covers all of the rope) is held.
+        weight = np.where(held, 1 / fit.prior**2, ANYTHING**-2)
         information = self.jacobian.T @ self.jacobian + np.diag(weight)
         self.inverse = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
         self.prior_sd = np.where(held, fit.prior, 0.0)
+        prior = np.where(held & inside, fit.point.u / fit.prior**2, 0.0)
+        left = self.inverse @ (self.jacobian.T @ fit.z - prior)
+        self.z = fit.z - self.jacobian @ left
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """G values, (M D, ...)."""

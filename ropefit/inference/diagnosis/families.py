@@ -14,7 +14,7 @@ from ropefit.rod.setup import Setup
 
 POINTS = 25  # places of a point effect along the rope
 WIDTHS = (0.1, 0.2, 0.35)  # of the length, of an interval effect
-WHOLE = 1.0
+WHOLE = 0.9  # of the length: what is wider has no edges that could move
 CONTACT = (SupportPlane, Obstacle)
 NARROWEST = 0.04  # of the length: what is narrower is a point
 
@@ -68,12 +68,14 @@ class Family:
                 self.name, tuple(q.name for q in quantities[:k]), units[:k], apply, values[:k],
                 scale[:k], low[:k], high[:k], np.full(k, np.inf),
             )  # fmt: skip
+        # A bar may slide along itself: it stays near where the data propose it.
+        near = scale if isinstance(self.effect, Obstacle) else np.full(len(values), np.inf)
         return Term(
             self.name, self.effect.names, (*units, *("m" for _ in place)), self.effect.apply,
             np.asarray(values, dtype=float), np.array([*scale, *(0.05 * length for _ in place)]),
             np.array([*low, *(limits[p][0] for p in place)]),
             np.array([*high, *(limits[p][1] for p in place)]),
-            np.full(len(values), np.inf),
+            near,
         )  # fmt: skip
 
 

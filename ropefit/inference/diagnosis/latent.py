@@ -73,11 +73,11 @@ def latent_force(found: Fit, project: Projection) -> Latent:
     kept = strength > 0.03 / max(SIZES)
     modes, strength, right = modes[:, kept], strength[kept], right[kept]
     latent = Latent(knots, np.empty(0), np.empty(0), 0.0, 0.0, modes, strength)
-    scores = [float(latent.at(found.z[:, None], size)[0]) for size in SIZES]
+    scores = [float(latent.at(project.z[:, None], size)[0]) for size in SIZES]
     best = int(np.argmax(scores))
     latent.evidence, size = scores[best], SIZES[best]
     shrink = size * strength / (1 + (size * strength) ** 2)
-    mean = right.T @ (shrink * (modes.T @ found.z)) * size * weight
+    mean = right.T @ (shrink * (modes.T @ project.z)) * size * weight
     covariance = np.eye(right.shape[1]) - (right.T * (size * strength * shrink)) @ right
     root = mixing @ np.linalg.cholesky(covariance + 1e-9 * np.eye(len(covariance)))
     sd = np.sqrt((root**2).sum(1)) * size * weight

@@ -17,7 +17,7 @@ from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, nul
 from ropefit.inference.diagnosis.families import NARROWEST, Family, families
 from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.latent import Latent, latent_force
-from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms
+from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms, touches
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
@@ -94,7 +94,7 @@ def search(
         project = Projection(current)
         setup = current.point.setup
         scorers = [Scorer(c, project, c.family.scales(setup)) for c in columns]
-        scored: list[Scored] = [score(current.z) for score in scorers]
+        scored: list[Scored] = [score(project.z) for score in scorers]
         scan = sorted(scored, key=lambda s: -s.log_factor)
         latent = latent_force(current, project)
         if round_ == 0:
@@ -107,9 +107,10 @@ def search(
             first_scan = scan
             refused += absorbed(current, columns)
             for s in scorers:
-                size = s.detectable(threshold)
-                detectable[s.family.name] = min(size, detectable.get(s.family.name, np.inf))
-                units[s.family.name] = s.family.effect.quantities[0].unit
+                size, of = s.detectable(threshold), s.family.effect.quantities[0]
+                if size < of.upper:  # larger there is none: such a recording cannot show it
+                    detectable[s.family.name] = min(size, detectable.get(s.family.name, np.inf))
+                    units[s.family.name] = of.unit
         latent.threshold = clean
         if round_ == most:
             crowded = scan[0].log_factor > 3 * threshold
@@ -119,7 +120,7 @@ def search(
         anything = max(latent.evidence, scan[0].log_factor) > ANYTHING or uneven(current)
         touching = (proposals(current) if anything else []) + inertial(current)
         rivals = _rivals(current, scan, touching, data, noise, bins, threshold)
-        winner = _winner(rivals, threshold, heldout_rms(current)[0], refused)
+        winner = _winner(rivals, threshold, current, refused)
         if winner is None:
             break
         same = _equivalents(winner, rivals, current.cost)
@@ -199,12 +200,15 @@ def _rivals(
     return sorted(out.values(), key=lambda r: -r.evidence)
 
 
-def _winner(rivals: list[Rival], threshold: float, rms: float, refused: list[str]) -> Rival | None:
-    """The strongest rival that passes every gate. rms [m]: of held-out blocks without it."""
+def _winner(
+    rivals: list[Rival], threshold: float, current: Fit, refused: list[str]
+) -> Rival | None:
+    """The strongest rival that passes every gate; current: the model without any of them."""
     for rival in rivals:
         if rival.evidence < threshold:
             return None
-        worse = heldout_rms(rival.fit)[0] > 1.01 * rms
+        along = touches(rival.fit)
+        worse = heldout_rms(rival.fit, along)[0] > 1.01 * heldout_rms(current, along)[0]
         # A calibration error far outside its prior explains held-out frames as well as the effect
         # of the same kind does: there the evidence is in the prior.
         effect = rival.family.effect

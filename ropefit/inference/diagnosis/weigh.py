@@ -17,7 +17,6 @@ from ropefit.inference.stations import Data
 BROAD = 3.0  # usual sizes: how large an effect may well be
 ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
-SLOW = (*CONTACT, ContactFriction)
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 
 
@@ -59,7 +58,7 @@ def fit_rival(
     else:
         return None
     try:
-        most = 12 if isinstance(family.effect, SLOW) else 25
+        most = 12 if isinstance(family.effect, ContactFriction) else 25
         found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
@@ -69,7 +68,8 @@ def fit_rival(
         return None
     spread = max(1.0, found.scale**2)
     evidence = 0.5 * (smaller.cost - found.cost) / spread - _flexibility(found, term)
-    gains = block_losses(smaller) - block_losses(found)
+    along = touches(found)
+    gains = block_losses(smaller, along) - block_losses(found, along)
     return Rival(family, term, found, float(evidence), gains / spread)
 
 
@@ -94,21 +94,30 @@ def _flexibility(found: Fit, term: Term) -> float:
     return 0.5 * float(np.log1p(np.maximum(strength, 0.0)).sum())
 
 
-def block_of_rows(found: Fit) -> np.ndarray:
-    """(M D,) the block of frames of each whitened row."""
-    frames = len(found.point.seen)
-    block = np.arange(frames) * BLOCKS // frames
-    return np.repeat(block[found.stations.frame], found.stations.residual.shape[1])
+def touches(found: Fit) -> bool:
+    """Whether a model has contact in it. That may act in two frames next to each other, of which
+    neither tells what the other would look like: there stretches of the rope are held out, no
+    frames."""
+    names = {effect.name for effect in CONTACT}
+    return any(term.name in names for term in found.forward.terms)
 
 
-def predicted(found: Fit) -> np.ndarray:
-    """(M D,) whitened residual of each block of frames as predicted by a fit to the others.
+def block_of_rows(found: Fit, along: bool) -> np.ndarray:
+    """(M D,) the block of each whitened row: of neighbouring frames, or of every fifth station
+    along the rope."""
+    s, frames = found.stations, len(found.point.seen)
+    block = s.bin % BLOCKS if along else (np.arange(frames) * BLOCKS // frames)[s.frame]
+    return np.repeat(block, s.residual.shape[1])
+
+
+def predicted(found: Fit, along: bool = False) -> np.ndarray:
+    """(M D,) whitened residual of each block as predicted by a fit to the others.
 
     First order around the fit of all: z_b + J_b (H - J_bᵀJ_b)⁻¹ J_bᵀ z_b.
     """
     held = np.isfinite(found.prior)
     whole = found.jacobian.T @ found.jacobian + np.diag(np.where(held, 1 / found.prior**2, 0.0))
-    block, out = block_of_rows(found), np.empty_like(found.z)
+    block, out = block_of_rows(found, along), np.empty_like(found.z)
     for b in range(BLOCKS):
         mine = block == b
         j, z = found.jacobian[mine], found.z[mine]
@@ -117,19 +126,19 @@ def predicted(found: Fit) -> np.ndarray:
     return out
 
 
-def block_losses(found: Fit) -> np.ndarray:
+def block_losses(found: Fit, along: bool) -> np.ndarray:
     """(BLOCKS,) half the squared predicted residual of each block."""
-    z, block = predicted(found), block_of_rows(found)
+    z, block = predicted(found, along), block_of_rows(found, along)
     return np.array([0.5 * float(z[block == b] @ z[block == b]) for b in range(BLOCKS)])
 
 
-def heldout_rms(found: Fit) -> tuple[float, float]:
+def heldout_rms(found: Fit, along: bool = False) -> tuple[float, float]:
     """Predicted rms distance of the points from the model, and the noise of a point [m].
 
     What stations scatter by themselves is noise and not counted twice.
     """
     s = found.stations
-    residual = found.whitener.undo(predicted(found)).reshape(s.residual.shape)
+    residual = found.whitener.undo(predicted(found, along)).reshape(s.residual.shape)
     white = s.scatter.mean(axis=0)
     if not white.any():  # markers: their noise is in the whitener
         noise = float(np.sqrt(found.whitener.variance() * 3))
