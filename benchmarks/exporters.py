@@ -21,17 +21,13 @@ import numpy as np
 
 from benchmarks.document import parser, publish
 from benchmarks.elastica import describe
-from ropefit.exporters import RopeDescription, export, exporters
-from ropefit.exporters.layout import lay_out
+from ropefit.errors import StageFailed
+from ropefit.exporters import RopeDescription, export, exporter, resimulate
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "build" / "simulators"
-NEEDS = {
-    "mujoco": ["mujoco-core>=4.0.1"],
-    "mujoco3": ["mujoco==3.17.*"],
-    "pyelastica": ["pyelastica==1.0.0"],
-    "newton": ["newton==1.8.0", "usd-core", "newton-usd-schemas"],
-}
+TARGETS = ("mujoco", "mujoco3", "pyelastica", "newton")
+MORE = {"newton": ["usd-core", "newton-usd-schemas"]}  # to read the curves beside the script
 RATIOS = (1e-4, 1e-3, 1e-2)  # EI / (rho g L^3)
 NODES = 41
 
@@ -42,16 +38,13 @@ class NotInstalled(Exception):
 
 def python_for(target: str) -> Path:
     """The interpreter that has the simulator. Raises NotInstalled."""
-    own = FOLDER / target / "bin" / "python"
-    if own.exists():
-        return own
-    if target == "mujoco":
-        found = subprocess.run(
-            [sys.executable, "-c", "import mujoco as m; assert m.__version__ >= '4.0.1'"],
-            capture_output=True,
-        )
-        if found.returncode == 0:
-            return Path(sys.executable)
+    for python in (FOLDER / target / "bin" / "python", Path(sys.executable)):
+        try:
+            if python.exists():
+                resimulate.version(target, python)
+                return python
+        except StageFailed:
+            continue
     raise NotInstalled(f"{target}: not installed; python -m benchmarks.exporters --setup makes it")
 
 
@@ -60,30 +53,16 @@ def setup(target: str) -> None:
     if not (FOLDER / target / "bin" / "python").exists():
         venv.create(FOLDER / target, with_pip=True)
     pip = [FOLDER / target / "bin" / "python", "-m", "pip", "install", "--quiet"]
-    subprocess.run([*pip, *NEEDS[target]], check=True)
+    packages = [resimulate.simulator_of(target).package, *MORE.get(target, [])]
+    subprocess.run([*pip, *packages], check=True)
 
 
 def settle(target: str, rope: RopeDescription, pose: int = 0, limit: float = 900) -> np.ndarray:
     """(K, 3) [m] the nodes at rest in the simulator; NaN at a clamped end's node."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"rope{exporters()[target].suffix}"
-        out = Path(folder) / "shape.csv"
+        path = Path(folder) / f"rope{exporter(target).suffix}"
         path.write_text(export(rope, target).text)
-        if target.startswith("mujoco"):
-            runner = ROOT / "benchmarks" / "settle_mujoco.py"
-            command = [python_for(target), runner, path, out, pose]
-        else:
-            command = [python_for(target), path, "--pose", pose, "--out", out]
-        run = subprocess.run(
-            [str(part) for part in command], capture_output=True, text=True, timeout=limit
-        )
-        if run.returncode:
-            raise RuntimeError(f"{target}: {run.stderr.strip()[-2000:]}")
-        vertices = np.loadtxt(out, delimiter=",", skiprows=1)
-    layout = lay_out(rope)
-    nodes = np.full((rope.segments + 1, 3), np.nan)
-    nodes[layout.node[layout.node >= 0]] = vertices[layout.node >= 0]
-    return nodes
+        return resimulate.settle(rope, target, path, pose, python_for(target), limit)
 
 
 def deviation(target: str, rope: RopeDescription) -> float:
@@ -95,7 +74,7 @@ def deviation(target: str, rope: RopeDescription) -> float:
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--setup", action="store_true", help="make the environments first")
-    options.add_argument("--to", nargs="*", default=list(NEEDS), choices=list(NEEDS))
+    options.add_argument("--to", nargs="*", default=list(TARGETS), choices=list(TARGETS))
     given = options.parse_args()
     data: dict[str, Any] = {}
     cases = [(ends, ratio) for ends in ("pinned", "clamped") for ratio in RATIOS]
@@ -110,7 +89,7 @@ def main() -> None:
             try:
                 value: Any = deviation(target, describe(ends, ratio, NODES))
                 cells.append(f"{value:.3%}")
-            except (NotInstalled, RuntimeError, subprocess.TimeoutExpired) as error:
+            except (NotInstalled, resimulate.NotSettled) as error:
                 value = str(error)
                 cells.append("-")
                 print(error, file=sys.stderr)

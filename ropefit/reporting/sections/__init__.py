@@ -4,6 +4,7 @@ from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.control import ControlSection
 from ropefit.reporting.sections.diagnosis import DiagnosisSection
 from ropefit.reporting.sections.equilibrium import EquilibriumSection
+from ropefit.reporting.sections.exports import ExportsSection
 from ropefit.reporting.sections.motion import MotionSection
 from ropefit.reporting.sections.observations import ObservationsSection
 from ropefit.reporting.sections.overlay import OverlaySection
@@ -13,11 +14,13 @@ from ropefit.reporting.sections.provenance import ProvenanceSection
 from ropefit.reporting.sections.residual import ResidualSection
 from ropefit.reporting.sections.solver import SolverSection
 from ropefit.reporting.sections.summary import SummarySection
+from ropefit.reporting.sections.tracks import TracksSection
 
 SECTIONS: tuple[Section, ...] = (
     SummarySection(),
     OverlaySection(),
     PicturesSection(),
+    TracksSection(),
     ResidualSection(),
     DiagnosisSection(),
     ParametersSection(),
@@ -25,6 +28,7 @@ SECTIONS: tuple[Section, ...] = (
     SolverSection(),
     EquilibriumSection(),
     MotionSection(),
+    ExportsSection(),
     ObservationsSection(),
     ProvenanceSection(),
 )

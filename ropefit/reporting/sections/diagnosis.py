@@ -22,7 +22,7 @@ from ropefit.reporting.figures import (
 )
 from ropefit.reporting.html import bullets, facts, heading, pair, paragraph, table
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.words import millimetres, number, ranges
+from ropefit.reporting.words import millimetres, number, ranges, with_unit
 
 SHOWN = 12  # candidates of the scan
 VERDICTS = {
@@ -81,8 +81,8 @@ def _or_else(c: Cause) -> str:
 
 
 def _size(key: str, s: Size) -> str:
-    unit = "" if s.unit == "1" else f" {s.unit}"
-    return f"{key} {number(s.value)} ({number(s.ci95[0])} … {number(s.ci95[1])}){unit}"
+    interval = f"({number(s.ci95[0])} … {number(s.ci95[1])})"
+    return with_unit(f"{key.replace('_', ' ')} {number(s.value)} {interval}", s.unit)
 
 
 def _causes(d: Diagnosis) -> Markup:
@@ -210,7 +210,7 @@ def _by_frame(d: Diagnosis) -> Figure:
 
 def _detectable(d: Diagnosis) -> Markup:
     rows = [
-        [name, f"{number(item.value)}{'' if item.unit == '1' else ' ' + item.unit}"]
+        [name.replace("_", " "), with_unit(number(item.value), item.unit)]
         for name, item in sorted(d.detectable.items())
     ]
     return (
