@@ -25,7 +25,7 @@ DRIVER = re.compile("Multiple readback|GL Driver Message|Automatic fallback to s
 class Page:
     """One page of one browser. Use as a context manager."""
 
-    def __init__(self, folder: Path, patience: float = 300.0):
+    def __init__(self, folder: Path, patience: float = 600.0):
         assert BINARY is not None
         self.patience, self.count, self.events = patience, 0, list[dict[str, Any]]()
         self.rest = b""
@@ -106,9 +106,10 @@ class Page:
         path.write_bytes(base64.b64decode(made["data"]))
 
     def requested(self) -> list[str]:
-        """Addresses the page asked for since it was opened."""
+        """Addresses the page asked for since it was opened; pictures it made itself are none."""
         asked = [e for e in self.events if e["method"] == "Network.requestWillBeSent"]
-        return [e["params"]["request"]["url"] for e in asked]
+        addresses = [e["params"]["request"]["url"] for e in asked]
+        return [at for at in addresses if not at.startswith(("data:", "blob:"))]
 
     def complaints(self) -> list[str]:
         """Errors and warnings of the console, and exceptions nobody caught."""

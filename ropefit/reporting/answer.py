@@ -23,8 +23,7 @@ def answer(run: RunContents) -> list[str]:
     told = [_rope(run.observations, run.fitted)]
     if run.fitted is None:
         return [*told, "No simulation has been fitted to it yet: run ropefit identify."]
-    clean = run.diagnosis is not None and run.diagnosis.verdict == "none"
-    told.append(_fit(run.observations, run.fitted, clean))
+    told.append(_fit(run.observations, run.fitted, run.diagnosis))
     return [*told, _missing(run)]
 
 
@@ -95,9 +94,9 @@ def _value(name: str, p: Parameter) -> str:
     return f"{what} is {value} (95 % interval {low} to {high})"
 
 
-def _fit(o: Observations, f: FittedModel, clean: bool) -> str:
-    """clean: a diagnosis found nothing but noise in what is left."""
-    noise = float(np.median(o.noise))
+def _fit(o: Observations, f: FittedModel, d: Diagnosis | None) -> str:
+    clean = d is not None and d.verdict == "none"  # nothing but noise is left
+    noise = d.noise_white if d is not None else float(np.median(o.noise))
     if f.rms_heldout is None:
         left = f.rms_fit
         told = (
@@ -144,6 +143,11 @@ def _unfinished(o: Observations, f: FittedModel) -> str:
 def _missing(run: RunContents) -> str:
     d = run.diagnosis
     if d is None:
+        if run.fitted is not None and run.fitted.stepped is not None:
+            return (
+                "Whether something is missing was not looked into: ropefit diagnose does that for "
+                "a rope at rest (ropefit identify --solver equilibrium)."
+            )
         if run.fitted is not None and run.fitted.balance is None:
             return "What this simulation left out is not known: that needs the equilibrium model."
         return "What the simulation left out was not looked into: run ropefit diagnose."
@@ -152,17 +156,18 @@ def _missing(run: RunContents) -> str:
             "Nothing was missing that this recording could show: what is left between simulation "
             f"and recording is noise{_would_have_seen(d)}."
         )
-    before, after, noise = map(millimetres, (d.rms_before, d.rms_after, d.noise_white))
+    # Told in noise: these fits have calibrations of their own, and other millimetres than _fit's.
+    before, after = (number(v / d.noise_white, 2) for v in (d.rms_before, d.rms_after))
     if d.verdict == "unknown":
         return (
-            "Something is missing, and no effect that ropefit knows explains it: in frames that "
-            f"it was not shown, the simulation is {before} off (rms) where noise alone would be "
-            f"{noise}, so trust it only for motions like this one."
+            "Something is missing, and no effect that ropefit knows explains it: what is left over "
+            f"in frames that it was not shown is {before} times what noise alone would leave, so "
+            "trust it only for motions like this one."
         )
     causes = "; and ".join(map(_cause, d.causes.values()))
     return (
-        f"What was missing: {causes}; with that, frames that it was not shown are predicted to "
-        f"{after} (rms) instead of {before}, noise alone being {noise}."
+        f"What was missing: {causes}; with that, what is left over in frames that it was not shown "
+        f"falls from {before} to {after} times what noise alone would leave."
     )
 
 

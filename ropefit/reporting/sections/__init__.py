@@ -13,6 +13,7 @@ from ropefit.reporting.sections.pictures import PicturesSection
 from ropefit.reporting.sections.provenance import ProvenanceSection
 from ropefit.reporting.sections.residual import ResidualSection
 from ropefit.reporting.sections.solver import SolverSection
+from ropefit.reporting.sections.stepping import SteppingSection
 from ropefit.reporting.sections.summary import SummarySection
 from ropefit.reporting.sections.tracks import TracksSection
 
@@ -27,6 +28,7 @@ SECTIONS: tuple[Section, ...] = (
     ControlSection(),
     SolverSection(),
     EquilibriumSection(),
+    SteppingSection(),
     MotionSection(),
     ExportsSection(),
     ObservationsSection(),

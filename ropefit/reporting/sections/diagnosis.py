@@ -25,6 +25,7 @@ from ropefit.reporting.sections.base import Section
 from ropefit.reporting.words import millimetres, number, ranges, with_unit
 
 SHOWN = 12  # candidates of the scan
+ALONG = 6  # places at least: fewer are no places on the rope, but values of a law's own number
 VERDICTS = {
     "none": "Nothing was left out that this recording could show: what the nominal model does not "
     "explain is noise.",
@@ -147,7 +148,7 @@ def _places(d: Diagnosis) -> Figure:
     traces = []
     ranked = sorted(d.scan.values(), key=lambda c: -c.log_factor)
     for c in ranked:
-        if c.place.shape[1] == 1 and len(traces) < 4:
+        if c.place.shape[1] == 1 and len(c.place) >= ALONG and len(traces) < 4:
             colour = MANY[len(traces) % len(MANY)]
             traces.append(line(c.place[:, 0], c.by_place, c.name, colour))
     return Figure(

@@ -174,11 +174,10 @@ def _calibration(b: Balance | Stepped, many: bool) -> Markup:
         factor, unit = READABLE.get(item.unit, (1.0, unit_text(item.unit)))
         sizes = [number(factor * v, 2) for v in (item.prior, item.value, item.sd)]
         off = abs(item.value) > FAR_OUT * item.prior
-        kind = Markup('<span class="verdict warn">{}</span>').format("far outside") if off else ""
-        rows.append([name.replace("_", " "), *sizes, unit, kind])
-    head = ["error of the set-up", "prior ±", "fitted", "± sd", "unit", ""]
-    if not any(row[5] for row in rows):
-        rows, head = [row[:5] for row in rows], head[:5]
+        flag = Markup('<br><span class="verdict warn">far outside</span>') if off else ""
+        label = name.replace("_", " ") + (f" ({unit})" if unit else "")
+        rows.append([Markup("{}{}").format(label, flag), *sizes])
+    head = ["error of the set-up", "prior ±", "fitted", "± sd"]
     return (
         heading("Calibration" + (", first group" if many else ""))
         + paragraph(

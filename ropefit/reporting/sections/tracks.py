@@ -17,7 +17,6 @@ from ropefit.reporting.figures import (
     bands,
     evenly,
     line,
-    places,
     plane,
     thinned,
 )
@@ -26,7 +25,7 @@ from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.residual import heldout_bands
 from ropefit.reporting.words import blocks, metres, millimetres
 
-SHAPES, TRACKED = 6, 3
+SHAPES, TRACKED, MOST_DOTS = 6, 3, 60
 FAST = 0.5  # s: frames farther apart are poses, not a motion
 
 
@@ -63,9 +62,12 @@ def _shapes(o: Observations, f: FittedModel) -> Figure:
         colour, name = MANY[k % len(MANY)], f"frame {o.frames[t]}"
         dots = {"color": colour, "size": 6}
         traces += [
-            line(*places(rope.T), name, colour),
-            line(*places(seen.T), name, colour, mode="markers", marker=dots, showlegend=False),
-        ]
+            line(rope[:, 0], rope[:, 1], name, colour),
+            line(
+                seen[:, 0], seen[:, 1], name, colour,
+                mode="markers", marker=dots, showlegend=False,
+            ),
+        ]  # fmt: skip
     which = "never shown to the fit" if pool is unseen else "of the recording"
     return Figure(
         "Shapes from the side, recorded and simulated",
@@ -86,32 +88,32 @@ def _tracks(o: Observations, f: FittedModel, d: Diagnosis | None) -> Figure:
     moving = bool(np.median(np.diff(o.time)) < FAST) if len(o.time) > 1 else False
     along = o.time if moving else o.frames.astype(float)
     side = _from_the_side(o)
-    shown = evenly(len(o.frames), MOST_POINTS // 2)
+    shown, dotted = (evenly(len(o.frames), most) for most in (MOST_POINTS // 2, MOST_DOTS))
     traces, off = [], []
     for k, s in enumerate(chosen):
         colour, name = MANY[k % len(MANY)], f"{metres(float(f'{s:.3g}'))} from end 0"
         seen, had = _recorded(o, s), _at(o.node_arc, f.x, s)
         off.append(np.linalg.norm(seen - had, axis=1))
-        dots = {"color": colour, "size": 4, "opacity": 0.6}
+        dots = {"color": colour, "size": 5}
         traces += [
             line(along[shown], (had @ side[1])[shown], name, colour),
             line(
-                along[shown], (seen @ side[1])[shown], name, colour,
+                along[dotted], (seen @ side[1])[dotted], name, colour,
                 mode="markers", marker=dots, showlegend=False,
             ),
         ]  # fmt: skip
         if d is not None and d.causes:
             place = np.flatnonzero(np.isin(o.frames, d.frames))
-            better = np.full(len(o.frames), np.nan)
-            better[place] = _at(d.node_arc, d.x_after, s) @ side[1]
+            height = np.full(len(o.frames), np.nan)
+            height[place] = _at(d.node_arc, d.x_after, s) @ side[1]
             traces.append(
                 line(
-                    along[shown], better[shown], f"{name}, with what was left out", colour,
+                    along[shown], height[shown], f"{name}, with what was left out", colour,
                     line={"dash": "dot", "width": 1.5}, showlegend=False,
                 )
             )  # fmt: skip
     rms = np.sqrt(np.nanmean(np.square(off)))
-    dotted = " Dotted: with what was left out." if d is not None and d.causes else ""
+    better = " Dotted: with what was left out." if d is not None and d.causes else ""
     return Figure(
         "Height of some markers, recorded and simulated",
         traces,
@@ -121,7 +123,7 @@ def _tracks(o: Observations, f: FittedModel, d: Diagnosis | None) -> Figure:
             shapes=bands(_held(o, f, along, moving)),
         ),
         f"Dots: recorded. Lines: simulated, {millimetres(float(rms))} (rms, in space) from them."
-        f"{dotted} Shaded: held out of the fit." + thinned(len(o.frames), MOST_POINTS // 2),
+        f"{better} Shaded: held out of the fit." + thinned(len(o.frames), MOST_POINTS // 2),
     )
 
 
