@@ -1,6 +1,7 @@
 """How far an exported rope comes to rest from the exact shape, in each simulator.
 
-    python -m benchmarks.exporters [--setup] [--to TARGET ...] [--write docs/results.md]
+    python -m benchmarks.exporters [--setup] [--to TARGET ...] [--known FILE] [--json FILE]
+                                   [--write docs/results.md]
 
 --setup makes an environment a simulator under build/simulators (two of them cannot share one). The
 exact shape is the planar elastica, solved as a boundary-value problem; a deviation is the largest
@@ -9,6 +10,7 @@ distance of a node from where it belongs, as a share of the rope's length.
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tempfile
@@ -65,43 +67,62 @@ def settle(target: str, rope: RopeDescription, pose: int = 0, limit: float = 900
         return resimulate.settle(rope, target, path, pose, python_for(target), limit)
 
 
-def deviation(target: str, rope: RopeDescription) -> float:
+def deviation(target: str, rope: RopeDescription, limit: float = 900) -> float:
     """Largest distance of a node at rest from rope.x, as a share of the length."""
-    away = np.linalg.norm(settle(target, rope) - rope.x[0], axis=1)
+    away = np.linalg.norm(settle(target, rope, limit=limit) - rope.x[0], axis=1)
     return float(np.nanmax(away)) / rope.length
+
+
+def measure(target: str, ends: str, ratio: float, limit: float) -> Any:
+    """The deviation, or in words why there is none."""
+    started = time.monotonic()
+    try:
+        told: Any = deviation(target, describe(ends, ratio, NODES), limit)
+    except (NotInstalled, resimulate.NotSettled) as error:
+        told = str(error)
+    took = time.monotonic() - started
+    print(f"{target} {ends} {ratio:g}: {told} in {took:.0f} s", file=sys.stderr, flush=True)
+    return told
+
+
+def table(data: dict[str, Any]) -> str:
+    """Deviations {"target ends ratio": share or why there is none} in Markdown."""
+    cases = [f"{ends} {ratio:g}" for ends in ("pinned", "clamped") for ratio in RATIOS]
+    lines = [
+        f"Largest distance of a node from the exact elastica, in rope lengths, {NODES} nodes; "
+        "pinned at both ends or clamped and free, by EI/(ρgL³). Written by "
+        "`python -m benchmarks.exporters`.",
+        "",
+        "| exported to | " + " | ".join(cases) + " |",
+        "|---" * (len(cases) + 1) + "|",
+    ]
+    reasons = []
+    for target in TARGETS:
+        cells = []
+        for case in cases:
+            value = data.get(f"{target} {case}", "not run")
+            cells.append("-" if isinstance(value, str) else f"{value:.3%}")
+            if isinstance(value, str):
+                reasons.append(f"- `{target}`, {case}: {value}")
+        lines.append(f"| `{target}` | " + " | ".join(cells) + " |")
+    return "\n".join([*lines, *([""] if reasons else []), *reasons]) + "\n"
 
 
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--setup", action="store_true", help="make the environments first")
     options.add_argument("--to", nargs="*", default=list(TARGETS), choices=list(TARGETS))
+    options.add_argument("--known", type=Path, help="numbers of an earlier --json, kept")
+    options.add_argument("--limit", type=float, default=900.0, help="s for a simulator to settle")
     given = options.parse_args()
-    data: dict[str, Any] = {}
-    cases = [(ends, ratio) for ends in ("pinned", "clamped") for ratio in RATIOS]
-    head = " | ".join(f"{ends} {ratio:g}" for ends, ratio in cases)
-    lines = [f"| exported to | {head} |", "|---" * (len(cases) + 1) + "|"]
+    data = json.loads(given.known.read_text()) if given.known else {}
     for target in given.to:
         if given.setup:
             setup(target)
-        cells = []
-        for ends, ratio in cases:
-            started = time.monotonic()
-            try:
-                value: Any = deviation(target, describe(ends, ratio, NODES))
-                cells.append(f"{value:.3%}")
-            except (NotInstalled, resimulate.NotSettled) as error:
-                value = str(error)
-                cells.append("-")
-                print(error, file=sys.stderr)
-            data[f"{target} {ends} {ratio:g}"] = value
-            took = time.monotonic() - started
-            print(f"{target} {ends} {ratio:g}: {cells[-1]} in {took:.0f} s", file=sys.stderr)
-        lines.append(f"| `{target}` | " + " | ".join(cells) + " |")
-    text = (
-        f"Largest distance of a node from the exact elastica, in rope lengths, {NODES} nodes; "
-        "pinned at both ends or clamped and free, by EI/(ρgL³).\n\n" + "\n".join(lines) + "\n"
-    )
-    publish(given, "exporters", text, data)
+        for ends in ("pinned", "clamped"):
+            for ratio in RATIOS:
+                data[f"{target} {ends} {ratio:g}"] = measure(target, ends, ratio, given.limit)
+    publish(given, "exporters", table(data), data)
 
 
 if __name__ == "__main__":

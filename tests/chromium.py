@@ -75,7 +75,7 @@ class Page:
                 return answer["result"]
 
     def open(self, path: Path) -> float:
-        """Load a file; the time [s] until it is loaded and its figures are drawn."""
+        """Load a file; the time [s] until it is loaded and shown. Figures may still be drawn."""
         self.events.clear()
         started = time.monotonic()
         self.send("Page.navigate", url=path.as_uri())
@@ -83,6 +83,14 @@ class Page:
             self._read()
         self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
         return time.monotonic() - started
+
+    def drawn(self) -> None:
+        """Wait for every figure."""
+        self.run(
+            "new Promise(done => { const look = () => "
+            "document.querySelector('.canvas:not(.js-plotly-plot)') ? setTimeout(look, 50) : "
+            "done(); look(); })"
+        )
 
     def run(self, code: str) -> Any:
         """The value of an expression in the page."""

@@ -8,9 +8,11 @@ import plotly.graph_objects as go
 import pytest
 
 from ropefit.artifacts import DroppedFrame, write
+from ropefit.artifacts.diagnosis import Size
+from ropefit.commands_diagnose import _told
 from ropefit.errors import StageFailed
 from ropefit.reporting.report import RunContents, render_report
-from ropefit.reporting.words import number, ranges, symbol
+from ropefit.reporting.words import number, ranges, symbol, with_unit
 from ropefit.stages.report import write_report
 from tests import chromium
 from tests.report_runs import (
@@ -228,6 +230,19 @@ def test_numbers(value, text):
     assert number(value) == text
 
 
+def test_shares_have_no_unit_where_a_person_reads():
+    share = Size(value=0.97, unit="1", ci95=(0.9, 1.04))
+    assert _told("share", share) == "share 0.97 (0.9 .. 1.04)"
+    assert _told("mass", share.model_copy(update={"unit": "kg"})).endswith(") kg")
+    assert with_unit("0.97", "1") == "0.97"
+    assert with_unit("7.0", "N m^2") == "7.0 N·m²"
+    d = diagnosed()
+    cause = d.causes["cause_0"].model_copy(update={"parameters": {"share": share}})
+    d = d.model_copy(update={"causes": {"cause_0": cause}})
+    page = render_report(RunContents(observations(), model(), None, d))
+    assert ">share 0.970 (0.900 … 1.04)<" in page
+
+
 def test_ranges():
     assert ranges([3, 1, 2, 7, 9, 10]) == "1–3, 7, 9–10"
 
@@ -243,6 +258,7 @@ def test_a_browser_draws_it(tmp_path, kind):
     path.write_text(text, encoding="utf-8")
     with chromium.Page(tmp_path / "profile") as page:
         page.open(path)
+        page.drawn()
         assert page.run("[...document.querySelectorAll('h2')].map(h => h.textContent)") == titles(
             text
         )

@@ -157,7 +157,7 @@ def _missing(run: RunContents) -> str:
             f"and recording is noise{_would_have_seen(d)}."
         )
     # Told in noise: these fits have calibrations of their own, and other millimetres than _fit's.
-    before, after = (number(v / d.noise_white, 2) for v in (d.rms_before, d.rms_after))
+    before, after = (number(v / (d.noise_white or np.nan), 2) for v in (d.rms_before, d.rms_after))
     if d.verdict == "unknown":
         return (
             "Something is missing, and no effect that ropefit knows explains it: what is left over "
