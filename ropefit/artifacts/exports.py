@@ -3,7 +3,7 @@
 from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
 
@@ -14,6 +14,12 @@ class Check(Part):
     simulator: str = Field(description="name and version")
     x: Annotated[np.ndarray, ArraySpec(("pose", "node", "xyz"), "m", nan=True)]
     failures: list[str] = Field(description="of every pose, why it has no shape; empty if it has")
+
+    @model_validator(mode="after")
+    def _one_a_pose(self) -> "Check":
+        if len(self.failures) != len(self.x):
+            raise ValueError(f"{len(self.failures)} failures for {len(self.x)} poses")
+        return self
 
 
 class Export(Part):
@@ -29,6 +35,12 @@ class Export(Part):
     effects: list[str] = Field(description="what was found to be left out, and went along")
     notes: list[str] = Field(description="what the target cannot express")
     check: Check | None = None
+
+    @model_validator(mode="after")
+    def _same_nodes(self) -> "Export":
+        if self.check is not None and self.check.x.shape != self.x.shape:
+            raise ValueError(f"checked {self.check.x.shape}, exported {self.x.shape}")
+        return self
 
 
 class Exports(Artifact):

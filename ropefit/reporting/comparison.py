@@ -117,8 +117,10 @@ def _parameters(runs: Sequence[Named]) -> Markup:
                 interval = with_unit(f"below {number(p.below)}", p.unit)
             value = with_unit(number(p.value), p.unit)
             rows.append([symbol(key), name, value, interval, p.verdict])
-        if sum(p.ci95 is not None for p in values.values()) > 1:
-            figures.append(_intervals(key, values))
+        for unit in dict.fromkeys(p.unit for p in values.values()):  # some over the weight, say
+            alike = {n: p for n, p in values.items() if p.unit == unit and p.ci95 is not None}
+            if len(alike) > 1:
+                figures.append(_intervals(key, alike))
     body += table(["parameter", "run", "value", "95 % interval", "verdict"], rows)
     return body + Markup("").join(map(plot, figures))
 
