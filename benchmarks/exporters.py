@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 import venv
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ class NotInstalled(Exception):
     """The simulator's environment does not exist."""
 
 
+@cache
 def python_for(target: str) -> Path:
     """The interpreter that has the simulator. Raises NotInstalled."""
     for python in (FOLDER / target / "bin" / "python", Path(sys.executable)):

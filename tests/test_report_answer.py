@@ -179,7 +179,7 @@ def test_comparison_of_runs(tmp_path):
         [run(7e-4, "a"), run(7.1e-4, "b")]
     )
     one, other = run(7e-4, "a"), run(7.1e-4, "b")
-    assert "EI (N·m²)" in render_comparison([one, other])
+    assert "EI in every run" in render_comparison([one, other])
     fit = other[1].model.nominal
     group = fit.groups["group_0"]
     ratio = group.parameters["EI"].model_copy(update={"unit": "m^3"})
@@ -187,7 +187,7 @@ def test_comparison_of_runs(tmp_path):
     fit = fit.model_copy(update={"groups": {"group_0": group}})
     made = model().model_copy(update={"models": {"nominal": fit}})
     mixed = render_comparison([one, ("b", RunContents(observations(), made))])
-    assert "EI (N·m²)" not in mixed  # one of each unit: nothing to draw together
+    assert "EI in every run" not in mixed  # one of each unit: nothing to draw together
     (tmp_path / "x").mkdir()
     write(tmp_path / "x" / "observations.h5", observations())
     with pytest.raises(WrongUsage, match="twice"):
