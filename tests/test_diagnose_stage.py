@@ -43,6 +43,7 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     assert "At rest in mujoco 4" in (run / "report.html").read_text()
     done = ropefit("identify", "--run", str(run), "--solver", "thomas", "--steps", "5", "--quiet")
     assert done.returncode == 0, done.stderr
+    (run / "diagnosis.h5").unlink()
     again = ropefit("report", "--run", str(run))  # the export was of the rope before
     assert "exports.h5 is of an earlier rope" in again.stderr
     assert "At rest in mujoco 4" not in (run / "report.html").read_text()
