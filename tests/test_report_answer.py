@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ropefit.artifacts import write
+from ropefit.artifacts.diagnosis import Size
 from ropefit.errors import WrongUsage
 from ropefit.reporting.answer import answer
 from ropefit.reporting.comparison import render_comparison
@@ -64,6 +65,13 @@ def test_three_sentences():
         "(this recording cannot tell it from: distributed load)"
         in (told(diagnosed(motion="lift"))[2])
     )
+    little = diagnosed().model_copy(update={"rms_before": 0.00135})
+    assert "little against the scatter of single points" in told(little)[2]
+    assert "all of them together do" in told(little)[1]
+    along = Size(value=8 * 7e-4, unit="N m^2", ci95=(5.5e-3, 5.7e-3))
+    with_it = told(diagnosed().model_copy(update={"rope": {"EI": along}}))[0]
+    assert "(EI) is 0.005600 N·m² (95 % interval 0.005500 to 0.005700)" in with_it
+    assert "a piece of it 210 mm long" in with_it  # twice as long for eight times the stiffness
     clean = told(diagnosed("none"))
     assert clean[2].startswith("Nothing was missing")
     assert "a weight of 0.40 g on the rope would have been noticed" in clean[2]

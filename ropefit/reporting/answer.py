@@ -8,19 +8,20 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.artifacts import Diagnosis, FittedModel, Observations, Parameter
-from ropefit.artifacts.diagnosis import Cause
+from ropefit.artifacts.diagnosis import Cause, Size
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.words import digits_of, given, metres, millimetres, number, plural, with_unit
 
 SENSOR = {"clouds": "a point cloud sensor", "rgbd": "a depth camera", "markers": "motion capture"}
 HELD = {"pinned": "held but free to turn", "clamped": "held firmly", "free": "loose"}
 TENTH = 0.1  # of its length that a piece of rope droops, told as its stiffness
+TOLD = 0.1  # of the noise: smaller gains in millimetres say nothing to a reader
 AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
 
 
 def answer(run: RunContents) -> list[str]:
     """The sentences; fewer than three where stages have not run."""
-    told = [_rope(run.observations, run.fitted)]
+    told = [_rope(run.observations, run.fitted, run.diagnosis)]
     if run.fitted is None:
         return [*told, "No simulation has been fitted to it yet: run ropefit identify."]
     told.append(_fit(run.observations, run.fitted, run.diagnosis))
@@ -32,7 +33,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _rope(o: Observations, f: FittedModel | None) -> str:
+def _rope(o: Observations, f: FittedModel | None, d: Diagnosis | None) -> str:
     about = f"{metres(o.length)} long" + (" (estimated)" if o.length_source == "estimated" else "")
     if o.diameter:
         about += f", {given(1e3 * o.diameter)} mm thick"
@@ -46,11 +47,11 @@ def _rope(o: Observations, f: FittedModel | None) -> str:
         held = f"assumed to be {held}"
     frames = plural(len(o.frames), "frame")
     told = f"This is a rope {about}, {held}, seen by {SENSOR[o.source]} in {frames}"
-    return f"{told}{_stiffness(f, o.length)}."
+    return f"{told}{_stiffness(f, o.length, d.rope if d is not None and d.causes else {})}."
 
 
-def _stiffness(f: FittedModel | None, length: float) -> str:
-    """What was identified, as the end of a sentence."""
+def _stiffness(f: FittedModel | None, length: float, along: dict[str, Size]) -> str:
+    """What was identified, as the end of a sentence. along: as fitted with what was missing."""
     if f is None:
         return ""
     whole = f.balance or f.stepped
@@ -62,13 +63,22 @@ def _stiffness(f: FittedModel | None, length: float) -> str:
     if len(f.groups) > 1:
         return f"; {len(f.groups)} parameter sets were fitted, see below"
     group = next(iter(f.groups.values()))
-    free = [_value(name, p) for name, p in group.parameters.items() if p.free]
+    known = {name: _with(p, along.get(name)) for name, p in group.parameters.items()}
+    free = [_value(name, p) for name, p in known.items() if p.free]
     more = f", and {plural(len(free) - 2, 'more number')} below" if len(free) > 2 else ""
     told = "; " + " and ".join(free[:2]) + more if free else "; nothing was fitted"
-    bending = group.parameters.get("EI")
+    bending = known.get("EI")
     if bending is None or bending.below is not None or bending.verdict == "flat direction":
         return told
-    return f"{told}; {_droop(whole.bending_length, length)}"
+    changed = bending.value / group.parameters["EI"].value
+    return f"{told}; {_droop(whole.bending_length * changed ** (1 / 3), length)}"
+
+
+def _with(p: Parameter, size: Size | None) -> Parameter:
+    """A parameter as it was fitted along with what was missing."""
+    if size is None or not p.free:
+        return p
+    return p.model_copy(update={"value": size.value, "ci95": size.ci95, "unit": size.unit})
 
 
 def _droop(bending_length: float, length: float) -> str:
@@ -114,7 +124,9 @@ def _fit(o: Observations, f: FittedModel, d: Diagnosis | None) -> str:
         )
     ratio = left / noise if noise > 0 else np.inf
     scatter = f"a measured point itself scatters by {millimetres(noise)}"
-    if clean or ratio <= AS_GOOD_AS_NOISE:
+    if d is not None and not clean and ratio <= AS_GOOD_AS_NOISE:
+        meaning = f"{scatter}, so no single point tells the two apart, but all of them together do"
+    elif clean or ratio <= AS_GOOD_AS_NOISE:
         meaning = f"{scatter}, so a closer fit could not be told from this one"
     elif ratio <= SMALL_REST:
         meaning = f"{scatter}, so a part of what the rope does is not explained"
@@ -165,6 +177,11 @@ def _missing(run: RunContents) -> str:
             "trust it only for motions like this one."
         )
     causes = "; and ".join(map(_cause, d.causes.values()))
+    if d.rms_before - d.rms_after < TOLD * d.noise_white:
+        return (
+            f"What was missing: {causes}; that is little against the scatter of single points, and "
+            "beyond chance over the whole recording."
+        )
     return (
         f"What was missing: {causes}; with that, what is left over in frames that it was not shown "
         f"falls from {before} to {after} times what noise alone would leave."
