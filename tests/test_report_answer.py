@@ -66,7 +66,7 @@ def test_three_sentences():
         in (told(diagnosed(motion="lift"))[2])
     )
     little = diagnosed().model_copy(update={"rms_before": 0.00135})
-    assert "little against the scatter of single points" in told(little)[2]
+    assert "less than single points scatter, but beyond chance" in told(little)[2]
     assert "all of them together do" in told(little)[1]
     along = Size(value=8 * 7e-4, unit="N m^2", ci95=(5.5e-3, 5.7e-3))
     with_it = told(diagnosed().model_copy(update={"rope": {"EI": along}}))[0]

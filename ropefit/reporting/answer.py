@@ -179,8 +179,8 @@ def _missing(run: RunContents) -> str:
     causes = "; and ".join(map(_cause, d.causes.values()))
     if d.rms_before - d.rms_after < TOLD * d.noise_white:
         return (
-            f"What was missing: {causes}; that is little against the scatter of single points, and "
-            "beyond chance over the whole recording."
+            f"What was missing: {causes}; what that changes is less than single points scatter, "
+            "but beyond chance over the whole recording."
         )
     return (
         f"What was missing: {causes}; with that, what is left over in frames that it was not shown "
