@@ -209,7 +209,7 @@ def export(
     """
     from ropefit.stages.export import export_run
 
-    return export_run(observations, model, diagnosis, to, mass)[0]
+    return export_run(observations, model, diagnosis, to, mass).result
 
 
 def report(

@@ -292,15 +292,22 @@ def export(
         Optional[float],  # noqa: UP045
         typer.Option(help="Mass of the whole rope [kg], if the recording does not say it."),
     ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Let it come to rest in the simulator; measure how far off."),
+    ] = False,
+    python: Annotated[
+        OptionalPath, typer.Option(help="Python that has the simulator [default: this one].")
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
     """The identified rope, with what was left out, as text for a simulator."""
     with _session(json, quiet, debug) as session:
-        from ropefit.commands import export
+        from ropefit.commands_export import export
 
-        session.result(export(session, run, to, out, mass))
+        session.result(export(session, run, to, out, mass, check, python))
 
 
 @app.command()

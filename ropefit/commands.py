@@ -13,6 +13,7 @@ from ropefit.commands_identify import tell_identified
 from ropefit.commands_show import report, tell_answer
 from ropefit.console import Session
 from ropefit.errors import BadInput, StageFailed, WrongUsage
+from ropefit.reporting.words import unit_text
 from ropefit.solvers.compiling import telling
 from ropefit.stages.run_directory import existing_run, new_run
 from ropefit.stages.stage import Context, Outcome, Stage, StageSettings, execute, load
@@ -227,26 +228,6 @@ def _spread(metres: np.ndarray, pixels: np.ndarray) -> list[str]:
     return [f"{value:.3g}" for value in values]
 
 
-def export(
-    session: Session, run: Path, target: str, out: Path, mass: float | None
-) -> dict[str, Any]:
-    """observations.h5, model.h5, diagnosis.h5 if there -> text for a simulator."""
-    from ropefit.stages.export import export_run, write_export
-
-    existing_run(run)
-    o, model = load(run, Observations)[0], load(run, Model)[0]
-    there = (run / Diagnosis.file_name).exists()
-    diagnosis = load(run, Diagnosis)[0] if there else None
-    with telling(session.say):
-        result, notes = export_run(o, model, diagnosis, target, mass)
-    files = write_export(result, out)
-    session.say(f"export: {', '.join(files)} written for {target}")
-    for note in notes:
-        session.say(f"note: {note}")
-    effects = [c.name for c in diagnosis.causes.values()] if diagnosis else []
-    return {"stage": "export", "files": files, "effects": effects, "notes": notes}
-
-
 def run_all(
     session: Session,
     recording: Path | None,
@@ -279,7 +260,7 @@ def inspect(session: Session, path: Path) -> dict[str, Any]:
         session.table(
             f"{title}, {'valid' if item['valid'] else 'NOT VALID: ' + item['problem']}",
             ["entry", "shape", "unit", "what"],
-            [[e["name"], e["shape"], e["unit"], e["value"]] for e in item["entries"]],
+            [[e["name"], e["shape"], unit_text(e["unit"]), e["value"]] for e in item["entries"]],
         )
     if not all(item["valid"] for item in data["artifacts"]):
         session.result(data)

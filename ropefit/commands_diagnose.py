@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ropefit.artifacts import Diagnosis
+from ropefit.artifacts.diagnosis import Size
 from ropefit.console import Session
 from ropefit.stages.stage import Outcome
 
@@ -56,6 +57,11 @@ def tell_diagnosed(session: Session, outcome: Outcome[Any]) -> dict[str, Any]:
     }
 
 
+def _told(key: str, size: Size) -> str:
+    interval = f"({size.ci95[0]:.3g} .. {size.ci95[1]:.3g})"
+    return f"{key} {size.value:.3g} {interval}" + ("" if size.unit == "1" else f" {size.unit}")
+
+
 def _tell_diagnosis(session: Session, d: Diagnosis) -> None:
     if d.verdict == "none":
         session.say("nothing was left out: what the nominal model does not explain is noise")
@@ -72,7 +78,7 @@ def _tell_diagnosis(session: Session, d: Diagnosis) -> None:
             [
                 c.name,
                 where,
-                f"{key} {size.value:.3g} ({size.ci95[0]:.3g} .. {size.ci95[1]:.3g}) {size.unit}",
+                _told(key, size),
                 ", ".join(c.equivalent_to) or "-",
                 f"{c.log_evidence:.1f}",
             ]

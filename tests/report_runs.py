@@ -11,6 +11,7 @@ from ropefit.artifacts import (
     Control,
     Diagnosis,
     DroppedFrame,
+    Exports,
     FittedModel,
     Iterated,
     Model,
@@ -21,6 +22,7 @@ from ropefit.artifacts import (
     View,
 )
 from ropefit.artifacts.diagnosis import Candidate, Cause, Detectable, Size
+from ropefit.artifacts.exports import Check, Export
 
 F, K = 9, 6
 EVIL = "<script>alert(1)</script>"
@@ -314,6 +316,26 @@ def diagnosed(verdict="found", motion=""):
         force_sd=np.full((F, knots, 3), 0.05),
         force_evidence=20.0,
         force_threshold=12.0,
+    )
+
+
+def exported(off=0.002, failure="", other=np.nan, checked=True):
+    """An export to two simulators, tried in one: every node `off` [m] from where it belongs."""
+    x = ropes()[:2]
+    failures = ["", failure]
+    at_rest = x + np.array([0, off, 0])
+    at_rest[1] = np.nan if failure else at_rest[1]
+    check = Check(simulator="mujoco 4.0.1", x=at_rest, failures=failures) if checked else None
+    common = {"frames": np.array([10, 11]), "x": x, "sha256": "23" * 32, "effects": ["point_mass"]}
+    common["other"] = np.array([other, np.nan])
+    notes = [f"a note on the text {EVIL}"]
+    return Exports(
+        provenance=provenance("export", **{"model.h5": "01" * 32}),
+        length=1.0,
+        exports={
+            "mujoco": Export(file="rope.xml", notes=notes, check=check, **common),
+            "json": Export(file="rope.json", notes=[], **common),
+        },
     )
 
 

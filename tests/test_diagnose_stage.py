@@ -27,10 +27,25 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "What was left out" in (run / "report.html").read_text()
     out = tmp_path / "rope.xml"
-    done = ropefit("export", "--run", str(run), "--to", "mujoco", "--out", str(out), "--json")
+    to = ["export", "--run", str(run), "--to", "mujoco", "--out", str(out)]
+    done = ropefit(*to, "--check", "--json")
     assert done.returncode == 0, done.stderr
     assert "<mujoco" in out.read_text()
+    checked = json.loads(done.stdout)["check"]
+    assert checked["simulator"].startswith("mujoco 4")
+    assert checked["settled"] == [True] * 6
+    assert 0 < checked["largest_deviation"] < 0.01
+    assert "none runs it" in ropefit(*to[:3], "--to", "json", *to[5:], "--check", code=2).stderr
+    wrong = ropefit(*to, "--check", "--python", "/bin/false", code=1).stderr
+    assert "has no mujoco for mujoco; pip install" in wrong
+    assert ropefit("inspect", str(run / "exports.h5")).returncode == 0
+    ropefit("report", "--run", str(run))
+    assert "At rest in mujoco 4" in (run / "report.html").read_text()
     done = ropefit("identify", "--run", str(run), "--solver", "thomas", "--steps", "5", "--quiet")
     assert done.returncode == 0, done.stderr
+    (run / "diagnosis.h5").unlink()
+    again = ropefit("report", "--run", str(run))  # the export was of the rope before
+    assert "exports.h5 is of an earlier rope" in again.stderr
+    assert "At rest in mujoco 4" not in (run / "report.html").read_text()
     refused = ropefit("diagnose", "--run", str(run), code=2)
     assert "equilibrium" in refused.stderr

@@ -51,7 +51,7 @@ def test_the_tutorial_followed_literally(ropefit, tmp_path):
     your_bag(tmp_path / "run3.bag")
     blocks = re.findall(r"```(\w*)\n(.*?)```", (DOCS / "tutorial.md").read_text(), re.DOTALL)
     commands = [line for kind, text in blocks if not kind for line in text.strip().splitlines()]
-    assert len(commands) == 8
+    assert len(commands) == 9
     said = ""
     for command in commands:
         words = shlex.split(command)
@@ -60,6 +60,7 @@ def test_the_tutorial_followed_literally(ropefit, tmp_path):
         said += done.stdout + done.stderr
     assert "/camera/points" in said
     assert "determined" in said
+    assert "At rest in mujoco 4" in (tmp_path / "out" / "report.html").read_text()
     assert (tmp_path / "out" / "report.html").stat().st_size < 12e6
     assert (tmp_path / "out" / "view.rrd").read_bytes()[:3] == b"RRF"
     (code,) = [text for kind, text in blocks if kind == "python"]

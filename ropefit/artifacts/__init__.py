@@ -4,6 +4,7 @@ from ropefit.artifacts.base import Artifact, Part, Provenance
 from ropefit.artifacts.checkpoint import Checkpoint
 from ropefit.artifacts.control import Control
 from ropefit.artifacts.diagnosis import Diagnosis
+from ropefit.artifacts.exports import Exports
 from ropefit.artifacts.model import (
     Balance,
     Calibration,
@@ -17,7 +18,14 @@ from ropefit.artifacts.model import (
 from ropefit.artifacts.observations import DroppedFrame, Observations, View
 from ropefit.artifacts.store import content_sha256, identity, read, write
 
-ARTIFACTS: tuple[type[Artifact], ...] = (Observations, Model, Diagnosis, Control, Checkpoint)
+ARTIFACTS: tuple[type[Artifact], ...] = (
+    Observations,
+    Model,
+    Diagnosis,
+    Control,
+    Exports,
+    Checkpoint,
+)
 
 __all__ = [
     "ARTIFACTS",
@@ -28,6 +36,7 @@ __all__ = [
     "Control",
     "Diagnosis",
     "DroppedFrame",
+    "Exports",
     "FittedModel",
     "Iterated",
     "Model",

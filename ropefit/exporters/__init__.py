@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ropefit.errors import WrongUsage
-from ropefit.exporters.base import Exporter, ExportResult
+from ropefit.exporters.base import Exporter, ExportResult, Simulator
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.json import Json
 from ropefit.exporters.mujoco import MuJoCo
@@ -21,7 +21,9 @@ __all__ = [
     "Newton",
     "PyElastica",
     "RopeDescription",
+    "Simulator",
     "export",
+    "exporter",
     "exporters",
 ]
 
@@ -31,9 +33,14 @@ def exporters() -> dict[str, type[Exporter]]:
     return {kind.target: kind for kind in concrete(Exporter, "ropefit.exporters")}
 
 
-def export(description: RopeDescription, target: str) -> ExportResult:
-    """The rope as text for `target`. Raises WrongUsage for an unknown one."""
+def exporter(target: str) -> type[Exporter]:
+    """The class that writes for `target`. Raises WrongUsage for an unknown one."""
     known = exporters()
     if target not in known:
         raise WrongUsage(f"--to {target}: one of {', '.join(sorted(known))}")
-    return known[target]().export(description)
+    return known[target]
+
+
+def export(description: RopeDescription, target: str) -> ExportResult:
+    """The rope as text for `target`. Raises WrongUsage for an unknown one."""
+    return exporter(target)().export(description)

@@ -24,11 +24,28 @@ class ExportResult:
     not_expressed: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Simulator:
+    """Where an exported text comes to rest, in a Python of its own.
+
+    module: what that Python must be able to import, in a version from `least` to before `below`.
+    package: what pip installs for it. runner: a script in runners/ that takes the text and
+    `--pose P --out CSV` and writes the vertices at rest; none: the text is that script itself.
+    """
+
+    module: str
+    package: str
+    least: tuple[int, ...] = (0,)
+    below: tuple[int, ...] = (1000,)
+    runner: str = ""
+
+
 class Exporter(ABC):
     """One simulator. A subclass is found by its `target` once its module is imported."""
 
     target: ClassVar[str]
     suffix: ClassVar[str]  # of the main file, with the dot
+    simulator: ClassVar[Simulator | None] = None  # for `export --check`; None: nothing runs it
 
     @abstractmethod
     def export(self, rope: RopeDescription) -> ExportResult:

@@ -10,6 +10,7 @@ from ropefit.exporters import mjcf
 from ropefit.exporters.base import (
     Exporter,
     ExportResult,
+    Simulator,
     diameter_of,
     numbers,
     stretch_note,
@@ -32,6 +33,9 @@ class MuJoCo(Exporter):
 
     target: ClassVar[str] = "mujoco"
     suffix: ClassVar[str] = ".xml"
+    simulator: ClassVar[Simulator | None] = Simulator(
+        "mujoco", "mujoco-core>=4.0.1", least=(4, 0, 1), runner="settle_mujoco.py"
+    )
 
     def export(self, rope: RopeDescription) -> ExportResult:
         layout, lost = lay_out(rope), []

@@ -7,7 +7,14 @@ from typing import ClassVar
 import numpy as np
 
 from ropefit.exporters import mjcf
-from ropefit.exporters.base import Exporter, ExportResult, diameter_of, numbers, stretch_note
+from ropefit.exporters.base import (
+    Exporter,
+    ExportResult,
+    Simulator,
+    diameter_of,
+    numbers,
+    stretch_note,
+)
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.layout import E3, Layout, lay_out
 from ropefit.exporters.rotation import conjugate, multiply
@@ -29,6 +36,9 @@ class MuJoCo3(Exporter):
 
     target: ClassVar[str] = "mujoco3"
     suffix: ClassVar[str] = ".xml"
+    simulator: ClassVar[Simulator | None] = Simulator(
+        "mujoco", "mujoco==3.17.*", least=(3,), below=(4,), runner="settle_mujoco.py"
+    )
 
     def export(self, rope: RopeDescription) -> ExportResult:
         layout, lost = lay_out(rope), []

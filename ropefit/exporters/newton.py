@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ropefit.exporters.base import Exporter, ExportResult, diameter_of
+from ropefit.exporters.base import Exporter, ExportResult, Simulator, diameter_of
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.effects import Cylinder, Plane, Sphere, Tether
 from ropefit.exporters.layout import Layout, lay_out
@@ -26,6 +26,7 @@ class Newton(Exporter):
 
     target: ClassVar[str] = "newton"
     suffix: ClassVar[str] = ".py"
+    simulator: ClassVar[Simulator | None] = Simulator("newton", "newton==1.8.0", least=(1, 8))
 
     def export(self, rope: RopeDescription) -> ExportResult:
         layout, lost = lay_out(rope), []

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ropefit.exporters.base import Exporter, ExportResult, diameter_of
+from ropefit.exporters.base import Exporter, ExportResult, Simulator, diameter_of
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.effects import Cylinder, EndTwist, Plane, Sphere, Tether
 from ropefit.exporters.layout import Layout, lay_out
@@ -26,6 +26,7 @@ class PyElastica(Exporter):
 
     target: ClassVar[str] = "pyelastica"
     suffix: ClassVar[str] = ".py"
+    simulator: ClassVar[Simulator | None] = Simulator("elastica", "pyelastica==1.0.0")
 
     def export(self, rope: RopeDescription) -> ExportResult:
         layout, lost = lay_out(rope), []

@@ -45,10 +45,12 @@ class RealSense(Importer):
 
     def read(self, source: Path, options: RealSenseOptions, draft: Draft) -> None:
         rs = _library(source)
-        found = {}  # time of the depth image -> time of the colour image
+        found: dict[float, float] = {}  # time of the depth image -> of the colour image nearest it
         with _playing(rs, source) as playing:
             for depth, color in _pairs(playing):
-                found.setdefault(depth.get_timestamp(), color.get_timestamp())
+                at, other = depth.get_timestamp(), color.get_timestamp()
+                if at not in found or abs(at - other) < abs(at - found[at]):
+                    found[at] = other  # a depth image comes with the colour before it too
         near = [at for at, other in found.items() if abs(at - other) <= 1e3 * options.gap]
         if not near:
             raise BadInput(f"{source}: no colour and depth image within {options.gap:g} s")
@@ -57,10 +59,11 @@ class RealSense(Importer):
         with _playing(rs, source) as playing:
             scale = float(playing.profile.get_device().first_depth_sensor().get_depth_scale())
             frame = 0
-            for depth, _ in _pairs(playing):
-                if depth.get_timestamp() not in chosen:
+            for depth, color in _pairs(playing):
+                at = depth.get_timestamp()
+                if at not in chosen or color.get_timestamp() != found[at]:
                     continue
-                chosen.remove(depth.get_timestamp())
+                chosen.remove(at)
                 both = align.process(playing.frames)
                 image = both.get_color_frame()
                 lens = image.profile.as_video_stream_profile().intrinsics

@@ -23,6 +23,7 @@ from ropefit.reporting.words import (
     plural,
     symbol,
     unit_text,
+    with_unit,
 )
 
 Named = tuple[str, RunContents]
@@ -109,15 +110,17 @@ def _parameters(runs: Sequence[Named]) -> Markup:
     rows = []
     for key, values in _values(runs).items():
         for name, p in values.items():
-            unit = "" if p.unit == "1" else f" {unit_text(p.unit)}"
             interval = "–"
             if p.ci95 is not None:
-                interval = f"{number(p.ci95[0])} … {number(p.ci95[1])}{unit}"
+                interval = with_unit(f"{number(p.ci95[0])} … {number(p.ci95[1])}", p.unit)
             elif p.below is not None:
-                interval = f"below {number(p.below)}{unit}"
-            rows.append([symbol(key), name, f"{number(p.value)}{unit}", interval, p.verdict])
-        if sum(p.ci95 is not None for p in values.values()) > 1:
-            figures.append(_intervals(key, values))
+                interval = with_unit(f"below {number(p.below)}", p.unit)
+            value = with_unit(number(p.value), p.unit)
+            rows.append([symbol(key), name, value, interval, p.verdict])
+        for unit in dict.fromkeys(p.unit for p in values.values()):  # some over the weight, say
+            alike = {n: p for n, p in values.items() if p.unit == unit and p.ci95 is not None}
+            if len(alike) > 1:
+                figures.append(_intervals(key, alike))
     body += table(["parameter", "run", "value", "95 % interval", "verdict"], rows)
     return body + Markup("").join(map(plot, figures))
 
@@ -133,7 +136,7 @@ def _intervals(key: str, values: dict[str, Parameter]) -> Figure:
             | {"line": {"color": AFTER, "width": 2}, "marker": {"color": AFTER, "size": 7}}
         )
     unit = unit_text(next(iter(values.values())).unit)
-    title = f"{symbol(key)} ({unit})"
+    title = f"{symbol(key)} ({unit})" if unit else str(symbol(key))
     return Figure(
         f"{key} in every run",
         traces,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, Exports, FittedModel, Model, Observations
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,7 @@ class RunContents:
     model: Model | None = None
     control: Control | None = None
     diagnosis: Diagnosis | None = None
+    exports: Exports | None = None
 
     @property
     def fitted(self) -> FittedModel | None:

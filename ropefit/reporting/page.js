@@ -42,6 +42,7 @@
     canvas: element.querySelector(".canvas"),
     figure: JSON.parse(element.querySelector("script").textContent),
     step: 0,
+    drawn: false,
   }));
 
   function current(plot) {
@@ -57,6 +58,7 @@
 
   function show(plot, step) {
     plot.step = step;
+    if (!plot.drawn) return;
     const changes = {};
     plot.figure.steps[step].forEach((arrays, i, all) => {
       for (const key of Object.keys(arrays)) changes[key] = all.map((each) => each[key]);
@@ -64,7 +66,9 @@
     return Plotly.restyle(plot.canvas, changes, plot.figure.steps[step].map((_, i) => i));
   }
 
-  for (const plot of plots) {
+  function first(plot) {
+    if (plot.drawn) return;
+    plot.drawn = true;
     draw(plot);
     let width = plot.canvas.clientWidth;
     new ResizeObserver(() => {
@@ -73,8 +77,22 @@
       Plotly.Plots.resize(plot.canvas);
     }).observe(plot.canvas);
   }
-  dark.addEventListener("change", () => plots.forEach(draw));
-  narrow.addEventListener("change", () => plots.forEach(draw));
+
+  // One figure at a time, so that the page answers while the rest are drawn; those in sight at once.
+  const idle = window.requestIdleCallback || ((work) => setTimeout(work, 1));
+  const next = () => {
+    const plot = plots.find((each) => !each.drawn);
+    if (plot) { first(plot); idle(next); }
+  };
+  const sight = new IntersectionObserver((seen) => seen.forEach((entry) => {
+    if (entry.isIntersecting) first(plots.find((plot) => plot.canvas === entry.target));
+  }));
+  plots.forEach((plot) => sight.observe(plot.canvas));
+  idle(next);
+  window.addEventListener("beforeprint", () => plots.forEach(first));
+  const again = () => plots.filter((plot) => plot.drawn).forEach(draw);
+  dark.addEventListener("change", again);
+  narrow.addEventListener("change", again);
 
   for (const sequence of document.querySelectorAll(".sequence")) {
     const mine = plots.filter((plot) => sequence.contains(plot.canvas) && plot.figure.steps);

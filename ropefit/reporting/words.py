@@ -98,8 +98,15 @@ def symbol(name: str) -> Markup:
 
 
 def unit_text(unit: str) -> str:
-    """A unit with its powers set: 'N m^2' becomes 'N·m²'."""
+    """A unit with its powers set: 'N m^2' becomes 'N·m²'; nothing for the unit of a share."""
+    if unit == "1":
+        return ""
     return unit.replace("^2", "²").replace("^3", "³").replace(" ", "·")
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number, an interval or a name with its unit behind it, if it has one."""
+    return f"{text} {unit_text(unit)}".rstrip()
 
 
 def slug(title: str) -> str:

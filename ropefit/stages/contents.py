@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ropefit.artifacts import Control, Diagnosis, Model, Observations
 from ropefit.reporting.contents import RunContents
+from ropefit.stages.export_check import current_exports
 from ropefit.stages.stage import load, load_if_there
 
 
@@ -20,4 +21,5 @@ def read_run(directory: Path) -> RunContents:
         load_if_there(directory, Model),
         load_if_there(directory, Control),
         load_if_there(directory, Diagnosis),
+        current_exports(directory),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,20 @@ POSES = 6
 BAR = 2.0  # m: length of a bar that the model takes as endless
 
 
+@dataclass(frozen=True)
+class Exported:
+    """The text, the rope it was made from, the frames (P,) of its poses, and what to say of it."""
+
+    result: ExportResult
+    rope: RopeDescription
+    frames: np.ndarray
+    notes: list[str]
+
+
 def export_run(
     o: Observations, model: Model, diagnosis: Diagnosis | None, target: str, mass: float | None
-) -> tuple[ExportResult, list[str]]:
-    """The text for `target`, and what to say of it. Raises WrongUsage, NotConverged."""
+) -> Exported:
+    """The rope as text for `target`. Raises WrongUsage, NotConverged."""
     shapes_only(model.nominal, "export")
     if model.nominal.balance is None:
         raise WrongUsage(
@@ -81,8 +91,9 @@ def export_run(
     point = Forward(whole, []).at(np.empty(0))
     if not point.solution.converged.all():
         raise NotConverged("the rope reaches no equilibrium in some poses; export fewer frames")
-    result = export(_description(o, setup, whole, point.solution.x, tuple(extras)), target)
-    return result, [*notes, *result.not_expressed]
+    rope = _description(o, setup, whole, point.solution.x, tuple(extras))
+    result = export(rope, target)
+    return Exported(result, rope, o.frames[used], [*notes, *result.not_expressed])
 
 
 def write_export(result: ExportResult, out: Path) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from ropefit.artifacts import Control, Diagnosis, Model
+from ropefit.artifacts import Control, Diagnosis, Exports, Model
 from ropefit.artifacts.atomic import write_bytes
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.stages.contents import read_run
@@ -27,6 +27,8 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     missing = [kind.file_name for kind, part in parts if part is None]
     if missing:
         say(f"the report has no part on {' and '.join(missing)}: not in this run")
+    if run.exports is None and (directory / Exports.file_name).exists():
+        say(f"{Exports.file_name} is of an earlier rope and left out; export again")
     path = directory / REPORT
     text = render_report(run)
     with working_on(directory):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ropefit.artifacts import Control, Diagnosis, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, Exports, Model, Observations
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.stages.checkpoint import checkpoint_name
 
@@ -14,6 +14,7 @@ PRODUCERS = {
     Model.file_name: "ropefit identify",
     Diagnosis.file_name: "ropefit diagnose",
     Control.file_name: "ropefit control",
+    Exports.file_name: "ropefit export --to TARGET --out FILE",
 }
 REPORT = "report.html"
 CHECKPOINTS = {

@@ -22,9 +22,10 @@ from ropefit.reporting.figures import (
 )
 from ropefit.reporting.html import bullets, facts, heading, pair, paragraph, table
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.words import millimetres, number, ranges
+from ropefit.reporting.words import millimetres, number, ranges, with_unit
 
 SHOWN = 12  # candidates of the scan
+ALONG = 6  # places at least: fewer are no places on the rope, but values of a law's own number
 VERDICTS = {
     "none": "Nothing was left out that this recording could show: what the nominal model does not "
     "explain is noise.",
@@ -81,8 +82,8 @@ def _or_else(c: Cause) -> str:
 
 
 def _size(key: str, s: Size) -> str:
-    unit = "" if s.unit == "1" else f" {s.unit}"
-    return f"{key} {number(s.value)} ({number(s.ci95[0])} … {number(s.ci95[1])}){unit}"
+    interval = f"({number(s.ci95[0])} … {number(s.ci95[1])})"
+    return with_unit(f"{key.replace('_', ' ')} {number(s.value)} {interval}", s.unit)
 
 
 def _causes(d: Diagnosis) -> Markup:
@@ -147,7 +148,7 @@ def _places(d: Diagnosis) -> Figure:
     traces = []
     ranked = sorted(d.scan.values(), key=lambda c: -c.log_factor)
     for c in ranked:
-        if c.place.shape[1] == 1 and len(traces) < 4:
+        if c.place.shape[1] == 1 and len(c.place) >= ALONG and len(traces) < 4:
             colour = MANY[len(traces) % len(MANY)]
             traces.append(line(c.place[:, 0], c.by_place, c.name, colour))
     return Figure(
@@ -210,7 +211,7 @@ def _by_frame(d: Diagnosis) -> Figure:
 
 def _detectable(d: Diagnosis) -> Markup:
     rows = [
-        [name, f"{number(item.value)}{'' if item.unit == '1' else ' ' + item.unit}"]
+        [name.replace("_", " "), with_unit(number(item.value), item.unit)]
         for name, item in sorted(d.detectable.items())
     ]
     return (

@@ -120,7 +120,7 @@ def _effort(b: Balance, frames: np.ndarray) -> Figure:
     return Figure(
         "Newton iterations in every frame",
         traces,
-        plane(axis("frame"), axis("Newton iterations (1)", rangemode="tozero")),
+        plane(axis("frame"), axis("Newton iterations", rangemode="tozero")),
         "From the state that the fit left behind to the one shown."
         + thinned(len(frames), MOST_POINTS),
     )

@@ -13,7 +13,16 @@ from ropefit.reporting.figures import AFTER, DIVERGING, Figure, axis, heat, line
 from ropefit.reporting.html import facts, heading, pair, paragraph, plot, table
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.equilibrium import mass_note
-from ropefit.reporting.words import digits_of, given, listed, number, ranges, symbol, unit_text
+from ropefit.reporting.words import (
+    digits_of,
+    given,
+    listed,
+    number,
+    ranges,
+    symbol,
+    unit_text,
+    with_unit,
+)
 
 VERDICTS = {
     "determined": "the data fix the value to within its interval",
@@ -95,18 +104,18 @@ def _in_order(group: ParameterGroup) -> list[tuple[str, Parameter]]:
 
 
 def _row(name: str, p: Parameter) -> list[object]:
-    unit = "" if p.unit == "1" else f" {unit_text(p.unit)}"
     digits = digits_of(p.ci95)
     interval = "none" if p.free else "–"
     if p.ci95 is not None:
-        interval = f"{number(p.ci95[0], digits)} … {number(p.ci95[1], digits)}{unit}"
+        low, high = (number(value, digits) for value in p.ci95)
+        interval = with_unit(f"{low} … {high}", p.unit)
     elif p.below is not None:
-        interval = f"below {number(p.below)}{unit}"
+        interval = with_unit(f"below {number(p.below)}", p.unit)
     kind = {"determined": "good", "fixed": ""}.get(p.verdict, "warn")
     return [
         Markup('<span title="{}">{}</span>').format(name, symbol(name)),
-        given(p.initial, unit.strip()) if abs(p.initial) >= 1e-3 else number(p.initial) + unit,
-        f"{number(p.value, digits)}{unit}",
+        with_unit(given(p.initial) if abs(p.initial) >= 1e-3 else number(p.initial), p.unit),
+        with_unit(number(p.value, digits), p.unit),
         interval,
         Markup('<span class="verdict {}">{}</span>').format(kind, p.verdict),
         listed(map(symbol, p.trades_with)),
@@ -143,7 +152,7 @@ def _loss(f: FittedModel) -> Figure:
     squares = next(iter(f.groups.values())).loss_unit == "chi-square"
     wide = f.trace.min() > 0 and f.trace.max() > 3 * f.trace.min()
     scale = {"type": "log"} if wide else {}
-    y = axis("χ² (1)" if squares else "loss (m)", **scale)
+    y = axis("χ²" if squares else "loss (m)", **scale)
     told = f"{f.loss} on its way down ({f.search} search), summed over the frames of the fit."
     if squares:
         told = (
@@ -162,14 +171,13 @@ def _calibration(b: Balance | Stepped, many: bool) -> Markup:
     """The errors of the set-up that were fitted along with the rope."""
     rows = []
     for name, item in b.calibration.items():
-        factor, unit = READABLE.get(item.unit, (1.0, item.unit))
+        factor, unit = READABLE.get(item.unit, (1.0, unit_text(item.unit)))
         sizes = [number(factor * v, 2) for v in (item.prior, item.value, item.sd)]
         off = abs(item.value) > FAR_OUT * item.prior
-        kind = Markup('<span class="verdict warn">{}</span>').format("far outside") if off else ""
-        rows.append([name.replace("_", " "), *sizes, unit, kind])
-    head = ["error of the set-up", "prior ±", "fitted", "± sd", "unit", ""]
-    if not any(row[5] for row in rows):
-        rows, head = [row[:5] for row in rows], head[:5]
+        flag = Markup('<br><span class="verdict warn">far outside</span>') if off else ""
+        label = name.replace("_", " ") + (f" ({unit})" if unit else "")
+        rows.append([Markup("{}{}").format(label, flag), *sizes])
+    head = ["error of the set-up", "prior ±", "fitted", "± sd"]
     return (
         heading("Calibration" + (", first group" if many else ""))
         + paragraph(

@@ -21,7 +21,7 @@ class ProvenanceSection(Section):
     title = "Provenance"
 
     def render(self, run: RunContents) -> Markup:
-        made = (run.observations, run.model, run.diagnosis, run.control)
+        made = (run.observations, run.model, run.diagnosis, run.control, run.exports)
         artifacts = [a for a in made if a is not None]
         head = ["stage", "read", "wrote", "settings", "version", "took", "created"]
         return _flow(artifacts) + table(head, [_row(a) for a in artifacts])

@@ -51,7 +51,7 @@ def _key_numbers(run: RunContents, f: FittedModel) -> dict[str, str]:
     if f.balance:
         solver = f"{int(f.balance.converged.sum())} of {len(o.frames)} in equilibrium"
     if f.stepped:
-        solver = f"{f.stepped.clips} clips in motion"
+        solver = f"{plural(f.stepped.clips, 'clip')} in motion"
     unseen = millimetres(f.rms_heldout) if f.rms_heldout is not None else "none held out"
     numbers = {
         "Before the fit": millimetres(rms(f.rms_initial)),

@@ -2,13 +2,14 @@
 # The compiled module says nothing of what is in it, and is an extra.
 """Let an exported MuJoCo rope come to rest and write where it is. Runs with MuJoCo 3 or 4.
 
-    python settle_mujoco.py ROPE.xml SHAPES.csv [POSE]
+    python settle_mujoco.py ROPE.xml --pose POSE --out SHAPE.csv
 
-SHAPES.csv gets a row a vertex: x,y,z [m], from end 0 to end 1. Imports nothing of ropefit, so that
-it runs where only the simulator is installed.
+SHAPE.csv gets a row a vertex: x,y,z [m], from end 0 to end 1. Imports nothing of ropefit, so that
+it runs where only the simulator is installed, and lies apart from the exporters, whose file names
+(mujoco, json) would hide the modules it needs.
 """
 
-import sys
+import argparse
 
 import mujoco
 import numpy as np
@@ -51,6 +52,11 @@ def settle(path: str, pose: int) -> tuple[np.ndarray, float]:
 
 
 if __name__ == "__main__":
-    shape, time = settle(sys.argv[1], int(sys.argv[3]) if len(sys.argv) > 3 else 0)
-    np.savetxt(sys.argv[2], shape, delimiter=",", header="x,y,z", comments="")
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("rope")
+    parser.add_argument("--pose", type=int, default=0)
+    parser.add_argument("--out", required=True, help="csv of the vertices at rest: x,y,z")
+    options = parser.parse_args()
+    shape, time = settle(options.rope, options.pose)
+    np.savetxt(options.out, shape, delimiter=",", header="x,y,z", comments="")
     print(f"at rest after {time:.2f} s")

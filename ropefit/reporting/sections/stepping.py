@@ -1,0 +1,56 @@
+"""Was every step of a rope in motion solved, and which frames were stepped at all?"""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from ropefit.reporting.contents import RunContents
+from ropefit.reporting.figures import AFTER, MOST_POINTS, Figure, axis, evenly, line, plane, thinned
+from ropefit.reporting.html import facts, paragraph, plot
+from ropefit.reporting.sections.base import Section
+from ropefit.reporting.sections.equilibrium import metres_or_less
+from ropefit.reporting.words import plural, ranges
+
+
+class SteppingSection(Section):
+    """Clips, Newton iterations of every step, frames that belong to no clip."""
+
+    title = "Solver"
+
+    def applies(self, run: RunContents) -> bool:
+        return run.fitted is not None and run.fitted.stepped is not None
+
+    def render(self, run: RunContents) -> Markup:
+        f, frames = run.fitted, run.observations.frames
+        assert f is not None
+        assert f.stepped is not None
+        s, left = f.stepped, f.stepped.clip < 0
+        told = (
+            f"The rope was stepped through {plural(s.clips, 'clip')}, each from its first two "
+            "frames on without another look at the recording; every step was solved."
+        )
+        if left.any():
+            told += (
+                f" {plural(int(left.sum()), 'frame')} ({ranges(frames[left])}) "
+                f"{'belongs' if left.sum() == 1 else 'belong'} to no clip that is long enough: "
+                "shown as recorded, and no prediction."
+            )
+        steps = s.newton[~left]
+        numbers = {
+            "Solver": "dynamics (BDF2, Newton)",
+            "Segments": str(s.segments),
+            "Clips": str(s.clips),
+            "Newton iterations a step": f"{int(np.median(steps))} (median), {int(steps.max())} most"
+            if steps.size
+            else "–",
+            "Bending length (EI/w)^⅓": metres_or_less(s.bending_length),
+        }
+        shown = evenly(len(frames), MOST_POINTS)
+        figure = Figure(
+            "Newton iterations of every step",
+            [line(frames[shown], s.newton[shown], "iterations", AFTER)],
+            plane(axis("frame"), axis("Newton iterations", rangemode="tozero")),
+            "What each step took to be solved." + thinned(len(frames), MOST_POINTS),
+        )
+        return paragraph(told) + facts(numbers) + plot(figure)
