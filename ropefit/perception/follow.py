@@ -15,6 +15,8 @@ REACH = 3.0  # widths to each side of the path in which the rope is looked for
 ALONG = 4.0  # widths along the path over which evidence is gathered
 EDGE = 0.12  # widths: blur of the edges that are looked for
 STIFF = 6.0  # cost of moving sideways by one width per width of path
+SOLID = 15.0  # of colour in Lab: what an edge in depth counts as much as
+ALIKE = 0.01  # of the depth: nearer to that of the path is the same thing
 EVIDENT = 3.0  # times the usual evidence beside the path: there the rope shows
 CHANGE = 12.0  # of colour in Lab: the rope between its edges has become another thing
 BLEMISH = 4.0  # widths that may be unclear on the way
@@ -49,10 +51,16 @@ def normals(path: np.ndarray, smooth: float) -> np.ndarray:
 
 
 def edges(
-    lab: np.ndarray, path: np.ndarray, width: float, reach: float, along: float = ALONG
+    lab: np.ndarray,
+    path: np.ndarray,
+    width: float,
+    reach: float,
+    along: float = ALONG,
+    depth: np.ndarray | None = None,
 ) -> Strip:
     """How strongly the colour of Lab (H, W, 3) changes across a path (S, 2) evenly spaced, at
-    offsets of up to `reach` [px] and a width more, gathered over `along` widths of path."""
+    offsets of up to `reach` [px] and a width more, gathered over `along` widths of path. With depth
+    (H, W) [m] also where things begin and end that are as far away as the path."""
     step = max(width / 8, 0.5)
     half = np.ceil((reach + 1.5 * width) / step)
     offsets = np.arange(-half, half + 1) * step
@@ -61,21 +69,38 @@ def edges(
     at = (path[:, None] + offsets[:, None] * side[:, None]).astype(np.float32)
     flat = cv2.remap(lab, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     flat = flat.reshape(len(path), len(offsets), -1)
+    if depth is not None:
+        flat = np.dstack([flat, SOLID * _as_far(depth, at, np.abs(offsets) <= width / 4)])
     size = max(round(along * width / spacing), 1)
     flat = uniform_filter1d(flat, size, axis=0, mode="nearest")
     slope = gaussian_filter1d(flat, max(EDGE * width / step, 0.7), axis=1, order=1) * width / step
     return Strip(np.linalg.norm(slope, axis=2), offsets, step)
 
 
+def _as_far(depth: np.ndarray, at: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """(S, O) 1 where depth (H, W) [m] at places (S, O, 2) [px] is that of the `middle` (O,) of the
+    path, which is the nearest there: what lies beside a rope is behind it."""
+    z = cv2.remap(depth.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_NEAREST)
+    inner = np.sort(np.where(z[:, middle] > 0, z[:, middle], np.inf), axis=1)
+    front = median_filter(inner[:, inner.shape[1] // 3], 9, mode="nearest")[:, None]
+    with np.errstate(invalid="ignore"):
+        return (np.abs(z - front) < ALIKE * z).astype(np.float32)
+
+
 def unroll(
-    lab: np.ndarray, path: np.ndarray, width: float, reach: float, along: float = ALONG
+    lab: np.ndarray,
+    path: np.ndarray,
+    width: float,
+    reach: float,
+    along: float = ALONG,
+    depth: np.ndarray | None = None,
 ) -> Strip:
     """Evidence for a rope of `width` [px] along a path (S, 2) evenly spaced in Lab (H, W, 3).
 
     Evidence is the weaker of two edges that are a width apart, gathered along the path: a rope has
     two even where it is as light as the ground, a shadow or a fold seldom has both.
     """
-    strip = edges(lab, path, width, reach, along)
+    strip = edges(lab, path, width, reach, along, depth)
     return _pairs(strip, width, reach)
 
 
@@ -102,14 +127,14 @@ def settle(
     width: float,
     reach: float,
     held: np.ndarray | None = None,
-    along: float = ALONG,
+    depth: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(path (S, 2), shown (S,)) moved sideways by at most `reach` [px] to where the rope shows.
 
     held (S,): stations that may hardly move (there the mask shows the rope). shown: how many times
     the evidence on the path exceeds the usual one beside it.
     """
-    strip = unroll(lab, path, width, reach, along)
+    strip = unroll(lab, path, width, reach, depth=depth)
     usual = np.median(strip.evidence) + 1e-3
     local = np.median(strip.evidence, axis=1, keepdims=True)
     gain = np.log1p(strip.evidence / np.maximum(local, usual))

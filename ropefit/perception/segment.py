@@ -14,6 +14,7 @@ from ropefit.perception.cues import (
     depth_mask,
     lab_of,
     near_colour,
+    nearness,
     unlike_masks,
 )
 from ropefit.perception.follow import even, grow, measured_width, settle, visible
@@ -83,6 +84,17 @@ class Looked:
     looks: Looks | None = None
 
 
+@dataclass(frozen=True)
+class Picture:
+    """color (H, W, 3), depth (H, W) [m] or None, ends (2, 2) [px], and what was taken for the
+    rope."""
+
+    color: np.ndarray
+    depth: np.ndarray | None
+    ends: np.ndarray
+    found: Segmentation
+
+
 def segment_rope(
     color: np.ndarray,
     ends: np.ndarray,
@@ -105,11 +117,14 @@ def segment_rope(
         raise FrameRejected("the mask is empty")
     told = looked.mask is not None or looked.color is not None
     lab = lab_of(color)
-    if looked.looks is not None and not told:
-        quick = _candidate(FAMILIAR_CUE, looked.looks.mask(color) & allowed, lab, ends)
-        if quick is not None and quick.score > FAMILIAR * looked.looks.score:
-            return _finished(quick, lab, ends, depth is None)
     found: list[Candidate] = []
+    if looked.looks is not None and not told:
+        near = None if depth is None else nearness(depth)
+        quick = _candidate(FAMILIAR_CUE, looked.looks.mask(color, near) & allowed, lab, ends)
+        if quick is not None:
+            if quick.score > FAMILIAR * looked.looks.score:
+                return _finished(quick, lab, ends, depth is None)
+            found.append(quick)
     for cue, guess in _masks(lab, color, depth, looked):
         candidate = _candidate(cue, guess & allowed, lab, ends)
         if candidate is not None:
@@ -134,19 +149,18 @@ def segment_rope(
     return replace(best, runners_up=others[:5])
 
 
-def best_looks(pictures: list[tuple[np.ndarray, np.ndarray, Segmentation]]) -> Looks | None:
-    """Of the looks of the rope in some pictures those by which it is found best in all of them.
-
-    pictures: color (H, W, 3), ends (2, 2) [px], and what was taken for the rope. None where no
-    looks serve.
-    """
+def best_looks(pictures: list[Picture]) -> Looks | None:
+    """Of the looks of the rope in some pictures those by which it is found best in all of them;
+    None where no looks serve."""
     best: Looks | None = None
-    labs = [lab_of(color) for color, _, _ in pictures]
-    for color, _, found in pictures:
-        looks = learn(color, found.mask, found.path, found.width, found.score)
+    labs = [lab_of(picture.color) for picture in pictures]
+    nears = [None if p.depth is None else nearness(p.depth) for p in pictures]
+    for one, near in zip(pictures, nears, strict=True):
+        found = one.found
+        looks = learn(one.color, near, found.mask, found.path, found.width, found.score)
         scores = []
-        for lab, (other, ends, _) in zip(labs, pictures, strict=True):
-            quick = _candidate(FAMILIAR_CUE, looks.mask(other), lab, ends)
+        for lab, other, beside in zip(labs, pictures, nears, strict=True):
+            quick = _candidate(FAMILIAR_CUE, looks.mask(other.color, beside), lab, other.ends)
             scores.append(quick.score * float(quick.path.seen.mean()) if quick else 0.0)
         score = float(np.mean(scores))
         if score > 0 and (best is None or score > best.score):

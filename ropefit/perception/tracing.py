@@ -11,7 +11,7 @@ from ropefit.errors import BadInput
 from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
-from ropefit.perception.segment import LARGE, Looked, Segmentation, best_looks
+from ropefit.perception.segment import LARGE, Looked, Picture, Segmentation, best_looks
 from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.recordings import Masks, Recording, check_spread
 
@@ -149,7 +149,7 @@ class Tracer:
                 continue
             known = np.isfinite(position).all(axis=1)
             tips = np.where(known[:, None], self.camera.project(np.nan_to_num(position)), np.nan)
-            found.append((sight.color, tips, seen))
+            found.append(Picture(sight.color, sight.depth, tips, seen))
         self.looked = replace(self.looked, looks=best_looks(found))
 
     def view(self, points: np.ndarray) -> Camera:
