@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import gaussian_filter1d, median_filter, uniform_filter1d
+from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
 from ropefit.perception.trace import polyline_arc, resample
 
@@ -16,7 +17,7 @@ ALONG = 4.0  # widths along the path over which evidence is gathered
 EDGE = 0.12  # widths: blur of the edges that are looked for
 STIFF = 6.0  # cost of moving sideways by one width per width of path
 SOLID = 15.0  # of colour in Lab: what an edge in depth counts as much as
-ALIKE = 0.01  # of the depth: nearer to that of the path is the same thing
+ALIKE = 0.015  # of the depth: nearer to that of the path is the same thing
 EVIDENT = 3.0  # times the usual evidence beside the path: there the rope shows
 CHANGE = 12.0  # of colour in Lab: the rope between its edges has become another thing
 BLEMISH = 4.0  # widths that may be unclear on the way
@@ -69,12 +70,21 @@ def edges(
     at = (path[:, None] + offsets[:, None] * side[:, None]).astype(np.float32)
     flat = cv2.remap(lab, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     flat = flat.reshape(len(path), len(offsets), -1)
-    if depth is not None:
-        flat = np.dstack([flat, SOLID * _as_far(depth, at, np.abs(offsets) <= width / 4)])
     size = max(round(along * width / spacing), 1)
-    flat = uniform_filter1d(flat, size, axis=0, mode="nearest")
-    slope = gaussian_filter1d(flat, max(EDGE * width / step, 0.7), axis=1, order=1) * width / step
-    return Strip(np.linalg.norm(slope, axis=2), offsets, step)
+    blur = max(EDGE * width / step, 0.7)
+
+    def slopes(values: np.ndarray) -> np.ndarray:
+        smooth = uniform_filter1d(values, size, axis=0, mode="nearest")
+        return gaussian_filter1d(smooth, blur, axis=1, order=1) * width / step
+
+    evidence = np.linalg.norm(slopes(flat), axis=2)
+    if depth is not None:
+        solid = _as_far(depth, at, np.abs(offsets) <= width / 4)
+        # A change of colour where the thing goes on is shading or a pattern, no edge of it.
+        inside = uniform_filter1d(solid, size, axis=0, mode="nearest")
+        inside = minimum_filter1d(inside, round(2 * blur) + 1, axis=1)
+        evidence = np.hypot((1 - inside) * evidence, SOLID * slopes(solid))
+    return Strip(evidence, offsets, step)
 
 
 def _as_far(depth: np.ndarray, at: np.ndarray, middle: np.ndarray) -> np.ndarray:
@@ -101,12 +111,22 @@ def unroll(
     two even where it is as light as the ground, a shadow or a fold seldom has both.
     """
     strip = edges(lab, path, width, reach, along, depth)
-    return _pairs(strip, width, reach)
+    # Of a rope that is known to be there the product: where it lies, both edges say alike.
+    return _pairs(strip, width, reach, np.minimum if depth is None else _both)
 
 
-def _pairs(strip: Strip, width: float, reach: float) -> Strip:
+def _both(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return np.sqrt(left * right)
+
+
+def _pairs(
+    strip: Strip,
+    width: float,
+    reach: float,
+    together: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.minimum,
+) -> Strip:
     half = round(0.5 * width / strip.step)
-    pairs = np.minimum(np.roll(strip.evidence, half, 1), np.roll(strip.evidence, -half, 1))
+    pairs = together(np.roll(strip.evidence, half, 1), np.roll(strip.evidence, -half, 1))
     inside = np.abs(strip.offsets) <= reach + 1e-9
     return Strip(pairs[:, inside], strip.offsets[inside], strip.step)
 
@@ -143,11 +163,22 @@ def settle(
         gain = np.where(held[:, None] & far, -5.0, gain)
     spacing = float(np.linalg.norm(np.diff(path, axis=0), axis=1).mean())
     choice = _smoothest(gain * spacing / width, strip.step, spacing, width)
-    shift = gaussian_filter1d(strip.offsets[choice], width / spacing, mode="nearest")
+    shift = strip.offsets[choice] + strip.step * _between(gain, choice)
+    shift = gaussian_filter1d(shift, width / spacing, mode="nearest")
     side = normals(path, max(width / spacing, 1.0))
     rows = np.arange(len(path))
     shown = strip.evidence[rows, choice] / np.maximum(local[:, 0], usual)
     return path + shift[:, None] * side, shown
+
+
+def _between(gain: np.ndarray, choice: np.ndarray) -> np.ndarray:
+    """(S,) steps, half a one at most, from chosen offsets to the top of the parabola through the
+    gain (S, O) there and to both sides."""
+    inner = np.clip(choice, 1, gain.shape[1] - 2)
+    low, middle, high = (gain[np.arange(len(gain)), inner + k] for k in (-1, 0, 1))
+    bend = low - 2 * middle + high
+    steps = 0.5 * (low - high) / np.where(bend < -1e-6, bend, np.inf)
+    return np.where(inner == choice, np.clip(steps, -0.5, 0.5), 0.0)
 
 
 def _smoothest(gain: np.ndarray, step: float, spacing: float, width: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from ropefit.perception.trace import polyline_arc
 # A rope that is hidden goes on about as it went: the way over a gap may turn by this much at
 # either side of it, off the straight connection [rad].
 MOST_TURN = 1.3
-STIFF = 9.0  # widths: a bend of this radius costs as much as its length
+STIFF = 5.0  # widths: a bend of this radius costs as much as its length
 FARTHEST = 0.3  # of the extent of all strands: a wider gap is not bridged
 LONG, OWN = 15.0, 0.15  # widths, share of the longest strand: a loose end as long is rope
 STRAIGHT = 0.2  # rad: a shorter one is where it is near and the way to it turns less

@@ -12,10 +12,10 @@ from ropefit.perception.cues import NO_DEPTH
 
 BITS = 5  # of each channel
 BLUR = 0.7  # bins by which colours seen speak for those beside them
-LIKELIER = 3.0  # times: a pixel is the rope's where what it shows is that much commoner on it
+LIKELIER = 2.0  # times: a pixel is the rope's where what it shows is that much commoner on it
 # Shares (on the rope, beside it) that what was never seen has: of colours more beside the rope,
 # where there are more things; of distances the same, as depth cameras err at the edges of things.
-RARE, UNSURE = (2e-5, 2e-4), (0.01, 0.01)
+RARE, UNSURE = (2e-5, 4e-4), (0.05, 0.05)
 BLOB = 2.5  # widths: wider than two stretches side by side
 # How far a pixel stands before its surroundings [mm]: bins of it, the last of them for no depth.
 STEPS = np.array([0, 6, 15, 30, 60, 120, 250, 500, 1000, NO_DEPTH])
