@@ -19,8 +19,9 @@ from scipy.spatial import KDTree
 from benchmarks.document import parser, publish
 from benchmarks.rendered import DISTANCE, LENGTH, ROPES, Frame, Kind, camera, render, shape
 from ropefit.perception.cloud import trace_cloud
+from ropefit.perception.learning import Picture, best_looks
 from ropefit.perception.rgbd import trace_rgbd
-from ropefit.perception.segment import Looked, Picture, best_looks
+from ropefit.perception.segment import Looked
 from ropefit.perception.trace import FrameRejected, Trace
 
 MARK = 0.006  # m

@@ -8,19 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.perception import chaining
+from ropefit.perception.bridges import costs, distances, tips_of
 from ropefit.perception.trace import polyline_arc
 
 # A rope that is hidden goes on about as it went: the way over a gap may turn by this much at
 # either side of it, off the straight connection [rad].
 MOST_TURN = 1.3
-STIFF = 5.0  # widths: a bend of this radius costs as much as its length
-FARTHEST = 0.3  # of the extent of all strands: a wider gap is not bridged
 LONG, OWN = 15.0, 0.15  # widths, share of the longest strand: a loose end as long is rope
 STRAIGHT = 0.2  # rad: a shorter one is where it is near and the way to it turns less
-CLOSE = 4.0  # widths: nearer ends meet at a crossing; only their directions say which go together
 BESIDE = 7.0  # widths from both ends of a link: a strand that begins and ends there is a loop
-AT_ONCE = 3.0  # widths that every link counts as long at least
-LOOK = 2.0  # widths over which the direction of a strand's end is taken
 MOST_STRANDS = 250
 MAIN = 0.9  # of the length of all strands: where a few have more, the others are specks
 
@@ -41,20 +37,24 @@ class Path:
         return float(polyline_arc(self.points)[-1])
 
 
-def link(lines: list[np.ndarray], width: float, ends: np.ndarray) -> list[Path]:
+def link(
+    lines: list[np.ndarray], width: float, ends: np.ndarray, depth: np.ndarray | None = None
+) -> list[Path]:
     """Paths that the strands (P, 2) [px] make, longest first. ends (2, 2) [px], NaN where unknown.
 
     Of few strands the chain is the best
     there is (chaining.py), of many every end is linked to at most one other, the cheapest links
     first. A known end of the rope takes part as a point from which one link leads. The path of the
-    known ends comes first and begins at end 0.
+    known ends comes first and begins at end 0. With depth (H, W) [m], 0 = none, gaps count in
+    space: what lies beside the rope in the picture may stand before or behind it.
     """
     order = np.argsort([-len(line) for line in lines])[:MOST_STRANDS]
     lines = [lines[i] for i in order]
     known = np.flatnonzero(np.isfinite(ends).all(axis=1))
     pieces = [*lines, *(ends[i][None] for i in known)]
-    tips, ways = _tips(pieces, width)
-    cost, turn = _costs(pieces, tips, ways, len(lines), width)
+    tips, ways = tips_of(pieces, width)
+    away = np.zeros(len(tips)) if depth is None else distances(pieces, width, depth)
+    cost, turn = costs(pieces, tips, ways, away, len(lines), width)
     few = [len(line) for line in lines[: chaining.MOST]]
     if sum(few) > MAIN * sum(len(line) for line in lines):
         chains = _exactly(few, cost, known, len(lines))
@@ -69,60 +69,6 @@ def link(lines: list[np.ndarray], width: float, ends: np.ndarray) -> list[Path]:
         paths.append((members[0][0] >= len(lines), path))
     paths.sort(key=lambda item: (not item[0], -item[1].length))
     return [path for _, path in paths]
-
-
-def _tips(pieces: list[np.ndarray], width: float) -> tuple[np.ndarray, np.ndarray]:
-    """(2N, 2) ends of the pieces and (2N, 2) outward unit directions there, zero for points."""
-    tips, ways = np.zeros((2 * len(pieces), 2)), np.zeros((2 * len(pieces), 2))
-    reach = max(int(LOOK * width), 4)
-    for i, piece in enumerate(pieces):
-        tips[2 * i], tips[2 * i + 1] = piece[0], piece[-1]
-        if len(piece) < 3:
-            continue
-        # Skeletons bend towards corners at the very tip: the direction is from a little inside.
-        inner = min(reach, len(piece) - 1)
-        skip = min(int(width / 2), inner // 3)
-        ways[2 * i] = piece[skip] - piece[inner]
-        ways[2 * i + 1] = piece[-1 - skip] - piece[-1 - inner]
-    size = np.linalg.norm(ways, axis=1, keepdims=True)
-    return tips, ways / np.maximum(size, 1e-9)
-
-
-def _costs(
-    pieces: list[np.ndarray], tips: np.ndarray, ways: np.ndarray, count: int, width: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """(cost (2N, 2N) [px] of a link from end to end, infinite where there can be none, turn
-    (2N, 2N) [rad] of the first of them).
-
-    A link costs its length and the energy of the elastic curve that makes its turns.
-    """
-    extent = float(np.linalg.norm(np.ptp(np.concatenate(pieces), axis=0)))
-    gap = tips[None] - tips[:, None]
-    distance = np.linalg.norm(gap, axis=2)
-    # Turn from the direction of an end to the way to the other, left or right.
-    side = ways[:, None, 0] * gap[..., 1] - ways[:, None, 1] * gap[..., 0]
-    leave = np.arctan2(side, np.einsum("ad,abd->ab", ways, gap))
-    arrive = -leave.T
-    # Ends that touch have no way between them that means anything: compare their directions.
-    close = distance < CLOSE * width
-    bend = np.arccos(np.clip(-(ways @ ways.T), -1, 1)) / 2
-    leave, arrive = np.where(close, bend, leave), np.where(close, bend, arrive)
-    point = (ways == 0).all(axis=1)  # an end of the rope turns freely
-    either = point[:, None] | point[None]
-    free = np.where(point[:, None], arrive / 2, leave), np.where(point[None], leave / 2, arrive)
-    leave = np.where(either, np.where(close, 0.0, free[0]), leave)
-    arrive = np.where(either, np.where(close, 0.0, free[1]), arrive)
-    length = distance + AT_ONCE * width
-    energy = 4 * (leave**2 - leave * arrive + arrive**2) / length
-    cost = length + (STIFF * width) ** 2 * energy
-    owner = np.arange(len(tips)) // 2
-    known = owner >= count
-    bad = owner[:, None] == owner[None]
-    bad |= (distance > FARTHEST * extent) & ~(known[:, None] | known[None])
-    bad |= known[:, None] & known[None]
-    second = known & (np.arange(len(tips)) % 2 == 1)  # a point has one end to link
-    bad |= second[:, None] | second[None]
-    return np.where(bad, np.inf, cost), np.abs(leave)
 
 
 def _exactly(

@@ -19,9 +19,9 @@ from ropefit.perception.cues import (
 )
 from ropefit.perception.follow import even, grow, measured_width, settle, visible
 from ropefit.perception.linking import Path, link
-from ropefit.perception.looks import Looks, learn
+from ropefit.perception.looks import Looks
 from ropefit.perception.ropiness import ropiness
-from ropefit.perception.strands import THICK, Strands, find_strands
+from ropefit.perception.strands import THICK, Strands, cut_at_jumps, find_strands
 from ropefit.perception.trace import FrameRejected, polyline_arc
 
 LEAST_PATH = 30.0  # px
@@ -84,17 +84,6 @@ class Looked:
     looks: Looks | None = None
 
 
-@dataclass(frozen=True)
-class Picture:
-    """color (H, W, 3), depth (H, W) [m] or None, ends (2, 2) [px], and what was taken for the
-    rope."""
-
-    color: np.ndarray
-    depth: np.ndarray | None
-    ends: np.ndarray
-    found: Segmentation
-
-
 def segment_rope(
     color: np.ndarray,
     ends: np.ndarray,
@@ -120,13 +109,15 @@ def segment_rope(
     found: list[Candidate] = []
     if looked.looks is not None and not told:
         near = None if depth is None else nearness(depth)
-        quick = _candidate(FAMILIAR_CUE, looked.looks.mask(color, near) & allowed, lab, ends)
+        quick = candidate_of(
+            FAMILIAR_CUE, looked.looks.mask(color, near) & allowed, lab, ends, depth
+        )
         if quick is not None:
             if quick.score > FAMILIAR * looked.looks.score:
                 return _finished(quick, lab, ends, depth is None)
             found.append(quick)
     for cue, guess in _masks(lab, color, depth, looked):
-        candidate = _candidate(cue, guess & allowed, lab, ends)
+        candidate = candidate_of(cue, guess & allowed, lab, ends, depth)
         if candidate is not None:
             found.append(candidate)
     if not found:
@@ -147,25 +138,6 @@ def segment_rope(
         key=lambda item: -item[1],
     )
     return replace(best, runners_up=others[:5])
-
-
-def best_looks(pictures: list[Picture]) -> Looks | None:
-    """Of the looks of the rope in some pictures those by which it is found best in all of them;
-    None where no looks serve."""
-    best: Looks | None = None
-    labs = [lab_of(picture.color) for picture in pictures]
-    nears = [None if p.depth is None else nearness(p.depth) for p in pictures]
-    for one, near in zip(pictures, nears, strict=True):
-        found = one.found
-        looks = learn(one.color, near, found.mask, found.path, found.width, found.score)
-        scores = []
-        for lab, other, beside in zip(labs, pictures, nears, strict=True):
-            quick = _candidate(FAMILIAR_CUE, looks.mask(other.color, beside), lab, other.ends)
-            scores.append(quick.score * float(quick.path.seen.mean()) if quick else 0.0)
-        score = float(np.mean(scores))
-        if score > 0 and (best is None or score > best.score):
-            best = replace(looks, score=score)
-    return best
 
 
 def _shrunk(
@@ -218,7 +190,9 @@ def _masks(
         yield "nearer than its surroundings", depth_mask(depth)
 
 
-def _candidate(cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray) -> Candidate | None:
+def candidate_of(
+    cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray, depth: np.ndarray | None = None
+) -> Candidate | None:
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     if not 0 < closed.mean() < MOST_AREA * (1 if cue != "the given mask" else 10):
         return None
@@ -226,7 +200,9 @@ def _candidate(cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray) ->
     strands = find_strands(mask)
     if strands is None:
         return None
-    paths = link(strands.lines, strands.width, ends)
+    if depth is not None:
+        strands = replace(strands, lines=cut_at_jumps(strands.lines, depth, strands.width))
+    paths = link(strands.lines, strands.width, ends, depth)
     if not paths or paths[0].length < LEAST_PATH:
         return None
     score = ropiness(mask, strands, paths[0], lab, ends)

@@ -10,8 +10,9 @@ import numpy as np
 from ropefit.errors import BadInput
 from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
+from ropefit.perception.learning import Picture, best_looks
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
-from ropefit.perception.segment import LARGE, Looked, Picture, Segmentation, best_looks
+from ropefit.perception.segment import LARGE, Looked, Segmentation
 from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.recordings import Masks, Recording, check_spread
 
