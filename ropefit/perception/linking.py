@@ -11,8 +11,8 @@ from ropefit.perception import chaining
 from ropefit.perception.bridges import costs, distances, tips_of
 from ropefit.perception.trace import polyline_arc
 
-# A rope that is hidden goes on about as it went: the way over a gap may turn by this much at
-# either side of it, off the straight connection [rad].
+# A rope that is hidden goes on about as it went: a link that is chosen by itself may turn by this
+# much at either side of the gap, off the straight connection [rad].
 MOST_TURN = 1.3
 LONG, OWN = 15.0, 0.15  # widths, share of the longest strand: a loose end as long is rope
 STRAIGHT = 0.2  # rad: a shorter one is where it is near and the way to it turns less
@@ -42,12 +42,14 @@ def link(
 ) -> list[Path]:
     """Paths that the strands (P, 2) [px] make, longest first. ends (2, 2) [px], NaN where unknown.
 
-    Of few strands the chain is the best
-    there is (chaining.py), of many every end is linked to at most one other, the cheapest links
-    first. A known end of the rope takes part as a point from which one link leads. The path of the
-    known ends comes first and begins at end 0. With depth (H, W) [m], 0 = none, gaps count in
-    space: what lies beside the rope in the picture may stand before or behind it.
+    Between two known ends the chain of a few strands is the best there is (chaining.py); else every
+    end is linked to at most one other, the cheapest links first. A known end of the rope takes part
+    as a point from which one link leads. The path of the known ends comes first and begins at end
+    0. With depth (H, W) [m], 0 = none, gaps count in space: what lies beside the rope in the picture
+    may stand before or behind it.
     """
+    if not lines:
+        return []
     order = np.argsort([-len(line) for line in lines])[:MOST_STRANDS]
     lines = [lines[i] for i in order]
     known = np.flatnonzero(np.isfinite(ends).all(axis=1))
@@ -56,8 +58,8 @@ def link(
     away = np.zeros(len(tips)) if depth is None else distances(pieces, width, depth)
     cost, turn = costs(pieces, tips, ways, away, len(lines), width)
     few = [len(line) for line in lines[: chaining.MOST]]
-    if sum(few) > MAIN * sum(len(line) for line in lines):
-        chains = _exactly(few, cost, known, len(lines))
+    if len(known) == 2 and sum(few) > MAIN * sum(len(line) for line in lines):
+        chains = _exactly(few, cost, len(lines))
     else:
         chains = _greedily(lines, cost, turn, tips, known, width)
     paths = []
@@ -71,27 +73,13 @@ def link(
     return [path for _, path in paths]
 
 
-def _exactly(
-    lengths: list[int], cost: np.ndarray, known: np.ndarray, count: int
-) -> list[list[Member]]:
-    """Chains of the first few of `count` strands, of lengths [px]: the best from known end to known
-    end, then the best of the rest."""
-    length = np.array(lengths, dtype=float)
-    limits = np.zeros((2, 2 * len(lengths)))  # what it costs to begin, to end, at a tip
-    points = [(count + k, False) for k in range(len(known))]
-    for side, (piece, _) in enumerate(points):
-        limits[side] = cost[2 * piece, : 2 * len(lengths)]
-    chains, left = [], np.arange(len(lengths))
-    while left.size:
-        tips = np.column_stack([2 * left, 2 * left + 1]).ravel()
-        found = chaining.best_chain(cost[np.ix_(tips, tips)], length[left], *limits[:, tips])
-        if not found:
-            break
-        chain = [(int(left[n]), flipped) for n, flipped in found]
-        left = np.setdiff1d(left, [piece for piece, _ in chain])
-        chains.append([*points[:1], *chain, *points[1:]])
-        limits, points = np.zeros_like(limits), []
-    return chains
+def _exactly(lengths: list[int], cost: np.ndarray, count: int) -> list[list[Member]]:
+    """The best chain from known end to known end of the first few of `count` strands, of lengths
+    [px]."""
+    tips = slice(2 * len(lengths))
+    first, last = cost[2 * count, tips], cost[2 * count + 2, tips]
+    chain = chaining.best_chain(cost[tips, tips], np.array(lengths, dtype=float), first, last)
+    return [[(count, False), *chain, (count + 1, False)]] if chain else []
 
 
 def _greedily(

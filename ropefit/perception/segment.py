@@ -20,7 +20,7 @@ from ropefit.perception.cues import (
 from ropefit.perception.follow import even, grow, measured_width, settle, visible
 from ropefit.perception.linking import Path, link
 from ropefit.perception.looks import Looks
-from ropefit.perception.ropiness import ropiness
+from ropefit.perception.ropiness import ROPE_ASPECT, ropiness
 from ropefit.perception.strands import THICK, Strands, cut_at_jumps, find_strands
 from ropefit.perception.trace import FrameRejected, polyline_arc
 
@@ -31,6 +31,7 @@ LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
 FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
+RIVAL = 0.5  # of the length, of the score: another rope
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
 
@@ -40,7 +41,8 @@ class Segmentation:
 
     mask (H, W) bool; path (P, 2) ordered pixels (u, v); seen (P,): False where the path bridges
     what does not show; width [px]; score 0..1; cue: what told the rope from its surroundings;
-    runners_up: (cue, score) of the other candidates; pieces: strands the path was made from.
+    runners_up: (cue, score) of the other candidates; pieces: strands the path was made from;
+    several: whether something else is about as much like a rope, and no two known ends decide.
     """
 
     mask: np.ndarray
@@ -51,6 +53,7 @@ class Segmentation:
     cue: str
     pieces: int = 1
     runners_up: list[tuple[str, float]] = field(default_factory=list)
+    several: bool = False
 
     @property
     def confidence(self) -> float:
@@ -61,13 +64,14 @@ class Segmentation:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One mask followed as a rope."""
+    """One mask followed as a rope; others: whether it shows another one about as long."""
 
     cue: str
     mask: np.ndarray
     strands: Strands
     path: Path
     score: float
+    others: bool
 
 
 @dataclass(frozen=True)
@@ -137,7 +141,8 @@ def segment_rope(
         [(item.cue, item.score) for item in found if not _same(item.path.points, best)],
         key=lambda item: -item[1],
     )
-    return replace(best, runners_up=others[:5])
+    rivals = not np.isfinite(ends).all() and any(score > RIVAL * best.score for _, score in others)
+    return replace(best, runners_up=others[:5], several=best.several or (rivals and not told))
 
 
 def _shrunk(
@@ -206,7 +211,10 @@ def candidate_of(
     if not paths or paths[0].length < LEAST_PATH:
         return None
     score = ropiness(mask, strands, paths[0], lab, ends)
-    return Candidate(cue, mask, strands, paths[0], score)
+    least = max(RIVAL * paths[0].length, ROPE_ASPECT * strands.width)
+    long = any(path.length * path.seen.mean() > least for path in paths[1:])
+    others = long and not np.isfinite(ends).all()
+    return Candidate(cue, mask, strands, paths[0], score, others)
 
 
 def without_specks(mask: np.ndarray) -> np.ndarray:
@@ -251,7 +259,9 @@ def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bo
             more = np.ones(len(points) - before, dtype=bool)
             seen = np.concatenate([seen, more] if end else [more, seen])
     score = item.score * float(seen.mean())
-    return Segmentation(mask, points, seen, width, score, item.cue, path.bridged + 1)
+    return Segmentation(
+        mask, points, seen, width, score, item.cue, path.bridged + 1, several=item.others
+    )
 
 
 def _stroke(

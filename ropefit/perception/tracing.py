@@ -46,6 +46,7 @@ class Tracer:
         if self.end_kind == ("free", "free"):
             raise BadInput(f"{recording.path}: both ends are free; at least one must be held")
         self.camera = self._camera()
+        self.several: set[int] = set()  # frames in which more than one rope was seen
         self.noise: float | None = None
         self.noise_source = "scatter of the points about the centreline"
         if not self.measures_depth:
@@ -109,15 +110,18 @@ class Tracer:
         if self.masks is not None:
             looked = replace(looked, mask=self.masks.mask(frame, color.shape[:2]))
         if depth is None:
-            return trace_image(
+            trace, found = trace_image(
                 color, self.camera, position, self.length, self.recording.gravity, looked
             )
-        if not depth.any():
+        elif not depth.any():
             raise FrameRejected("the depth image is empty")
-        trace, found = trace_rgbd(
-            color, depth, self.camera, position, self.length, self.radius, looked
-        )
-        check_spread(self.recording.path, frame, trace.points, self.length)
+        else:
+            trace, found = trace_rgbd(
+                color, depth, self.camera, position, self.length, self.radius, looked
+            )
+            check_spread(self.recording.path, frame, trace.points, self.length)
+        if found.several:
+            self.several.add(frame)
         return trace, found
 
     @property
