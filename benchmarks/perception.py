@@ -188,7 +188,7 @@ def tables(data: dict[str, Any]) -> str:
         f"{data['frames']} frames a rope of {LENGTH:g} m,",
         "a fifth of it hidden, clutter, shadows, Azure-Kinect-like noise in whole millimetres, "
         "flying pixels;",
-        "every other frame crosses itself. Time: one frame on one core, after the rope's looks "
+        "every other frame crosses itself. Time: processor time of a frame, after the rope's looks "
         "are learned.",
         "",
         "| rope | diameter [mm] | frames used | median [mm] | 95 % [mm] | hidden found "

@@ -45,8 +45,8 @@ def link(
     Between two known ends the chain of a few strands is the best there is (chaining.py); else every
     end is linked to at most one other, the cheapest links first. A known end of the rope takes part
     as a point from which one link leads. The path of the known ends comes first and begins at end
-    0. With depth (H, W) [m], 0 = none, gaps count in space: what lies beside the rope in the picture
-    may stand before or behind it.
+    0. With depth (H, W) [m], 0 = none, gaps count in space: what lies beside the rope in the
+    picture may stand before or behind it.
     """
     if not lines:
         return []
