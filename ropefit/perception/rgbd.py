@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
 from ropefit.perception.camera import Camera
-from ropefit.perception.cloud import without_overshoot
+from ropefit.perception.cloud import LONGEST, SHORTEST, without_overshoot
 from ropefit.perception.cues import lab_of
 from ropefit.perception.follow import even, settle
 from ropefit.perception.segment import Looked, Segmentation, segment_rope
@@ -74,6 +74,7 @@ def trace_rgbd(
     arc = polyline_arc(line)
     if arc[-1] <= 0:
         raise FrameRejected("the points do not extend along a line")
+    check_length(float(arc[-1]), length, bool(known.all()))
     scale = length / arc[-1] if length and known.all() else 1.0
     total = length if length and known.all() else float(arc[-1])
     # By place along the path, not by nearness: near a crossing another stretch may be nearer.
@@ -142,6 +143,16 @@ def check_scale(
         raise FrameRejected(
             f"depth puts the rope {usual:.3g} m away, but {why}: depth_scale is wrong, about "
             f"{10.0 ** abs(power):g} times too {'large' if power > 0 else 'small'}"
+        )
+
+
+def check_length(traced: float, length: float | None, between_ends: bool) -> None:
+    """Refuse a line [m] that is plainly longer than the rope, or shorter between its known ends.
+    FrameRejected."""
+    if length and not (SHORTEST if between_ends else 0.0) < traced / length < LONGEST:
+        raise FrameRejected(
+            f"the line that was followed is {traced:.4g} m long, the rope {length:.4g} m: a wrong "
+            "turn at a crossing, something else taken for the rope, or [rope] length is wrong"
         )
 
 
