@@ -121,6 +121,7 @@ def caption(found: Segmentation, trace: Trace) -> str:
         f"taken for the rope: {found.cue}; confidence {found.confidence:.2f}, "
         f"{found.width:.1f} px wide, {found.pieces} piece{'s' if found.pieces != 1 else ''}, "
         f"seen along {found.seen.mean():.0%} of its path; quality {trace.quality:.2f}"
+        f"{'; something else in the picture is as much like a rope' if found.several else ''}"
     )
 
 

@@ -13,6 +13,7 @@ MIXED = 45  # distance of colours that may be light and shade of one rope
 SPREAD = 1 / 10  # of the image: surroundings that a rope is much thinner than
 UNLIKE = (48.0, 24.0, 12.0, 6.0)  # distances in Lab to the surroundings, from plain to faint
 NEARER = 0.004  # m before the surroundings: less is noise of a depth camera
+NO_DEPTH = 65535  # in nearness
 MOST_AREA = 0.15  # of the image: more is no rope
 
 
@@ -75,18 +76,26 @@ def _clusters(lab: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return centres, distance.argmin(axis=1).reshape(lab.shape[:2])
 
 
-def depth_mask(depth: np.ndarray) -> np.ndarray:
-    """(H, W) bool: what stands before its surroundings in depth (H, W) [m], 0 = none."""
+def nearness(depth: np.ndarray) -> np.ndarray:
+    """(H, W) uint16 [mm] by how much each pixel of depth (H, W) [m] stands before its surroundings;
+    0 where it does not, NO_DEPTH where there is none."""
     height, width = depth.shape
     shrink = max(min(height, width) // 120, 1)
     size = (max(width // shrink, 1), max(height // shrink, 1))
-    millimetres = np.clip(depth * 1000, 0, 65535).astype(np.uint16)
+    millimetres = np.clip(depth * 1000, 0, NO_DEPTH - 1).astype(np.uint16)
     small = cv2.resize(millimetres, size, interpolation=cv2.INTER_NEAREST)
-    behind = cv2.dilate(cv2.medianBlur(small, 5), np.ones((5, 5), np.uint8))
-    behind = cv2.medianBlur(behind, 5).astype(np.float32) / 1000
+    behind = cv2.medianBlur(cv2.dilate(cv2.medianBlur(small, 5), np.ones((5, 5), np.uint8)), 5)
     behind = cv2.resize(behind, (width, height), interpolation=cv2.INTER_LINEAR)
-    step = np.maximum(NEARER, 0.006 * behind)
-    return (depth > 0) & (depth < behind - step)
+    near = cv2.subtract(behind, millimetres)
+    near[millimetres == 0] = NO_DEPTH
+    return near
+
+
+def depth_mask(depth: np.ndarray) -> np.ndarray:
+    """(H, W) bool: what stands before its surroundings in depth (H, W) [m], 0 = none."""
+    near = nearness(depth)
+    behind = depth + near / 1000
+    return (near < NO_DEPTH) & (near > 1000 * np.maximum(NEARER, 0.006 * behind))
 
 
 def near_colour(lab: np.ndarray, color: tuple[int, int, int], reach: float = 25.0) -> np.ndarray:

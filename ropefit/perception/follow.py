@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, median_filter, uniform_filter1d
 
 from ropefit.perception.trace import polyline_arc, resample
+from ropefit.perception.unrolled import Strip, edges, normals, pairs, unroll
 
 REACH = 3.0  # widths to each side of the path in which the rope is looked for
-ALONG = 4.0  # widths along the path over which evidence is gathered
-EDGE = 0.12  # widths: blur of the edges that are looked for
 STIFF = 6.0  # cost of moving sideways by one width per width of path
 EVIDENT = 3.0  # times the usual evidence beside the path: there the rope shows
 CHANGE = 12.0  # of colour in Lab: the rope between its edges has become another thing
@@ -24,15 +21,6 @@ UNCLEAR = 30.0  # widths that may show no edges, where the colour stays the rope
 GROWTH = 8.0  # widths by which a path is carried on at a time
 
 
-@dataclass(frozen=True)
-class Strip:
-    """A picture unrolled along a path: evidence (S, O) of a rope at stations and offsets [px]."""
-
-    evidence: np.ndarray
-    offsets: np.ndarray
-    step: float
-
-
 def even(path: np.ndarray, spacing: float) -> np.ndarray:
     """(N, D) points of a path (P, D) at even distances of about `spacing`."""
     arc = polyline_arc(path)
@@ -41,58 +29,13 @@ def even(path: np.ndarray, spacing: float) -> np.ndarray:
     return resample(path[keep], arc[keep], np.linspace(0, arc[-1], count))
 
 
-def normals(path: np.ndarray, smooth: float) -> np.ndarray:
-    """(P, 2) unit normals of a path, of its direction over about `smooth` points."""
-    tangent = np.gradient(gaussian_filter1d(path, smooth, axis=0, mode="nearest"), axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
-
-
-def edges(
-    lab: np.ndarray, path: np.ndarray, width: float, reach: float, along: float = ALONG
-) -> Strip:
-    """How strongly the colour of Lab (H, W, 3) changes across a path (S, 2) evenly spaced, at
-    offsets of up to `reach` [px] and a width more, gathered over `along` widths of path."""
-    step = max(width / 8, 0.5)
-    half = np.ceil((reach + 1.5 * width) / step)
-    offsets = np.arange(-half, half + 1) * step
-    spacing = float(np.linalg.norm(np.diff(path, axis=0), axis=1).mean())
-    side = normals(path, max(width / spacing, 1.0))
-    at = (path[:, None] + offsets[:, None] * side[:, None]).astype(np.float32)
-    flat = cv2.remap(lab, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    flat = flat.reshape(len(path), len(offsets), -1)
-    size = max(round(along * width / spacing), 1)
-    flat = uniform_filter1d(flat, size, axis=0, mode="nearest")
-    slope = gaussian_filter1d(flat, max(EDGE * width / step, 0.7), axis=1, order=1) * width / step
-    return Strip(np.linalg.norm(slope, axis=2), offsets, step)
-
-
-def unroll(
-    lab: np.ndarray, path: np.ndarray, width: float, reach: float, along: float = ALONG
-) -> Strip:
-    """Evidence for a rope of `width` [px] along a path (S, 2) evenly spaced in Lab (H, W, 3).
-
-    Evidence is the weaker of two edges that are a width apart, gathered along the path: a rope has
-    two even where it is as light as the ground, a shadow or a fold seldom has both.
-    """
-    strip = edges(lab, path, width, reach, along)
-    return _pairs(strip, width, reach)
-
-
-def _pairs(strip: Strip, width: float, reach: float) -> Strip:
-    half = round(0.5 * width / strip.step)
-    pairs = np.minimum(np.roll(strip.evidence, half, 1), np.roll(strip.evidence, -half, 1))
-    inside = np.abs(strip.offsets) <= reach + 1e-9
-    return Strip(pairs[:, inside], strip.offsets[inside], strip.step)
-
-
 def measured_width(lab: np.ndarray, path: np.ndarray, guess: float) -> float:
     """Width [px] of the rope along a path (S, 2): that at which most stations show two edges."""
     strip = edges(lab, path, guess, 1.5 * guess)
     usual = np.median(strip.evidence, axis=1, keepdims=True) + 1e-3
     relative = Strip(np.log1p(strip.evidence / usual), strip.offsets, strip.step)
     widths = guess * np.arange(0.6, 2.01, 0.1)
-    worth = [_pairs(relative, w, 0.25 * guess).evidence.max(axis=1).mean() for w in widths]
+    worth = [pairs(relative, w, 0.25 * guess).evidence.max(axis=1).mean() for w in widths]
     return float(widths[int(np.argmax(worth))])
 
 
@@ -102,14 +45,14 @@ def settle(
     width: float,
     reach: float,
     held: np.ndarray | None = None,
-    along: float = ALONG,
+    depth: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(path (S, 2), shown (S,)) moved sideways by at most `reach` [px] to where the rope shows.
 
     held (S,): stations that may hardly move (there the mask shows the rope). shown: how many times
     the evidence on the path exceeds the usual one beside it.
     """
-    strip = unroll(lab, path, width, reach, along)
+    strip = unroll(lab, path, width, reach, depth=depth)
     usual = np.median(strip.evidence) + 1e-3
     local = np.median(strip.evidence, axis=1, keepdims=True)
     gain = np.log1p(strip.evidence / np.maximum(local, usual))
@@ -118,11 +61,22 @@ def settle(
         gain = np.where(held[:, None] & far, -5.0, gain)
     spacing = float(np.linalg.norm(np.diff(path, axis=0), axis=1).mean())
     choice = _smoothest(gain * spacing / width, strip.step, spacing, width)
-    shift = gaussian_filter1d(strip.offsets[choice], width / spacing, mode="nearest")
+    shift = strip.offsets[choice] + strip.step * _between(gain, choice)
+    shift = gaussian_filter1d(shift, width / spacing, mode="nearest")
     side = normals(path, max(width / spacing, 1.0))
     rows = np.arange(len(path))
     shown = strip.evidence[rows, choice] / np.maximum(local[:, 0], usual)
     return path + shift[:, None] * side, shown
+
+
+def _between(gain: np.ndarray, choice: np.ndarray) -> np.ndarray:
+    """(S,) steps, half a one at most, from chosen offsets to the top of the parabola through the
+    gain (S, O) there and to both sides."""
+    inner = np.clip(choice, 1, gain.shape[1] - 2)
+    low, middle, high = (gain[np.arange(len(gain)), inner + k] for k in (-1, 0, 1))
+    bend = low - 2 * middle + high
+    steps = 0.5 * (low - high) / np.where(bend < -1e-6, bend, np.inf)
+    return np.where(inner == choice, np.clip(steps, -0.5, 0.5), 0.0)
 
 
 def _smoothest(gain: np.ndarray, step: float, spacing: float, width: float) -> np.ndarray:

@@ -7,21 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ropefit.perception import chaining
+from ropefit.perception.bridges import costs, distances, tips_of
 from ropefit.perception.trace import polyline_arc
 
-# A rope that is hidden goes on about as it went: the way over a gap may turn by this much at
-# either side of it, off the straight connection [rad].
+# A rope that is hidden goes on about as it went: a link that is chosen by itself may turn by this
+# much at either side of the gap, off the straight connection [rad].
 MOST_TURN = 1.3
-TURN_COST = 2.0  # a turn of one radian at each side makes a gap count (1 + this) times as long
-FARTHEST = 0.3  # of the extent of all strands: a wider gap is not bridged
 LONG, OWN = 15.0, 0.15  # widths, share of the longest strand: a loose end as long is rope
 STRAIGHT = 0.2  # rad: a shorter one is where it is near and the way to it turns less
-CLOSE = 4.0  # widths: nearer ends meet at a crossing; only their directions say which go together
 BESIDE = 7.0  # widths from both ends of a link: a strand that begins and ends there is a loop
-AT_ONCE = 3.0  # widths that every link counts as long at least
-LOOK = 2.0  # widths over which the direction of a strand's end is taken
 MOST_STRANDS = 250
-NEAREST = 8  # candidates per end
+MAIN = 0.9  # of the length of all strands: where a few have more, the others are specks
+
+Member = tuple[int, bool]  # piece of a chain, whether it is walked backwards
 
 
 @dataclass(frozen=True)
@@ -38,91 +37,77 @@ class Path:
         return float(polyline_arc(self.points)[-1])
 
 
-def link(lines: list[np.ndarray], width: float, ends: np.ndarray) -> list[Path]:
+def link(
+    lines: list[np.ndarray], width: float, ends: np.ndarray, depth: np.ndarray | None = None
+) -> list[Path]:
     """Paths that the strands (P, 2) [px] make, longest first. ends (2, 2) [px], NaN where unknown.
 
-    Every end of a strand is linked to at most one other, the cheapest links first: cost is the gap
-    times one plus the turning it takes. A known end of the rope takes part as a point from which
-    one link leads. The path of the known ends comes first and begins at end 0.
+    Between two known ends the chain of a few strands is the best there is (chaining.py); else every
+    end is linked to at most one other, the cheapest links first. A known end of the rope takes part
+    as a point from which one link leads. The path of the known ends comes first and begins at end
+    0. With depth (H, W) [m], 0 = none, gaps count in space: what lies beside the rope in the
+    picture may stand before or behind it.
     """
+    if not lines:
+        return []
     order = np.argsort([-len(line) for line in lines])[:MOST_STRANDS]
     lines = [lines[i] for i in order]
     known = np.flatnonzero(np.isfinite(ends).all(axis=1))
     pieces = [*lines, *(ends[i][None] for i in known)]
-    tips, ways = _tips(pieces, width)
-    partner = _match(pieces, tips, ways, len(lines), width)
+    tips, ways = tips_of(pieces, width)
+    away = np.zeros(len(tips)) if depth is None else distances(pieces, width, depth)
+    cost, turn = costs(pieces, tips, ways, away, len(lines), width)
+    few = [len(line) for line in lines[: chaining.MOST]]
+    if len(known) == 2 and sum(few) > MAIN * sum(len(line) for line in lines):
+        chains = _exactly(few, cost, len(lines))
+    else:
+        chains = _greedily(lines, cost, turn, tips, known, width)
     paths = []
-    used = np.zeros(len(pieces), dtype=bool)
-    starts = [len(lines) + k for k in range(len(known))]
-    starts += [i for i in range(len(lines)) if partner[2 * i] < 0 or partner[2 * i + 1] < 0]
-    for first in starts:
-        if used[first]:
-            continue
-        members = _follow(first, partner, used, len(lines))
-        if not any(piece < len(lines) for piece, _ in members):
-            continue
+    for members in chains:
         members = _without_clutter(members, pieces, tips, ways, len(lines), width)
         path = _joined(pieces, tips, ways, members, len(lines))
-        if len(known) and first == len(lines) and known[0] == 1:
+        if len(known) and members[0][0] == len(lines) and known[0] == 1:
             path = _reversed(path)
-        paths.append((first >= len(lines), path))
+        paths.append((members[0][0] >= len(lines), path))
     paths.sort(key=lambda item: (not item[0], -item[1].length))
     return [path for _, path in paths]
 
 
-def _tips(pieces: list[np.ndarray], width: float) -> tuple[np.ndarray, np.ndarray]:
-    """(2N, 2) ends of the pieces and (2N, 2) outward unit directions there, zero for points."""
-    tips, ways = np.zeros((2 * len(pieces), 2)), np.zeros((2 * len(pieces), 2))
-    reach = max(int(LOOK * width), 4)
-    for i, piece in enumerate(pieces):
-        tips[2 * i], tips[2 * i + 1] = piece[0], piece[-1]
-        if len(piece) < 3:
-            continue
-        # Skeletons bend towards corners at the very tip: the direction is from a little inside.
-        inner = min(reach, len(piece) - 1)
-        skip = min(int(width / 2), inner // 3)
-        ways[2 * i] = piece[skip] - piece[inner]
-        ways[2 * i + 1] = piece[-1 - skip] - piece[-1 - inner]
-    size = np.linalg.norm(ways, axis=1, keepdims=True)
-    return tips, ways / np.maximum(size, 1e-9)
+def _exactly(lengths: list[int], cost: np.ndarray, count: int) -> list[list[Member]]:
+    """The best chain from known end to known end of the first few of `count` strands, of lengths
+    [px]."""
+    tips = slice(2 * len(lengths))
+    first, last = cost[2 * count, tips], cost[2 * count + 2, tips]
+    chain = chaining.best_chain(cost[tips, tips], np.array(lengths, dtype=float), first, last)
+    return [[(count, False), *chain, (count + 1, False)]] if chain else []
 
 
-def _match(
-    pieces: list[np.ndarray], tips: np.ndarray, ways: np.ndarray, count: int, width: float
-) -> np.ndarray:
-    """(2N,) the end each end is linked to, or -1."""
-    total = len(tips)
-    extent = float(np.linalg.norm(np.ptp(np.concatenate(pieces), axis=0)))
-    gap = tips[None] - tips[:, None]
-    distance = np.linalg.norm(gap, axis=2)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        chord = np.where(distance[..., None] > 0, gap / np.maximum(distance, 1e-9)[..., None], 0)
-    # Direction of an end against the way to the other; points have none and turn freely.
-    dot = np.einsum("ad,abd->ab", ways, chord)
-    turn = np.where((ways == 0).all(axis=1)[:, None], 0.0, np.arccos(np.clip(dot, -1, 1)))
-    # Ends that touch have no way between them that means anything: compare their directions.
-    close = distance < CLOSE * width
-    bend = np.arccos(np.clip(-(ways @ ways.T), -1, 1)) / 2
-    directed = (ways != 0).any(axis=1)
-    both = directed[:, None] & directed[None]
-    turn = np.where(close & both, bend, turn)
-    turn = np.where(close & ~both, 0.0, turn)  # an end of the rope that lies on a strand's end
-    worst = np.maximum(turn, turn.T)
-    cost = (distance + AT_ONCE * width) * (1 + TURN_COST * (turn**2 + turn.T**2))
-    owner = np.arange(total) // 2
-    free = owner >= count
-    bad = (owner[:, None] == owner[None]) | (worst > MOST_TURN)
-    bad |= (distance > FARTHEST * extent) & ~(free[:, None] | free[None])
-    bad |= free[:, None] & free[None]
-    second = free & (np.arange(total) % 2 == 1)  # a point has one end to link
-    bad |= second[:, None] | second[None]
-    cost = np.where(bad, np.inf, cost)
-    partner = np.full(total, -1)
-    chain = np.arange(len(pieces))  # number of the chain that each piece belongs to
-    _cheapest_first(cost, partner, chain)
-    round_ = np.array([_comes_back(piece, width) for piece in pieces[:count]], dtype=bool)
+def _greedily(
+    lines: list[np.ndarray],
+    cost: np.ndarray,
+    turn: np.ndarray,
+    tips: np.ndarray,
+    known: np.ndarray,
+    width: float,
+) -> list[list[Member]]:
+    """Chains of many strands: every end is linked to at most one other, the cheapest first."""
+    count = len(lines)
+    partner = np.full(len(tips), -1)
+    chain = np.arange(len(tips) // 2)  # number of the chain that each piece belongs to
+    _cheapest_first(np.where(np.maximum(turn, turn.T) > MOST_TURN, np.inf, cost), partner, chain)
+    round_ = np.array([_comes_back(line, width) for line in lines], dtype=bool)
     _put_loops_in(partner, tips, turn, round_, width)
-    return partner
+    chains = []
+    used = np.zeros(len(tips) // 2, dtype=bool)
+    starts = [count + k for k in range(len(known))]
+    starts += [i for i in range(count) if partner[2 * i] < 0 or partner[2 * i + 1] < 0]
+    for first in starts:
+        if used[first]:
+            continue
+        members = _follow(first, partner, used, count)
+        if any(piece < count for piece, _ in members):
+            chains.append(members)
+    return chains
 
 
 def _cheapest_first(cost: np.ndarray, partner: np.ndarray, chain: np.ndarray) -> None:
@@ -175,9 +160,7 @@ def _put_loops_in(
         partner[x], partner[a], partner[y], partner[b] = a, x, b, y
 
 
-def _follow(
-    first: int, partner: np.ndarray, used: np.ndarray, count: int
-) -> list[tuple[int, bool]]:
+def _follow(first: int, partner: np.ndarray, used: np.ndarray, count: int) -> list[Member]:
     """[(piece, reversed)] from a piece with a loose end to the other end of its chain."""
     entering = 0 if first >= count or partner[2 * first] < 0 else 1
     members, at = [], 2 * first + entering
@@ -195,13 +178,13 @@ def _follow(
 
 
 def _without_clutter(
-    members: list[tuple[int, bool]],
+    members: list[Member],
     pieces: list[np.ndarray],
     tips: np.ndarray,
     ways: np.ndarray,
     count: int,
     width: float,
-) -> list[tuple[int, bool]]:
+) -> list[Member]:
     """The chain less short strands at its loose ends that do not go on as the rope goes.
 
     Whatever lies near the end of a rope would be linked to it; what is long counts as rope, and
@@ -229,7 +212,7 @@ def _joined(
     pieces: list[np.ndarray],
     tips: np.ndarray,
     ways: np.ndarray,
-    members: list[tuple[int, bool]],
+    members: list[Member],
     count: int,
 ) -> Path:
     """The chain as one path of about one point a pixel, its bridges cubic."""

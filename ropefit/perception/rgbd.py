@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
 from ropefit.perception.camera import Camera
-from ropefit.perception.cloud import without_overshoot
+from ropefit.perception.cloud import LONGEST, SHORTEST, without_overshoot
 from ropefit.perception.cues import lab_of
 from ropefit.perception.follow import even, settle
 from ropefit.perception.segment import Looked, Segmentation, segment_rope
@@ -48,7 +48,7 @@ def trace_rgbd(
     check_tips(tips, color.shape[:2])
     found = segment_rope(color, tips, depth, looked)
     check_near(found, tips)
-    path, seen = centred(color, found)
+    path, seen = centred(color, depth, found, camera, radius)
     at = depth_along(path, found, depth, camera, radius)
     good = (at > 0) & seen
     if good.sum() < LEAST_DEPTHS:
@@ -74,6 +74,7 @@ def trace_rgbd(
     arc = polyline_arc(line)
     if arc[-1] <= 0:
         raise FrameRejected("the points do not extend along a line")
+    check_length(float(arc[-1]), length, bool(known.all()))
     scale = length / arc[-1] if length and known.all() else 1.0
     total = length if length and known.all() else float(arc[-1])
     # By place along the path, not by nearness: near a crossing another stretch may be nearer.
@@ -145,25 +146,50 @@ def check_scale(
         )
 
 
+def check_length(traced: float, length: float | None, between_ends: bool) -> None:
+    """Refuse a line [m] that is plainly longer than the rope, or shorter between its known ends.
+    FrameRejected."""
+    if length and not (SHORTEST if between_ends else 0.0) < traced / length < LONGEST:
+        raise FrameRejected(
+            f"the line that was followed is {traced:.4g} m long, the rope {length:.4g} m: a wrong "
+            "turn at a crossing, something else taken for the rope, or [rope] length is wrong"
+        )
+
+
 def quality(found: Segmentation, seen: np.ndarray) -> float:
     """0..1: how sure the choice of the rope is, times how much of it was seen."""
     return float(found.confidence * seen.mean())
 
 
-def centred(color: np.ndarray, found: Segmentation) -> tuple[np.ndarray, np.ndarray]:
-    """(path (P, 2), seen (P,)) moved sideways to the middle between the rope's two edges."""
+def centred(
+    color: np.ndarray,
+    depth: np.ndarray,
+    found: Segmentation,
+    camera: Camera,
+    radius: float | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(path (P, 2), seen (P,)) moved sideways to the middle between the rope's two edges, which
+    are as far apart as its radius [m] says where that is known: a shaded side may be as dark as the
+    ground, and missing from the mask."""
     if len(found.path) < 4:
         return found.path, found.seen
     low = np.floor(found.path.min(axis=0) - 4 * found.width - 4).astype(int).clip(0)
     high = np.ceil(found.path.max(axis=0) + 4 * found.width + 5).astype(int).clip(1)
     crop = np.ascontiguousarray(color[low[1] : high[1], low[0] : high[0]])
+    around = np.ascontiguousarray(depth[low[1] : high[1], low[0] : high[0]])
     path = even(found.path - low, 1.0)
     old = polyline_arc(found.path)
     seen = np.interp(polyline_arc(path), old, found.seen.astype(float)) > 0.5
     width = max(found.width, 2.0)
+    on = around[tuple(np.round(path).astype(int).clip(0, np.array(around.shape)[::-1] - 1).T[::-1])]
+    if radius and (on > 0).any():
+        # Within what the mask leaves open: a wrong depth_scale is told later.
+        expected = 2 * radius * camera.fx / float(np.median(on[on > 0]))
+        width = float(np.clip(expected, max(0.5 * width, 2.0), 2.0 * width))
     some = even(path, SPARSE)
     shown = np.interp(polyline_arc(some), polyline_arc(path), seen.astype(float)) > 0.5
-    moved, _ = settle(lab_of(crop), some, width, 0.35 * width, shown)
+    reach = 0.35 * max(found.width, width)
+    moved, _ = settle(lab_of(crop), some, width, reach, shown, around)
     shift = resample(moved - some, polyline_arc(some), polyline_arc(path))
     return path + np.where(seen[:, None], shift, 0.0) + low, seen
 

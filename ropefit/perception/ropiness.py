@@ -33,7 +33,7 @@ def ropiness(
     turning = _turning(path.points, width)
     smooth = 1 / (1 + turning / BENT)
     near = 1.0
-    for end, tip in zip(ends, path.points[[0, -1]], strict=True):
+    for end, tip in zip(ends, on[[0, -1]], strict=True):
         if np.isfinite(end).all():
             near *= float(np.exp(-np.linalg.norm(end - tip) / (0.15 * np.hypot(*mask.shape))))
     whole = 1 / (1 + path.bridged / PIECES)

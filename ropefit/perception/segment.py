@@ -14,13 +14,14 @@ from ropefit.perception.cues import (
     depth_mask,
     lab_of,
     near_colour,
+    nearness,
     unlike_masks,
 )
 from ropefit.perception.follow import even, grow, measured_width, settle, visible
 from ropefit.perception.linking import Path, link
-from ropefit.perception.looks import Looks, learn
-from ropefit.perception.ropiness import ropiness
-from ropefit.perception.strands import THICK, Strands, find_strands
+from ropefit.perception.looks import Looks
+from ropefit.perception.ropiness import ROPE_ASPECT, ropiness
+from ropefit.perception.strands import THICK, Strands, cut_at_jumps, find_strands
 from ropefit.perception.trace import FrameRejected, polyline_arc
 
 LEAST_PATH = 30.0  # px
@@ -30,6 +31,7 @@ LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
 FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
+RIVAL = 0.5  # of the length, of the score: another rope
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
 
@@ -39,7 +41,8 @@ class Segmentation:
 
     mask (H, W) bool; path (P, 2) ordered pixels (u, v); seen (P,): False where the path bridges
     what does not show; width [px]; score 0..1; cue: what told the rope from its surroundings;
-    runners_up: (cue, score) of the other candidates; pieces: strands the path was made from.
+    runners_up: (cue, score) of the other candidates; pieces: strands the path was made from;
+    several: whether something else is about as much like a rope, and no two known ends decide.
     """
 
     mask: np.ndarray
@@ -50,6 +53,7 @@ class Segmentation:
     cue: str
     pieces: int = 1
     runners_up: list[tuple[str, float]] = field(default_factory=list)
+    several: bool = False
 
     @property
     def confidence(self) -> float:
@@ -60,13 +64,14 @@ class Segmentation:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One mask followed as a rope."""
+    """One mask followed as a rope; others: whether it shows another one about as long."""
 
     cue: str
     mask: np.ndarray
     strands: Strands
     path: Path
     score: float
+    others: bool
 
 
 @dataclass(frozen=True)
@@ -105,13 +110,18 @@ def segment_rope(
         raise FrameRejected("the mask is empty")
     told = looked.mask is not None or looked.color is not None
     lab = lab_of(color)
-    if looked.looks is not None and not told:
-        quick = _candidate(FAMILIAR_CUE, looked.looks.mask(color) & allowed, lab, ends)
-        if quick is not None and quick.score > FAMILIAR * looked.looks.score:
-            return _finished(quick, lab, ends, depth is None)
     found: list[Candidate] = []
+    if looked.looks is not None and not told:
+        near = None if depth is None else nearness(depth)
+        quick = candidate_of(
+            FAMILIAR_CUE, looked.looks.mask(color, near) & allowed, lab, ends, depth
+        )
+        if quick is not None:
+            if quick.score > FAMILIAR * looked.looks.score:
+                return _finished(quick, lab, ends, depth is None)
+            found.append(quick)
     for cue, guess in _masks(lab, color, depth, looked):
-        candidate = _candidate(cue, guess & allowed, lab, ends)
+        candidate = candidate_of(cue, guess & allowed, lab, ends, depth)
         if candidate is not None:
             found.append(candidate)
     if not found:
@@ -131,27 +141,8 @@ def segment_rope(
         [(item.cue, item.score) for item in found if not _same(item.path.points, best)],
         key=lambda item: -item[1],
     )
-    return replace(best, runners_up=others[:5])
-
-
-def best_looks(pictures: list[tuple[np.ndarray, np.ndarray, Segmentation]]) -> Looks | None:
-    """Of the looks of the rope in some pictures those by which it is found best in all of them.
-
-    pictures: color (H, W, 3), ends (2, 2) [px], and what was taken for the rope. None where no
-    looks serve.
-    """
-    best: Looks | None = None
-    labs = [lab_of(color) for color, _, _ in pictures]
-    for color, _, found in pictures:
-        looks = learn(color, found.mask, found.path, found.width, found.score)
-        scores = []
-        for lab, (other, ends, _) in zip(labs, pictures, strict=True):
-            quick = _candidate(FAMILIAR_CUE, looks.mask(other), lab, ends)
-            scores.append(quick.score * float(quick.path.seen.mean()) if quick else 0.0)
-        score = float(np.mean(scores))
-        if score > 0 and (best is None or score > best.score):
-            best = replace(looks, score=score)
-    return best
+    rivals = not np.isfinite(ends).all() and any(score > RIVAL * best.score for _, score in others)
+    return replace(best, runners_up=others[:5], several=best.several or (rivals and not told))
 
 
 def _shrunk(
@@ -204,7 +195,9 @@ def _masks(
         yield "nearer than its surroundings", depth_mask(depth)
 
 
-def _candidate(cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray) -> Candidate | None:
+def candidate_of(
+    cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray, depth: np.ndarray | None = None
+) -> Candidate | None:
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     if not 0 < closed.mean() < MOST_AREA * (1 if cue != "the given mask" else 10):
         return None
@@ -212,11 +205,16 @@ def _candidate(cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray) ->
     strands = find_strands(mask)
     if strands is None:
         return None
-    paths = link(strands.lines, strands.width, ends)
+    if depth is not None:
+        strands = replace(strands, lines=cut_at_jumps(strands.lines, depth, strands.width))
+    paths = link(strands.lines, strands.width, ends, depth)
     if not paths or paths[0].length < LEAST_PATH:
         return None
     score = ropiness(mask, strands, paths[0], lab, ends)
-    return Candidate(cue, mask, strands, paths[0], score)
+    least = max(RIVAL * paths[0].length, ROPE_ASPECT * strands.width)
+    long = any(path.length * path.seen.mean() > least for path in paths[1:])
+    others = long and not np.isfinite(ends).all()
+    return Candidate(cue, mask, strands, paths[0], score, others)
 
 
 def without_specks(mask: np.ndarray) -> np.ndarray:
@@ -261,7 +259,9 @@ def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bo
             more = np.ones(len(points) - before, dtype=bool)
             seen = np.concatenate([seen, more] if end else [more, seen])
     score = item.score * float(seen.mean())
-    return Segmentation(mask, points, seen, width, score, item.cue, path.bridged + 1)
+    return Segmentation(
+        mask, points, seen, width, score, item.cue, path.bridged + 1, several=item.others
+    )
 
 
 def _stroke(

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, median_filter, minimum_filter1d
 from scipy.spatial import KDTree
 from skimage.morphology import skeletonize
 
 MOST_PIXELS = 60_000
 SPUR = 1.5  # widths: a shorter branch of the skeleton is a bump of the outline
 THICK = 1.7  # times the rope's width: a wider part of the mask is something else
+JUMP = 0.04  # of the depth within a width: no rope leans that much
 SMOOTHING = 1.5  # px: skeleton pixels are jagged by one
 # Neighbours of a pixel in the order in which a walk along the skeleton tries them.
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -60,6 +61,25 @@ def find_strands(mask: np.ndarray, width: float | None = None) -> Strands | None
     length = sum(len(line) for line in lines)
     share = min(length * width / max(np.count_nonzero(mask), 1), 1.0)
     return Strands(lines, width, share)
+
+
+def cut_at_jumps(lines: list[np.ndarray], depth: np.ndarray, width: float) -> list[np.ndarray]:
+    """Strands (P, 2) [px] without the places at which depth (H, W) [m], 0 = none, jumps, cut
+    there: a rope hangs together in space too, what it passes in the picture need not."""
+    out = []
+    near, limit = max(int(width), 3), np.array(depth.shape[::-1]) - 1
+    for line in lines:
+        column, row = np.clip(np.round(line).astype(int), 0, limit).T
+        z = depth[row, column]
+        there = np.flatnonzero(z > 0)
+        if len(there) < 2 * near:
+            out.append(line)
+            continue
+        z = np.interp(np.arange(len(z)), there, median_filter(z[there], 2 * near + 1))
+        jump = maximum_filter1d(z, near) - minimum_filter1d(z, near) > JUMP * z
+        parts = np.split(np.arange(len(z)), np.flatnonzero(np.diff(jump.astype(int))) + 1)
+        out += [line[part] for part in parts if not jump[part[0]] and len(part) >= 2]
+    return out
 
 
 def _box(mask: np.ndarray) -> tuple[slice, slice] | None:

@@ -10,8 +10,9 @@ import numpy as np
 from ropefit.errors import BadInput
 from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
+from ropefit.perception.learning import Picture, best_looks
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
-from ropefit.perception.segment import LARGE, Looked, Segmentation, best_looks
+from ropefit.perception.segment import LARGE, Looked, Segmentation
 from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.recordings import Masks, Recording, check_spread
 
@@ -45,6 +46,7 @@ class Tracer:
         if self.end_kind == ("free", "free"):
             raise BadInput(f"{recording.path}: both ends are free; at least one must be held")
         self.camera = self._camera()
+        self.several: set[int] = set()  # frames in which more than one rope was seen
         self.noise: float | None = None
         self.noise_source = "scatter of the points about the centreline"
         if not self.measures_depth:
@@ -108,15 +110,18 @@ class Tracer:
         if self.masks is not None:
             looked = replace(looked, mask=self.masks.mask(frame, color.shape[:2]))
         if depth is None:
-            return trace_image(
+            trace, found = trace_image(
                 color, self.camera, position, self.length, self.recording.gravity, looked
             )
-        if not depth.any():
+        elif not depth.any():
             raise FrameRejected("the depth image is empty")
-        trace, found = trace_rgbd(
-            color, depth, self.camera, position, self.length, self.radius, looked
-        )
-        check_spread(self.recording.path, frame, trace.points, self.length)
+        else:
+            trace, found = trace_rgbd(
+                color, depth, self.camera, position, self.length, self.radius, looked
+            )
+            check_spread(self.recording.path, frame, trace.points, self.length)
+        if found.several:
+            self.several.add(frame)
         return trace, found
 
     @property
@@ -149,7 +154,7 @@ class Tracer:
                 continue
             known = np.isfinite(position).all(axis=1)
             tips = np.where(known[:, None], self.camera.project(np.nan_to_num(position)), np.nan)
-            found.append((sight.color, tips, seen))
+            found.append(Picture(sight.color, sight.depth, tips, seen))
         self.looked = replace(self.looked, looks=best_looks(found))
 
     def view(self, points: np.ndarray) -> Camera:

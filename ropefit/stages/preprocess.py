@@ -70,6 +70,12 @@ def compute(
             f"warning: {len(dropped)} of {len(dropped) + len(frames)} frames dropped; "
             f"the first: {dropped[0].reason}"
         )
+    if tracer.several:
+        some = ", ".join(map(str, sorted(tracer.several)[:5]))
+        context.say(
+            f"several ropes are seen in {len(tracer.several)} frames ({some}): the one most like a "
+            "rope was taken; say which with --roi, --mask, --color or [ends]"
+        )
     content = assemble(tracer, traces, np.array(frames), settings.nodes, settings.project)
     rope = recording.manifest.rope
     if rope.length and content["length_source"] == "estimated":
