@@ -39,9 +39,13 @@ def rope(segments: int, frames: int = 12, bend: float = EI) -> Setup:
 
 
 def recorded(setup: Setup, seed: int = 0, points: int = 240, sd: float = 0.001) -> Data:
-    """Points along the ropes with noise along the ray and one outlier in a hundred."""
+    """What `scanned` makes of the ropes in equilibrium."""
+    return scanned(Forward(setup, []).at(np.empty(0)).seen, seed, points, sd)
+
+
+def scanned(x: np.ndarray, seed: int = 0, points: int = 240, sd: float = 0.001) -> Data:
+    """Points along ropes x (F, K, 3) with noise along the ray and one outlier in a hundred."""
     rng = np.random.default_rng(seed)
-    x = Forward(setup, []).at(np.empty(0)).seen
     frames, nodes = x.shape[:2]
     share = np.sort(rng.uniform(size=(frames, points)), axis=1)
     place = share * (nodes - 1)

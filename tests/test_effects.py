@@ -12,8 +12,9 @@ from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.forward import Forward, Term
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.branches import wound
+from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import solve
-from ropefit.solvers.potentials import force_and_stiffness
+from ropefit.solvers.potentials import force_and_stiffness, solve_with_potentials
 from tests.concealed import rope
 
 PLACES = {"point": [0.403], "interval": [0.411, 0.207]}
@@ -126,6 +127,18 @@ def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values)
         step = 1e-5 * torch.eye(3, dtype=torch.float64)[axis]
         up, down = (whole.settle(given, (e * step).expand(3, 3)).x[:, 5, 2] for e in (1, -1))
         np.testing.assert_allclose(slope[:, axis], (up - down) / 2e-5, atol=1e-5)
+
+
+def test_a_frame_that_cannot_settle_stops_no_other():
+    bare = rope(30, frames=3)
+    plane = SupportPlane().apply(bare, torch.tensor([-0.3, 0.0, 0.0], dtype=torch.float64))
+    ends = plane.ends.clone()
+    ends[1, 0] *= 1.5 / ends[1, 0].norm()  # farther than the rope is long
+    held, rod = Conditions(ends, plane.clamp), plane.rod()
+    every = solve_with_potentials(rod, held, plane.potentials)[0]
+    alone = solve_with_potentials(rod, held.frames(torch.tensor([0, 2])), plane.potentials)[0]
+    assert every.converged.tolist() == [True, False, True]
+    assert np.abs(every.x[[0, 2]] - alone.x).max() < 1e-7
 
 
 def test_potentials_know_their_forces_where_gradients_are_off():

@@ -1,40 +1,113 @@
-"""Shapes that look like those of a solver that stopped on its way from the start."""
+"""Shapes that look like those of a position-based solver that stopped early."""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.rod.setup import Setup
+from ropefit.rod.strains import straight_rest
+from ropefit.solvers.chain import Chain
+from ropefit.solvers.compiled import simulate_compiled
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import solve
+from ropefit.solvers.jacobi import Jacobi
+from ropefit.solvers.start import frames_along
+from ropefit.solvers.xpbd import Eta, Settings, State
+
+NODES = 20  # of the chain that stands for the solver's own
 
 
 class UnderConverged(Effect):
-    """`amount` of the way back from the equilibrium to the catenary that a solver starts from."""
+    """Iterations that pass a correction on by one particle each, and stop.
+
+    The rope starts as a catenary, falls by `drop` [m] and is put right by Jacobi's iterations of
+    the paper's constraints until corrections have travelled over `reach`, a share of its length:
+    √n of the NODES - 1 segments after n iterations. `amount` is the share of the way from the
+    equilibrium back to there: 1 for a solver that knows gravity by the drop alone.
+    """
 
     name = "under_converged"
     kind = "solver"
-    quantities = (Quantity("amount", "1", 0.1, 0.0, 1.0),)
+    quantities = (
+        Quantity("amount", "1", 0.1, 0.0, 1.0),
+        Quantity("drop", "m", 0.003, 0.0, by_length=1.0),
+        Quantity("reach", "1", 0.4, 0.06, 1.2),
+    )
+    shaping = 1
+    tries = (0.3, 0.7, 1.5)
 
     def applies(self, setup: Setup) -> bool:
         return not bool(torch.isnan(setup.ends).any())
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        drift = setup.seen.drift + values[0] * _way_back(setup)
-        return setup._replace(seen=setup.seen._replace(drift=drift))
+        amount, drop, reach = values
+        rod = setup._replace(potentials=()).rod()
+        held = Conditions(setup.ends.detach(), setup.clamp.detach())
+        start = _sampled(solve(rod, held, limit=0, continuation=False).x)
+        stopped = _stopped(setup, start, float(drop), iterations(float(reach)))
+        still, fallen = (_along(x, setup.segments) for x in stopped)
+        seen = setup.seen._replace(
+            lag=setup.seen.lag + amount, toward=still, drift=setup.seen.drift + fallen - still
+        )
+        return setup._replace(seen=seen)
 
     def sentence(self, values: dict[str, float]) -> str:
         return (
-            "the shapes are those of a solver that stopped "
-            f"{100 * values['amount']:.0f} % short of its equilibrium"
+            "the shapes are those of a solver that stopped early: corrections have travelled over "
+            f"{values['reach']:.2g} of the rope, as after {iterations(values['reach']):.0f} Jacobi "
+            f"iterations of {NODES} particles"
         )
 
 
-def _way_back(setup: Setup) -> Tensor:
-    """(F, N+1, 3) [m] catenaries minus equilibria."""
-    held = Conditions(setup.ends.detach(), setup.clamp.detach())
-    rod = setup._replace(potentials=()).rod()
-    start, found = solve(rod, held, limit=0, continuation=False), solve(rod, held)
-    return torch.from_numpy(start.x - found.x)
+def iterations(reach: float) -> float:
+    """After how many a correction has travelled over a share of the length."""
+    return (reach * (NODES - 1)) ** 2
+
+
+def _sampled(x: np.ndarray) -> Tensor:
+    """(F, NODES, 3) places on a rope's nodes (F, N+1, 3)."""
+    at = np.linspace(0, x.shape[1] - 1, NODES)
+    low = np.minimum(at.astype(int), x.shape[1] - 2)
+    return torch.from_numpy(x[:, low] + (at - low)[:, None] * (x[:, low + 1] - x[:, low]))
+
+
+def _stopped(setup: Setup, x: Tensor, drop: float, count: float) -> tuple[Tensor, Tensor]:
+    """(F, NODES, 3) [m] particles after `count` iterations from x, without the drop and with it."""
+    clamp = setup.clamp.detach()
+    q = frames_along(x, clamp[:, 0], clamp[:, 1])
+    start = State(x.expand(2, *x.shape), q.expand(2, *q.shape))
+    held, turned = torch.zeros(NODES, dtype=torch.bool), torch.zeros(NODES - 1, dtype=torch.bool)
+    held[[0, -1]], turned[[0, -1]] = True, torch.tensor(setup.clamped)
+    chain = Chain.build(held, turned)
+    rest = straight_rest(float(setup.properties.length.detach().sum()), NODES)
+    down = setup.gravity.detach() / setup.gravity.detach().norm()
+    one = torch.ones(1, 1, 1, dtype=torch.float64)
+    falls = torch.tensor([0.0, drop], dtype=torch.float64)[:, None, None, None]
+    eta = Eta(falls, one, one, one, one, one)
+    whole = max(math.floor(count), 1)
+
+    def after(start: State, number: int, fall: bool) -> State:
+        """`number` iterations on; dt is such that the particles fall by drop along down."""
+        settings = Settings(steps=1, iterations=number, dt=math.sqrt(2.0))
+        own = eta if fall else eta._replace(gravity=torch.zeros_like(falls))
+        return simulate_compiled(start, rest, chain, own, Jacobi(), down, settings)
+
+    with torch.no_grad():
+        low = after(start, whole, True)
+        both = low.x + (count - whole) * (after(low, 1, False).x - low.x)
+    return both[0], both[1]
+
+
+def _along(few: Tensor, segments: int) -> Tensor:
+    """(F, segments + 1, 3) a cubic through values (F, NODES, 3)."""
+    at = torch.linspace(0, NODES - 1, segments + 1, dtype=torch.float64)
+    low = at.floor().clamp(max=NODES - 2).long()
+    t = (at - low)[:, None]
+    wide = torch.cat([2 * few[:, :1] - few[:, 1:2], few, 2 * few[:, -1:] - few[:, -2:-1]], dim=1)
+    a, b, c, d = (wide[:, low + k] for k in range(4))
+    return b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)))

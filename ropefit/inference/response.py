@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import Seen, Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution
 from ropefit.solvers.implicit import Directions, tangent
@@ -45,7 +45,7 @@ class Point:
         slopes = slopes_of(self.setup, changes, self.solution)
         rods, directions = directions_of(self.rod, slopes, len(self.seen))
         dx, _ = tangent(rods, self.conditions, self.solution, directions)
-        return add_sensor(dx, slopes)
+        return add_sensor(dx, slopes, self.setup.seen)
 
 
 def slopes_of(setup: Setup, changes: list[Change], solution: Solution) -> list[Slopes]:
@@ -78,9 +78,9 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> tuple[Rod, Di
     return rods, directions
 
 
-def add_sensor(dx: np.ndarray, slopes: list[Slopes]) -> np.ndarray:
+def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: Seen) -> np.ndarray:
     """(P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
-    dx = np.moveaxis(dx, 1, 0)
+    dx = np.moveaxis(dx, 1, 0) * (1 - float(seen.lag))
     for moved, s in zip(dx, slopes, strict=True):
         # The sensor's small errors move a change of the rope by a change of second order only.
         moved += s.seen

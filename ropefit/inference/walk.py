@@ -97,7 +97,7 @@ class WalkedPoint(Point):
             )
             for r, a in zip(rubbing, moved, strict=True):
                 a[:] = r.then(t, a, out[t])
-        return add_sensor(out, slopes)[:, self.shown]
+        return add_sensor(out, slopes, self.setup.seen)[:, self.shown]
 
 
 def _with_friction(

@@ -22,7 +22,8 @@ class Seen(NamedTuple):
     rotation (3,) [rad] and gain about its place (3,), shift (3,) [m], depth [m] along its rays: a
     point p is reported at p + rotation x (p - place) + gain (p - place) + shift + depth ray.
     flat: share of the offset from a plane, through origin (F, 1, 3) across normal (F, 1, 3), that
-    is lost. drift (F, N+1, 3) [m] is added (errors of a solver).
+    is lost. Errors of a solver: lag, a share of the way to the nodes toward (F, N+1, 3) [m], is
+    gone back, and drift (F, N+1, 3) [m] is added.
     """
 
     place: Tensor
@@ -34,10 +35,12 @@ class Seen(NamedTuple):
     origin: Tensor
     normal: Tensor
     drift: Tensor
+    lag: Tensor
+    toward: Tensor
 
     def __call__(self, x: Tensor) -> Tensor:
         """(F, N+1, 3) where nodes x (F, N+1, 3) [m] are reported."""
-        x = x + self.drift
+        x = x + self.lag * (self.toward - x) + self.drift
         arm = x - self.place
         ray = arm / torch.linalg.norm(arm, dim=-1, keepdim=True)
         turned = torch.linalg.cross(self.rotation.expand_as(arm), arm)
@@ -48,8 +51,10 @@ class Seen(NamedTuple):
     def frames(self, index: Tensor) -> Seen:
         """The same for some of the frames."""
         few = {name: getattr(self, name)[index] for name in ("origin", "normal")}
-        drift = self.drift if self.drift.ndim == 1 else self.drift[index]
-        return self._replace(**few, drift=drift)
+        for name in ("drift", "toward"):
+            value = getattr(self, name)
+            few[name] = value if value.ndim == 1 else value[index]
+        return self._replace(**few)
 
 
 class Potential(NamedTuple):
@@ -218,6 +223,8 @@ def bare(
             zero[0],
             torch.zeros(len(ends), 1, 3, dtype=torch.float64),
             torch.zeros(len(ends), 1, 3, dtype=torch.float64),
+            zero,
+            zero[0],
             zero,
         ),
     )

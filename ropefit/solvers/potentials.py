@@ -80,9 +80,10 @@ def _settle(
     current: Solution,
     still: float,
 ) -> tuple[Solution, Conditions, Rod]:
-    """Replace the potentials by supports until no node moves by more than `still` [m]."""
-    held, rods, before = conditions, rod, current.x
-    moved = np.full(len(current.x), np.inf)
+    """Replace the potentials by supports until no node moves by more than `still` [m]. A frame that
+    goes astray stays where it began, marked, and stops no other."""
+    held, rods, before, began = conditions, rod, current.x, current
+    moved, lost = np.full(len(current.x), np.inf), np.zeros(len(current.x), dtype=bool)
     far = 3 if conditions.far_held else 0
     firm = tuple(p if p.firm is None else p._replace(energy=p.firm) for p in potentials)
     careful = any(p.firm is not None for p in potentials)
@@ -91,7 +92,7 @@ def _settle(
     share = np.ones((len(before), 1, 1))
     for _ in range(FIRM_ROUNDS if careful else ROUNDS):
         before = current.x + ahead - (1 - share) * (current.x - before)
-        x = torch.from_numpy(before)
+        x = torch.from_numpy(np.nan_to_num(before))
         force, stiffness = force_and_stiffness(potentials if bold else firm, x)
         if not bold:
             stiffness = _pulling_back(stiffness)
@@ -107,18 +108,21 @@ def _settle(
             rods = rods._replace(load=rods.load + load)
         current = solve(rods, held, guess, limit=LIMIT)
         earlier, moved = moved, np.abs(current.x - before).max(axis=(1, 2))
+        lost |= ~np.isfinite(moved)
+        current.put(lost, began, lost)
+        moved[lost] = 0.0
         if not careful:  # contact that opens and closes in turn: go a part of the way
             calm = moved < SHRINKS * earlier
             factor = np.where(calm, MORE, LESS)[:, None, None]
             share = np.clip(factor * share, LEAST, 1.0)
-        if not np.isfinite(moved).all() or (bold and moved.max() < still):
+        if bold and moved.max() < still:
             break
         if bold and moved.max() > near:
             near *= 0.1  # their own curvature led away
         bold = bool(moved.max() < near)
         if careful:
-            ahead, last = _extrapolated(last, current.x - before)
-    late = current.converged & ~(moved < 1e3 * still)
+            ahead, last = _extrapolated(last, np.where(lost[:, None, None], 0, current.x - before))
+    late = lost | (current.converged & ~(moved < 1e3 * still))
     current.status[late] = kernels.LIMIT
     return current, held, rods
 

@@ -117,7 +117,8 @@ def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:
 def nominal_terms(
     o: Observations, source: Model, setup: Setup, prior: bool
 ) -> tuple[list[Term], Setup]:
-    """The rope's own parameters, starting where they were identified.
+    """The rope's own parameters, starting where they were identified; at their usual values where
+    the search ran to a bound.
 
     prior: they are known from another run, within that run's intervals. GJ joins them where both
     clamps hold twist.
@@ -130,7 +131,7 @@ def nominal_terms(
         values = {
             name: p.value
             for name, p in group.parameters.items()
-            if name in ("EI", "GJ", *rest_curve.NAMES) and p.verdict != "fixed"
+            if name in ("EI", "GJ", *rest_curve.NAMES) and p.verdict not in ("fixed", "at bound")
         }
     curve = {name: values.pop(name) for name in rest_curve.NAMES if name in values}
     setup = started_setup(setup, values, scale)

@@ -92,9 +92,12 @@ def restored_rope(
 
 
 def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
-    """The setup with every cause of a diagnosis. Raises StageFailed for effects not installed."""
+    """The setup with every cause of a diagnosis, but errors of a solver, which no rope has. Raises
+    StageFailed for effects not installed."""
     for cause in diagnosis.causes.values():
-        setup = effect_of(cause).apply(setup, torch.tensor(cause.values))
+        effect = effect_of(cause)
+        if effect.kind != "solver":
+            setup = effect.apply(setup, torch.tensor(cause.values))
     return setup
 
 

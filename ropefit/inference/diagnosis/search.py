@@ -212,12 +212,12 @@ def _winner(
         # A calibration error far outside its prior explains held-out frames as well as the effect
         # of the same kind does: there the evidence is in the prior.
         effect = rival.family.effect
-        physics = effect.kind == "physics" and not effect.calibrated
+        believed = effect.kind == "measurement" or effect.calibrated
         agreeing = _agreeing(rival.gains)
         sizes = np.abs(rival.values()[: rival.family.size]) / rival.term.scale[: rival.family.size]
         if rival.family.effect.linear and sizes.max() > IMPLAUSIBLE:
             refused.append(f"{rival.family.name}: larger than anything plausible")
-        elif worse or (physics and not agreeing):
+        elif worse or not (believed or agreeing):
             refused.append(f"{rival.family.name}: held-out frames do not support it")
         else:
             return rival

@@ -18,6 +18,7 @@ BROAD = 3.0  # usual sizes: how large an effect may well be
 ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
+UNSEEN = 1.0  # sd that all data move by, by a factor e of a parameter
 
 
 @dataclass
@@ -52,7 +53,7 @@ def fit_rival(
         at = start * np.where(np.arange(len(start)) < family.size, share, 1.0)
         term = family.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
         forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
-        begin = np.concatenate([smaller.point.u, np.zeros(term.size)])
+        begin = np.concatenate([_revived(smaller), np.zeros(term.size)])
         if settled(forward, begin).solution.converged.all():
             break
     else:
@@ -71,6 +72,17 @@ def fit_rival(
     along = touches(found)
     gains = block_losses(smaller, along) - block_losses(found, along)
     return Rival(family, term, found, float(evidence), gains / spread)
+
+
+def _revived(smaller: Fit) -> np.ndarray:
+    """(P,) where a model with more to it begins: at the smaller one's values, but positive
+    parameters that were driven to where nothing shows them any more begin anew; without a slope
+    they would stay there for ever. (What a rope lacks in length makes it as soft as can be.)"""
+    u, terms = smaller.point.u.copy(), smaller.forward.terms
+    logs = np.repeat([t.log for t in terms], [t.size for t in terms])
+    unseen = np.linalg.norm(smaller.jacobian, axis=0) < UNSEEN
+    u[logs & unseen & ~np.isfinite(smaller.prior)] = 0.0
+    return u
 
 
 def _flexibility(found: Fit, term: Term) -> float:

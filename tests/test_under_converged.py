@@ -1,0 +1,53 @@
+"""A solver that stops early is known by the shapes that it leaves."""
+
+import numpy as np
+import torch
+
+from ropefit.effects import UnderConverged
+from ropefit.inference.diagnosis.search import search
+from ropefit.inference.forward import Forward
+from ropefit.inference.noise import Noise
+from ropefit.rod.strains import straight_rest
+from ropefit.solvers.chain import Chain
+from ropefit.solvers.start import frames_along, hanging_shape
+from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, simulate
+from tests.concealed import BINS, nominal_fit, rope, scanned
+
+DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
+
+
+def hanging(nodes: int, frames: int = 12) -> np.ndarray:
+    """(F, K, 3) [m] catenaries through the ends of the test rope."""
+    free, gravity = np.full((2, 3), np.nan), np.array([0.0, 0.0, -9.81])
+    ends = rope(20, frames).ends.numpy()
+    return np.stack([hanging_shape(1.0, nodes, gravity, e, free) for e in ends])
+
+
+def papers(nodes: int, iterations: int, drop: float, eta: tuple[float, ...]) -> np.ndarray:
+    """(F, K, 3) [m] Algorithm 1 in its readable version, one step."""
+    x = torch.from_numpy(hanging(nodes))
+    held = torch.zeros(nodes, dtype=torch.bool)
+    held[[0, -1]] = True
+    chain = Chain.build(held, torch.zeros(nodes - 1, dtype=torch.bool))
+    weights = Eta(*(torch.tensor(v, dtype=torch.float64) for v in (2 * drop, *eta)))
+    return simulate(
+        State(x, frames_along(x)), straight_rest(1.0, nodes), chain, weights, SOLVERS["jacobi"],
+        DOWN, Settings(1, iterations, dt=1.0),
+    ).x.numpy()  # fmt: skip
+
+
+def test_all_of_it_is_the_shape_that_algorithm_1_stops_at():
+    setup, drop, count = rope(76), 0.01, 25
+    values = torch.tensor([1.0, drop, count**0.5 / 19], dtype=torch.float64)
+    found = Forward(UnderConverged().apply(setup, values), []).at(np.empty(0)).seen[:, ::4]
+    wanted = papers(20, count, drop, (1.0,) * 5)
+    assert np.abs(wanted - hanging(20)).max() > 0.01
+    assert np.abs(found - wanted).max() < 3e-4
+
+
+def test_a_solver_that_stopped_early_is_named():
+    shapes = papers(20, 100, 0.0127, (1.19, 0.8, 1.19, 0.8, 0.79))  # the paper's weights
+    data = scanned(shapes, seed=4)
+    d = search(nominal_fit(data), data, Noise(), BINS, 0, lambda share, text: None)
+    assert d.verdict == "found"
+    assert d.found[0].rival.family.name == "under_converged"
