@@ -13,7 +13,7 @@ from ropefit.inference.diagnosis.weigh import fit_rival
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Noise, fit
 from ropefit.inference.stations import Data
-from ropefit.inference.terms import rope_term, set_bend
+from ropefit.inference.terms import Priors, calibration, rope_term, set_bend
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
@@ -43,6 +43,21 @@ def shaken():
     share = np.broadcast_to(nodes / SEGMENTS, points.shape[:2])
     mask = np.ones(points.shape[:2], dtype=bool)
     return moving, Data(points, share.copy(), mask, True, np.array([0.0, -2, 0]))
+
+
+def test_the_grippers_clock_is_an_error_of_the_set_up_wherever_the_ends_move():
+    setup, _ = shaken()
+    assert setup.motion is not None
+    moving = setup._replace(
+        motion=setup.motion._replace(end_velocity=setup.motion.end_velocity + 1)
+    )
+    known = Priors(time_lag=0.004)
+    (clock,) = (t for t in calibration(moving, known, False) if t.name == "clock")
+    np.testing.assert_allclose(clock.prior, 0.004)
+    late = clock.apply(moving, torch.tensor([0.01], dtype=torch.float64))
+    np.testing.assert_allclose(late.ends - moving.ends, 0.01)
+    for still, shared in ((setup, False), (moving, True), (moving._replace(motion=None), False)):
+        assert all(t.name != "clock" for t in calibration(still, known, shared))
 
 
 def test_inertia_is_found_from_a_rigid_model():

@@ -100,7 +100,7 @@ def test_the_lists_are_complete_and_the_same_every_time():
     groups = [case.group for case in full]
     assert groups.count("clean") == 300
     assert groups.count("single") == 16 * 8 + 3 * 4
-    assert groups.count("pair") == 20
+    assert groups.count("pair") == 20 + 4
     assert groups.count("decoy") >= 10
     assert groups.count("unknown") >= 10
     halves = [case.calibration for case in full if case.group == "clean"]

@@ -45,6 +45,7 @@ class Case:
     simulator: str = "elastica"  # or mujoco
     filmed: bool = False  # in motion
     nominal: bool = False  # and recorded at rest as well, for `--nominal`
+    dragged: bool = False  # over a rough table
     preprocess: tuple[str, ...] = field(default=())  # further options of the command
 
 
@@ -60,9 +61,10 @@ def listed(size: str, seed: int = 5) -> list[Case]:
         often = 2 if group == "single" else 10  # MuJoCo takes a minute or two
         own = group in ("clean", "single") and shared and (index // 4) % often == 1
         own = own and not (clamped and set(effects) & {"support_plane", "obstacle"})
+        only = "filmed" in more or "dragged" in more
         number = int(rng.integers(2**31))
         case = Case(f"{label}-{index:03d}", group, number, effects, score, clamped, calibration,
-                    "mujoco" if own or "filmed" in more else "elastica", **more)  # fmt: skip
+                    "mujoco" if own or only else "elastica", **more)  # fmt: skip
         cases.append(case)
 
     counts = {"small": (2, 1, 1, 1, 1), "standard": (20, 10, 2, 4, 2), "full": (300, 20, 2, 10, 4)}
@@ -107,6 +109,8 @@ def listed(size: str, seed: int = 5) -> list[Case]:
         for i, score in enumerate({"small": (100.0,), "standard": MOVING}.get(size, 2 * MOVING)):
             known = (i + k) % 2 == 0
             add("single", i + 2 * k, (name,), score, filmed=True, nominal=known)
+    for i in range({"small": 0, "standard": 2}.get(size, 4)):
+        add("pair", 2 * i, ("support_plane", "contact_friction"), dragged=True)
     return cases
 
 
@@ -125,10 +129,7 @@ def generate(case: Case, recordings: Path, truths: Path) -> str | None:
             if case.filmed:
                 _film(case, seed, recordings, truths)
                 return None
-            found = make.make(
-                list(case.effects), [case.score] * len(case.effects), seed, case.clamped,
-                case.calibration, case.simulator,
-            )  # fmt: skip
+            found = _dragged(case, seed) if case.dragged else _posed(case, seed)
         except (make.Implausible, NotConverged, np.linalg.LinAlgError, RuntimeError) as error:
             why = f"{type(error).__name__}: {error}"
             continue
@@ -140,6 +141,19 @@ def generate(case: Case, recordings: Path, truths: Path) -> str | None:
 def at_rest(case: Case) -> str:
     """The name of the recording of a filmed rope at rest."""
     return f"{case.name}-still"
+
+
+def _posed(case: Case, seed: int) -> made.Made:
+    return make.make(
+        list(case.effects), [case.score] * len(case.effects), seed, case.clamped,
+        case.calibration, case.simulator,
+    )  # fmt: skip
+
+
+def _dragged(case: Case, seed: int) -> made.Made:
+    from benchmarks.discovery import dragging  # needs MuJoCo
+
+    return dragging.make(seed, case.calibration)
 
 
 def _film(case: Case, seed: int, recordings: Path, truths: Path) -> None:

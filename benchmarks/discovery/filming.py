@@ -17,10 +17,10 @@ from benchmarks.discovery.concealment import Concealed
 from benchmarks.discovery.elastica import Ends
 from benchmarks.discovery.made import Made, Sized
 from benchmarks.discovery.rod_equations import Array, rotation
+from benchmarks.discovery.score import VISIBLE
 from benchmarks.discovery.setting import Setting, World, draw, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, shapes
 
-VISIBLE = 6.0  # score: what is as visible as this is a cause
 POSES = 40  # of a turn, at which the rope is known at rest as well
 EACH = 3  # frames from pose to pose
 FRAMES = EACH * POSES

@@ -24,8 +24,10 @@ mujoco: Any = importlib.import_module("mujoco")
 TIMESTEP = 0.001  # s
 DAMPING = 8.0  # 1/s, drag on every velocity, near critical for a metre of rope
 MOVE_TIME, FIRST_MOVE_TIME = 1.0, 4.0  # s, simulated, from one pose to the next
+SLOW_MOVE_TIME = 1.5  # s, where the way matters: drag stays a few hundredths of the weight
 REST_SPEED = 5e-5  # m/s, largest velocity of a rope at rest
 MOST_TIME = 30.0  # s, to come to rest
+HARDER = 100  # friction against normal force, as constraints
 EDGES = 120
 LONG_BAR = 5.0  # m
 STILL = (np.zeros(3), np.zeros(3))
@@ -33,9 +35,10 @@ STILL = (np.zeros(3), np.zeros(3))
 RECORD, BENDING, TWISTING = 10, 4, 8
 
 
-def shapes(world: World, diameter: float) -> tuple[Array, Array]:
-    """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest."""
-    rope = Rope(world, diameter)
+def shapes(world: World, diameter: float, rough: float = 0.0) -> tuple[Array, Array]:
+    """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest; rough: the
+    coefficient of friction on what the rope touches."""
+    rope = Rope(world, diameter, rough)
     return rope.arc_length, np.stack([rope.settled(frame) for frame in range(len(rope.ends))])
 
 
@@ -51,7 +54,7 @@ class Rope:
     that no part of the rope between the clamps is kept from bending.
     """
 
-    def __init__(self, world: World, diameter: float):
+    def __init__(self, world: World, diameter: float, rough: float = 0.0):
         rod, held = world.rod, world.held
         self.clamped = held.kinds[0] == CLAMPED
         self.ends = held.positions
@@ -59,6 +62,7 @@ class Rope:
         spacing = rod.length / EDGES
         self.half = 0.5 * spacing
         self.held = 2 if self.clamped else 1
+        self.move_time = SLOW_MOVE_TIME if rough else MOVE_TIME
         vertices = EDGES + self.held
         reach = spacing * np.arange(vertices - 1, -1, -1) - (self.half if self.clamped else 0.0)
         first, last = self.ends[0]
@@ -69,7 +73,9 @@ class Rope:
         # Arc length of each vertex; clamped ones lie half an edge before and behind the end.
         self.at = rod.length - reach
         self.arc_length = np.concatenate([[0.0], self.at[1:-1], [rod.length]])
-        self.model = mujoco.MjModel.from_xml_string(_xml(rod, self.straight, diameter, self.held))
+        self.model = mujoco.MjModel.from_xml_string(
+            _xml(rod, self.straight, diameter, self.held, rough)
+        )
         self._weigh(rod, spacing)
         self._stiffen(rod)
         self.model.dof_armature[: 3 * self.held] = 1e3  # the rope cannot push what leads it
@@ -105,7 +111,7 @@ class Rope:
 
     def rest(self, pose: tuple[Array, Array], told: str = "its first pose") -> Array:
         """The same with end 0 at a place (3,) [m], facing a direction (3,)."""
-        self._lead(pose, MOVE_TIME)
+        self._lead(pose, self.move_time)
         free = slice(3 * self.held, 3 * (len(self.at) - self.held))
         calm = 0
         for step in range(round(MOST_TIME / TIMESTEP)):
@@ -201,28 +207,31 @@ class Rope:
         ]
 
 
-def _xml(rod: Rod, points: Array, diameter: float, held: int) -> str:
+def _xml(rod: Rod, points: Array, diameter: float, held: int, rough: float) -> str:
     """MJCF of the rope, straight through `points` (n, 3) [m], and of what it may touch."""
+    # Friction is a soft constraint that creeps: the less, the harder it is against the normal one.
+    solver = f'cone="elliptic" impratio="{HARDER}"' if rough else ""
+    rubs = f'condim="3" friction="{rough:.6g} 0.005 0.0001"' if rough else 'condim="1"'
     radius = 0.5 * diameter
     young = rod.bending / (0.25 * np.pi * radius**4)  # Pa, so that E I = EI
     gravity = " ".join(f"{value:.9g}" for value in rod.gravity)
     point = " ".join(f"{value:.12g}" for value in points.ravel())
     element = " ".join(f"{i} {i + 1}" for i in range(len(points) - 1))
     pins = " ".join(str(i) for i in range(len(points) - held, len(points)))
-    touched = "".join(_geom(one, radius) for one in rod.fields)
+    touched = "".join(_geom(one, radius, rubs) for one in rod.fields)
     contact = 1 if rod.fields else 0
     mass = rod.density * rod.length / EDGES * len(points)
     # The default edge equality is soft enough to stretch a hanging rope by several per cent.
     return f"""
 <mujoco>
-  <option integrator="discrete" timestep="{TIMESTEP}" gravity="{gravity}"/>
+  <option integrator="discrete" timestep="{TIMESTEP}" gravity="{gravity}" {solver}/>
   <worldbody>
     {touched}
     <flexcomp name="rope" type="direct" dim="1" mass="{mass:.12g}" radius="{radius:.9g}"
               point="{point}" element="{element}">
       <edge equality="true" solref="0.002 1" solimp="0.9999 0.9999 0.001"/>
       <elasticity young="{young:.12g}" poisson="0.3"/>
-      <contact contype="{contact}" conaffinity="{contact}" condim="1" selfcollide="none"
+      <contact contype="{contact}" conaffinity="{contact}" {rubs} selfcollide="none"
                solref="0.004 1" solimp="0.99 0.999 0.0005"/>
       <pin id="{pins}"/>
     </flexcomp>
@@ -230,7 +239,7 @@ def _xml(rod: Rod, points: Array, diameter: float, held: int) -> str:
 </mujoco>"""
 
 
-def _geom(one: Field, radius: float) -> str:
+def _geom(one: Field, radius: float, rubs: str) -> str:
     """A plane or a bar whose surface lies a radius of the rope inside the field's reach."""
     if one.kind == "plane":
         place, size, kind = one.point + (one.reach - radius) * one.axis, "5 5 0.1", "plane"
@@ -238,4 +247,4 @@ def _geom(one: Field, radius: float) -> str:
         place, size, kind = one.point, f"{one.reach - radius:.9g} {LONG_BAR / 2}", "capsule"
     where = " ".join(f"{value:.9g}" for value in place)
     axis = " ".join(f"{value:.9g}" for value in one.axis)
-    return f'<geom type="{kind}" pos="{where}" zaxis="{axis}" size="{size}" condim="1"/>'
+    return f'<geom type="{kind}" pos="{where}" zaxis="{axis}" size="{size}" {rubs}/>'

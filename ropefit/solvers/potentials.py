@@ -18,22 +18,26 @@ from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 
-ROUNDS, FIRM_ROUNDS = 40, 120
-SLOW, ALIGNED = 0.3, 0.98  # factor by which moves shrink, and how parallel: then extrapolate
-NEAR = 1e-4  # of the length: nodes that move less are where potentials may show their own curvature
+ROUNDS, CORNERED_ROUNDS = 40, 120
+SHARES, SHORTEST = 17, 0.01  # of a step: how many are tried, and the least
 LIMIT = 60  # Newton steps of one round
 SOFTER = (0.003, 0.03, 0.3, 1.0)  # of the hardness, one after the other
 STILL = 1e-9  # of the length: nodes that move less have arrived
 
 
 @torch.enable_grad()  # also where a caller wants no gradients of its own
-def force_and_stiffness(potentials: tuple[Potential, ...], x: Tensor) -> tuple[Tensor, Tensor]:
-    """-dV/dx (F, K, 3) [N] and d²V/dx² (F, K, 3, 3) [N/m] at nodes x (F, K, 3)."""
+def force_and_stiffness(
+    potentials: tuple[Potential, ...], x: Tensor, stiff: bool = True
+) -> tuple[Tensor, Tensor]:
+    """-dV/dx (F, K, 3) [N] and d²V/dx² (F, K, 3, 3) [N/m] at nodes x (F, K, 3); the second only
+    where it is asked for."""
     x = x.detach().requires_grad_()
     total = torch.zeros((), dtype=x.dtype)
     for p in potentials:
         total = total + (p.share.detach() * p.energy(x)).sum()
-    (slope,) = torch.autograd.grad(total, x, create_graph=True)
+    (slope,) = torch.autograd.grad(total, x, create_graph=stiff)
+    if not stiff:
+        return -slope, torch.empty(0)
     rows = []
     for a in range(3):
         if slope.requires_grad:
@@ -80,20 +84,18 @@ def _settle(
     current: Solution,
     still: float,
 ) -> tuple[Solution, Conditions, Rod]:
-    """Replace the potentials by supports until no node moves by more than `still` [m]."""
+    """Replace the potentials by supports until no node moves by more than `still` [m].
+
+    Where the slope of a potential has corners (friction), a step goes as far along as the forces
+    drive it: that of the rod, which is known at both of its ends, and those of the potentials.
+    """
     held, rods, before = conditions, rod, current.x
     moved = np.full(len(current.x), np.inf)
     far = 3 if conditions.far_held else 0
-    firm = tuple(p if p.firm is None else p._replace(energy=p.firm) for p in potentials)
-    careful = any(p.firm is not None for p in potentials)
-    near, bold = NEAR * float(rod.length.detach().sum(-1).max()), not careful
-    ahead, last = np.zeros_like(before), None
-    for round_ in range(FIRM_ROUNDS if careful else ROUNDS):
-        # Contact that opens and closes in turn: go half the way.
-        half = not careful and round_ >= ROUNDS // 3
-        before = 0.5 * (current.x + before) if half else current.x + ahead
+    cornered, own = any(p.cornered for p in potentials), None
+    for round_ in range(CORNERED_ROUNDS if cornered else ROUNDS):
         x = torch.from_numpy(before)
-        force, stiffness = force_and_stiffness(potentials if bold else firm, x)
+        force, stiffness = force_and_stiffness(potentials, x)
         held, load, reaction = _supports(conditions, x, force, stiffness)
         guess = Solution(
             current.q, current.x, current.force,
@@ -105,31 +107,47 @@ def _settle(
             rods = rod.each(len(x))
             rods = rods._replace(load=rods.load + load)
         current = solve(rods, held, guess, limit=LIMIT)
-        moved = np.abs(current.x - before).max(axis=(1, 2))
+        step = current.x - before
+        moved = np.abs(step).max(axis=(1, 2))
         if not np.isfinite(moved).all() or moved.max() < still:
             break
-        if careful:
-            if bold and moved.max() > near:
-                near *= 0.1  # their own curvature led away
-            bold = bool(moved.max() < near)
-            ahead, last = _extrapolated(last, current.x - before)
+        if cornered:
+            # At the new nodes the rod balances the force as it was replaced.
+            new = np.einsum("fnab,fnb->fna", stiffness.numpy(), step) - force.numpy()
+            share = np.ones(len(step)) if own is None else _share(potentials, x, step, own, new)
+            share = share[:, None, None]
+            own = new if own is None else (1 - share) * own + share * new
+            before = before + share * step
+        else:  # contact that opens and closes in turn: go half the way
+            half = round_ >= ROUNDS // 3 - 1
+            before = before + (0.5 if half else 1.0) * step
     late = current.converged & ~(moved < 1e3 * still)
     current.status[late] = kernels.LIMIT
     return current, held, rods
 
 
-def _extrapolated(
-    last: np.ndarray | None, move: np.ndarray
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Where moves that shrink, or swing, by a constant factor lead to, and the move to compare the
-    next with (Aitken's delta squared process)."""
-    if last is not None:
-        along = float((last * move).sum())
-        factor = along / float((last**2).sum())
-        straight = abs(along) > ALIGNED * np.linalg.norm(last) * np.linalg.norm(move)
-        if straight and abs(factor) > SLOW and factor < 1 - 1e-3:
-            return factor / (1 - factor) * move, None
-    return np.zeros_like(move), move
+def _share(
+    potentials: tuple[Potential, ...], x: Tensor, step: np.ndarray, old: np.ndarray, new: np.ndarray
+) -> np.ndarray:
+    """(F,) of a step (F, K, 3) [m] from nodes x, at which nothing drives further along it.
+
+    old, new (F, K, 3) [N]: the rod's own force at its ends.
+    """
+    at = torch.linspace(0.0, 1.0, SHARES, dtype=x.dtype)
+    places = x + at[:, None, None, None] * torch.from_numpy(step)
+    force = force_and_stiffness(potentials, places, stiff=False)[0].numpy()
+    along = np.einsum("sfna,fna->sf", force, step)
+    ends = (np.einsum("fna,fna->f", own, step) for own in (old, new))
+    first, last = ends
+    along += first + at.numpy()[:, None] * (last - first)
+    out = np.ones(len(step))
+    for f, drive in enumerate(along.T):
+        back = np.flatnonzero(drive[1:] < 0)
+        if len(back) and drive[0] > 0:
+            k = int(back[0])
+            part = drive[k] / (drive[k] - drive[k + 1]) if drive[k] > 0 else 0.0
+            out[f] = max((k + part) / (SHARES - 1), SHORTEST)
+    return out
 
 
 def _supports(
