@@ -109,8 +109,8 @@ def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0
     """All calibration errors as nuisances.
 
     shared: data and ends come from the same sensor, whose errors then turn and shift both alike
-    (the rest of it is the error of gravity), and whose clock is one. surface [m]: one sigma of how far the points lie in
-    front of the rope's axis, besides what preprocess corrected.
+    (the rest of it is the error of gravity), and whose clock is one. surface [m]: one sigma of how
+    far the points lie in front of the rope's axis, besides what preprocess corrected.
     """
     d, m = DEGREE, "m"
     terms = []
