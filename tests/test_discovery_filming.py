@@ -19,7 +19,7 @@ from ropefit.solvers.dynamics import Drive, Start, solve
 from ropefit.solvers.equilibrium import solve as settle
 
 pytest.importorskip("mujoco")
-SEGMENTS, STEP = 60, 0.0025
+SEGMENTS, STEP = 60, 0.005
 
 
 @pytest.fixture(scope="module")
