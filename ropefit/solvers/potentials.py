@@ -137,8 +137,7 @@ def _share(
     places = x + at[:, None, None, None] * torch.from_numpy(step)
     force = force_and_stiffness(potentials, places, stiff=False)[0].numpy()
     along = np.einsum("sfna,fna->sf", force, step)
-    ends = (np.einsum("fna,fna->f", own, step) for own in (old, new))
-    first, last = ends
+    first, last = (np.einsum("fna,fna->f", own, step) for own in (old, new))
     along += first + at.numpy()[:, None] * (last - first)
     out = np.ones(len(step))
     for f, drive in enumerate(along.T):
