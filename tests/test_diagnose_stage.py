@@ -1,7 +1,12 @@
 """diagnose through real processes on a sample: the artifact, the fixed JSON, report and export."""
 
 import json
+from types import SimpleNamespace
 
+import pytest
+
+from ropefit.inference.noise import Noise
+from ropefit.stages.diagnose import with_what_is_missed
 from tests.conftest import ROOT
 
 
@@ -49,3 +54,15 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     assert "At rest in mujoco 4" not in (run / "report.html").read_text()
     refused = ropefit("diagnose", "--run", str(run), code=2)
     assert "equilibrium" in refused.stderr
+
+
+def test_what_another_runs_rope_misses_is_noise_here():
+    def told(source: str, recording: str, rms: float, sd: float = 1e-3) -> float:
+        o = SimpleNamespace(source=source, recording=recording)
+        run = SimpleNamespace(recording="was", nominal=SimpleNamespace(rms_fit=rms))
+        return with_what_is_missed(Noise(marker=sd), run, o).marker  # pyright: ignore[reportArgumentType]
+
+    assert told("markers", "changed", 0.03) == pytest.approx(0.03 / 3**0.5)
+    assert told("markers", "changed", 0.001) == 1e-3
+    assert told("markers", "was", 0.03) == 1e-3  # its own misfit is what is to be explained
+    assert told("cloud", "changed", 0.03) == 1e-3

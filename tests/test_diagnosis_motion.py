@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -13,10 +15,11 @@ from ropefit.inference.diagnosis.weigh import fit_rival
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Noise, fit
 from ropefit.inference.stations import Data
-from ropefit.inference.terms import rope_term, set_bend
+from ropefit.inference.terms import Priors, calibration, rope_term, set_bend
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
+from ropefit.stages.motion_of import motion_of
 
 FRAMES, SEGMENTS, EI = 8, 40, 0.02
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
@@ -43,6 +46,41 @@ def shaken():
     share = np.broadcast_to(nodes / SEGMENTS, points.shape[:2])
     mask = np.ones(points.shape[:2], dtype=bool)
     return moving, Data(points, share.copy(), mask, True, np.array([0.0, -2, 0]))
+
+
+def test_motion_is_seen_in_clouds_of_which_stretches_are_hidden():
+    time, arc = 0.03 * np.arange(20), np.linspace(0, 1, 21)
+    shape = np.stack([arc, 0 * arc, -0.2 * np.sin(np.pi * arc)], axis=-1)
+    line = shape + np.array([0.0, 1.0, 0.0]) * time[:, None, None] ** 2
+    ends = line[:, [0, -1]].copy()
+    line[::2, 5:8] = np.nan
+    line[3, :2] = np.nan
+    o = SimpleNamespace(
+        source="cloud", frames=np.arange(20), time=time, centreline=line, node_arc=arc, length=1.0,
+        end_position=ends, end_orientation=np.full((20, 2, 4), np.nan),
+        gravity=np.array([0.0, 0.0, -9.81]),
+    )  # fmt: skip
+    found = motion_of(o, arc)  # pyright: ignore[reportArgumentType]
+    assert found is not None
+    np.testing.assert_allclose(found.acceleration[..., 1], 2.0, atol=1e-6)
+    np.testing.assert_allclose(found.acceleration[..., 2], 0.0, atol=0.1)
+    line[4, 3:] = np.nan
+    assert motion_of(o, arc) is None  # pyright: ignore[reportArgumentType]
+
+
+def test_the_grippers_clock_is_an_error_of_the_set_up_wherever_the_ends_move():
+    setup, _ = shaken()
+    assert setup.motion is not None
+    moving = setup._replace(
+        motion=setup.motion._replace(end_velocity=setup.motion.end_velocity + 1)
+    )
+    known = Priors(time_lag=0.004)
+    (clock,) = (t for t in calibration(moving, known, False) if t.name == "clock")
+    np.testing.assert_allclose(clock.prior, 0.004)
+    late = clock.apply(moving, torch.tensor([0.01], dtype=torch.float64))
+    np.testing.assert_allclose(late.ends - moving.ends, 0.01)
+    for still, shared in ((setup, False), (moving, True), (moving._replace(motion=None), False)):
+        assert all(t.name != "clock" for t in calibration(still, known, shared))
 
 
 def test_inertia_is_found_from_a_rigid_model():

@@ -206,6 +206,21 @@ def test_stiff_against_stretch_at_ten_milliseconds():
     assert np.abs(found[0] - found[1]).max() < 2e-3
 
 
+def test_a_pinned_rope_swung_in_space_is_stepped_quickly():
+    """Nothing holds its spin: rounding must not be taken for it."""
+    p = uniform(length=1.0, segments=60, bend=3e-4, density=0.05)
+    time = torch.arange(200, dtype=torch.float64) * 0.01
+    slow = 0.2 * time**3
+    moving = torch.stack([0.1 * torch.sin(slow), 0.6 + 0.2 * torch.cos(slow), 0.1 * slow], dim=-1)
+    path = torch.stack([moving, torch.zeros_like(moving)], dim=1)[None]
+    clamp = torch.full((1, 200, 2, 4), torch.nan, dtype=torch.float64)
+    still = settle(build(p, DOWN, (False, False)), Conditions(path[:, 0], clamp[:, 0]))
+    x = torch.from_numpy(still.x)
+    start = Start(x, torch.from_numpy(still.q), torch.zeros_like(x))
+    found = stepped(rope(p, air=0.05), Drive(time[None], path, clamp), start)
+    assert found.iterations.max() <= 5
+
+
 def test_what_cannot_be_stepped_is_said():
     """Ends pulled further apart than the rope is long."""
     p = uniform(length=1.0, segments=6, bend=1e-3)

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.discovery import falsified, worked
-from benchmarks.discovery.cases import Case, generate, listed
-from benchmarks.discovery.run import diagnose, kept
+from benchmarks.discovery.cases import Case, at_rest, generate, listed
+from benchmarks.discovery.run import diagnose, identified, kept
 from benchmarks.discovery.score import judged, rows
 from benchmarks.discovery.table import markdown
 from benchmarks.document import parser, publish
@@ -81,10 +81,15 @@ def one(case: Case, out: Path, make_only: bool, score_only: bool) -> dict[str, A
     print(f"{case.name}: made in {time.perf_counter() - start:.0f} s", flush=True)
     if make_only:
         return None
-    result = kept(
-        stored,
-        lambda: diagnose(recordings / case.name, out / "runs" / case.name, case.preprocess),
-    )
+    nominal = None
+    if case.nominal:
+        nominal = out / "runs" / at_rest(case)
+        kept(
+            results / f"{at_rest(case)}.json",
+            lambda: identified(recordings / at_rest(case), nominal),
+        )
+    run = out / "runs" / case.name
+    result = kept(stored, lambda: diagnose(recordings / case.name, run, case.preprocess, nominal))
     return judged(falsified.read(truths / f"{case.name}.json"), result)
 
 

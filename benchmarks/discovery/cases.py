@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.discovery import make
+from benchmarks.discovery import made, make
 from benchmarks.discovery.collocation import NotConverged
 from benchmarks.discovery.concealed import (
     MEASUREMENT,
@@ -20,6 +20,8 @@ from benchmarks.discovery.concealed import (
 
 SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
 SEEN = (12.0, 30.0, 100.0)  # of ropes that remember
+MOVING = (30.0, 100.0)  # of ropes that are filmed in motion
+IN_MOTION = ("inertia", "damping", "time_lag")
 # Effects that MuJoCo's rope can have as well: about half of their recordings are made by it.
 IN_MUJOCO = (
     "point_mass", "mass_section", "stiff_section", "soft_section", "distributed_load", "tether",
@@ -41,6 +43,9 @@ class Case:
     clamped: bool = False
     calibration: bool = False
     simulator: str = "elastica"  # or mujoco
+    filmed: bool = False  # in motion
+    nominal: bool = False  # and recorded at rest as well, for `--nominal`
+    dragged: bool = False  # over a rough table
     preprocess: tuple[str, ...] = field(default=())  # further options of the command
 
 
@@ -57,9 +62,10 @@ def listed(size: str, seed: int = 5) -> list[Case]:
         own = group in ("clean", "single") and shared and (index // 4) % often == 1
         own = own and not (clamped and set(effects) & {"support_plane", "obstacle"})
         own = own and not (clamped and calibration)  # its far clamp never turns
+        only = "filmed" in more or "dragged" in more
         number = int(rng.integers(2**31))
         case = Case(f"{label}-{index:03d}", group, number, effects, score, clamped, calibration,
-                    "mujoco" if own else "elastica", **more)  # fmt: skip
+                    "mujoco" if own or only else "elastica", **more)  # fmt: skip
         cases.append(case)
 
     counts = {"small": (2, 1, 1, 1, 1), "standard": (20, 10, 2, 4, 2), "full": (300, 20, 2, 10, 4)}
@@ -100,6 +106,12 @@ def listed(size: str, seed: int = 5) -> list[Case]:
     for k, name in enumerate(REMEMBERING):
         for i, score in enumerate({"small": (30.0,), "standard": SEEN}.get(size, SCORES)):
             add("single", i + k, (name,), score)
+    for k, name in enumerate(IN_MOTION):
+        for i, score in enumerate({"small": (100.0,), "standard": MOVING}.get(size, 2 * MOVING)):
+            known = (i + k) % 2 == 0
+            add("single", i + 2 * k, (name,), score, filmed=True, nominal=known)
+    for i in range({"small": 0, "standard": 2}.get(size, 4)):
+        add("pair", 2 * i, ("support_plane", "contact_friction"), dragged=True)
     return cases
 
 
@@ -115,13 +127,41 @@ def generate(case: Case, recordings: Path, truths: Path) -> str | None:
     for attempt in range(ATTEMPTS):
         seed = case.seed + attempt
         try:
-            made = make.make(
-                list(case.effects), [case.score] * len(case.effects), seed, case.clamped,
-                case.calibration, case.simulator,
-            )  # fmt: skip
+            if case.filmed:
+                _film(case, seed, recordings, truths)
+                return None
+            found = _dragged(case, seed) if case.dragged else _posed(case, seed)
         except (make.Implausible, NotConverged, np.linalg.LinAlgError, RuntimeError) as error:
             why = f"{type(error).__name__}: {error}"
             continue
-        make.write(recordings / case.name, truth, case.name, made, seed, case.group)
+        made.write(recordings / case.name, truth, case.name, found, seed, case.group)
         return None
     return why
+
+
+def at_rest(case: Case) -> str:
+    """The name of the recording of a filmed rope at rest."""
+    return f"{case.name}-still"
+
+
+def _posed(case: Case, seed: int) -> made.Made:
+    return make.make(
+        list(case.effects), [case.score] * len(case.effects), seed, case.clamped,
+        case.calibration, case.simulator,
+    )  # fmt: skip
+
+
+def _dragged(case: Case, seed: int) -> made.Made:
+    from benchmarks.discovery import dragging  # needs MuJoCo
+
+    return dragging.make(seed, case.calibration)
+
+
+def _film(case: Case, seed: int, recordings: Path, truths: Path) -> None:
+    """A recording in motion, and one of the same rope at rest if that is to be known."""
+    from benchmarks.discovery import filming  # needs MuJoCo
+
+    moving, still = filming.make(case.effects[0], case.score, seed, case.clamped, case.calibration)
+    names = {case.name: moving} | ({at_rest(case): still} if case.nominal else {})
+    for k, (name, found) in enumerate(reversed(names.items())):
+        made.write(recordings / name, truths / f"{name}.json", name, found, seed + k, case.group)

@@ -1,15 +1,11 @@
-"""One case: what is concealed, how large, the recording and the truth."""
+"""One case: what is concealed, how large, and what the rope then looks like."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.discovery import clouds
 from benchmarks.discovery.collocation import NotConverged, solve
 from benchmarks.discovery.concealed import (
     MEASUREMENT,
@@ -21,18 +17,9 @@ from benchmarks.discovery.concealed import (
     Concealed,
 )
 from benchmarks.discovery.elastica import CLAMPED, hang, problem
+from benchmarks.discovery.made import Made, Sized
 from benchmarks.discovery.rod_equations import Array, rotation
-from benchmarks.discovery.setting import (
-    END_NOISE,
-    INTERVAL,
-    TILT_NOISE,
-    Setting,
-    World,
-    draw,
-    grasped,
-    miscalibrated,
-)
-from benchmarks.discovery.setting import turned as turned_clamps
+from benchmarks.discovery.setting import Setting, draw, grasped, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
 
 CATALOGUE = PHYSICS | REMEMBERING | MEASUREMENT | UNKNOWN
@@ -42,36 +29,10 @@ class Implausible(RuntimeError):
     """The wanted score needs a size that no rope has."""
 
 
-@dataclass(frozen=True)
-class Sized:
-    """A concealed effect at its size, with the score that it has on its own.
-
-    `frames` are those whose shape it moves by 0.1 mm somewhere: a contact acts in few.
-    """
-
-    effect: Concealed
-    size: float
-    score: float
-    frames: list[int]
-
-
 def moved_frames(setting: Setting, states: Array) -> list[int]:
     """Frames with a shape (of T, N + 1, 13) that differs from the setting's."""
     change = np.linalg.norm(states[..., :3] - setting.states[..., :3], axis=-1).max(axis=1)
     return np.flatnonzero(change > 1e-4).tolist()
-
-
-@dataclass(frozen=True)
-class Made:
-    """A solved case: centrelines (T, n, 3) [m] and their derivatives at arc lengths (n,) [m]."""
-
-    setting: Setting
-    world: World
-    sized: list[Sized]
-    arc_length: Array
-    nodes: Array
-    tangents: Array
-    simulator: str
 
 
 def at_score(
@@ -182,62 +143,3 @@ def make(
     tension = (states[..., 7:10] * direction).sum(-1, keepdims=True)
     tangents = (1 + world.rod.compliance * tension) * direction
     return Made(setting, world, sized, goal.mesh, states[..., :3], tangents, simulator)
-
-
-def write(
-    folder: Path, truth_file: Path, name: str, made: Made, seed: int, group: str
-) -> dict[str, Any]:
-    """The recording and, elsewhere, its truth."""
-    setting, world = made.setting, made.world
-    rng = np.random.default_rng([seed, 1])
-    radius, sensor = 0.5 * setting.diameter, setting.sensor
-    frames = []
-    for nodes, tangents, ends in zip(made.nodes, made.tangents, world.held.positions, strict=True):
-        points = clouds.surface(nodes, tangents, made.arc_length, radius, sensor, rng)
-        frames.append(clouds.observe(points, ends, world.seen, sensor, rng))
-    held, orientations = setting.held, None
-    positions = held.positions + END_NOISE * rng.standard_normal(held.positions.shape)
-    if world.seen.ends_too:
-        view = np.asarray(sensor.viewpoint)
-        positions = view + (1 + world.seen.scale) * (positions - view)
-    if held.kinds[0] == CLAMPED:
-        parts = [
-            turned_clamps(
-                replace(held, orientations=held.orientations[t : t + 1]),
-                TILT_NOISE * rng.standard_normal((2, 3)),
-            ).orientations
-            for t in range(len(positions))
-        ]
-        orientations = np.concatenate(parts)
-    rod = setting.rod
-    told = clouds.Told(name, rod.gravity, rod.length, setting.diameter, rod.density * rod.length,
-                       positions, orientations, INTERVAL)  # fmt: skip
-    clouds.write(folder, told, frames, sensor)
-    truth = {
-        "name": name,
-        "group": group,
-        "effects": [
-            {
-                "name": one.effect.name,
-                "kind": one.effect.kind,
-                "arc_length_m": one.effect.place,
-                "parameter": one.effect.parameter,
-                "unit": one.effect.unit,
-                "value": one.effect.reported(one.size),
-                "score": one.score,
-                "frames": one.frames,
-            }
-            for one in made.sized
-        ],
-        "simulator": made.simulator,
-        "calibration_errors": bool(any(world.seen.rotation)),
-        "clamped": held.kinds[0] == CLAMPED,
-        "length_m": rod.length,
-        "bending_N_m2": rod.bending,
-        "stiffness": rod.bending / (rod.density * 9.81 * rod.length**3),
-        "noise_m": sensor.noise,
-        "frames": len(frames),
-    }
-    truth_file.parent.mkdir(parents=True, exist_ok=True)
-    truth_file.write_text(json.dumps(truth, indent=1) + "\n")
-    return truth

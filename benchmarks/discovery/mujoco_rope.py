@@ -7,6 +7,7 @@ round bars (MuJoCo's own contact, without friction).  It never twists: its edges
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,17 +24,21 @@ mujoco: Any = importlib.import_module("mujoco")
 TIMESTEP = 0.001  # s
 DAMPING = 8.0  # 1/s, drag on every velocity, near critical for a metre of rope
 MOVE_TIME, FIRST_MOVE_TIME = 1.0, 4.0  # s, simulated, from one pose to the next
+SLOW_MOVE_TIME = 1.5  # s, where the way matters: drag stays a few hundredths of the weight
 REST_SPEED = 5e-5  # m/s, largest velocity of a rope at rest
 MOST_TIME = 30.0  # s, to come to rest
+HARDER = 100  # friction against normal force, as constraints
 EDGES = 120
 LONG_BAR = 5.0  # m
+STILL = (np.zeros(3), np.zeros(3))
 # One record of `flex_bending` a bend: 4 vertices, bending, two rest values, joint, twist, spare.
 RECORD, BENDING, TWISTING = 10, 4, 8
 
 
-def shapes(world: World, diameter: float) -> tuple[Array, Array]:
-    """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest."""
-    rope = _Rope(world, diameter)
+def shapes(world: World, diameter: float, rough: float = 0.0) -> tuple[Array, Array]:
+    """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest; rough: the
+    coefficient of friction on what the rope touches."""
+    rope = Rope(world, diameter, rough)
     return rope.arc_length, np.stack([rope.settled(frame) for frame in range(len(rope.ends))])
 
 
@@ -42,14 +47,14 @@ def tangents(arc_length: Array, nodes: Array) -> Array:
     return CubicSpline(arc_length, nodes, axis=1)(arc_length, 1)
 
 
-class _Rope:
+class Rope:
     """A rope whose end 1 is held by the world and whose end 0 is led from pose to pose.
 
     A clamp holds the direction of a whole edge; the clamped edges straddle the clamping points, so
     that no part of the rope between the clamps is kept from bending.
     """
 
-    def __init__(self, world: World, diameter: float):
+    def __init__(self, world: World, diameter: float, rough: float = 0.0):
         rod, held = world.rod, world.held
         self.clamped = held.kinds[0] == CLAMPED
         self.ends = held.positions
@@ -57,17 +62,20 @@ class _Rope:
         spacing = rod.length / EDGES
         self.half = 0.5 * spacing
         self.held = 2 if self.clamped else 1
+        self.move_time = SLOW_MOVE_TIME if rough else MOVE_TIME
         vertices = EDGES + self.held
         reach = spacing * np.arange(vertices - 1, -1, -1) - (self.half if self.clamped else 0.0)
         first, last = self.ends[0]
         way = (
             self.directions[0, 1] if self.clamped else (last - first) / np.linalg.norm(last - first)
         )
-        self.rest = last - np.outer(reach, way)
+        self.straight = last - np.outer(reach, way)
         # Arc length of each vertex; clamped ones lie half an edge before and behind the end.
         self.at = rod.length - reach
         self.arc_length = np.concatenate([[0.0], self.at[1:-1], [rod.length]])
-        self.model = mujoco.MjModel.from_xml_string(_xml(rod, self.rest, diameter, self.held))
+        self.model = mujoco.MjModel.from_xml_string(
+            _xml(rod, self.straight, diameter, self.held, rough)
+        )
         self._weigh(rod, spacing)
         self._stiffen(rod)
         self.model.dof_armature[: 3 * self.held] = 1e3  # the rope cannot push what leads it
@@ -77,12 +85,34 @@ class _Rope:
         self._load(rod, spacing)
         mujoco.mj_forward(self.model, self.data)
         self.now = (last - rod.length * way, way)
-        self._lead(self._pose(0), FIRST_MOVE_TIME)
+        self._lead((self.ends[0, 0], self.directions[0, 0]), FIRST_MOVE_TIME)
+
+    def filmed(
+        self, pose: Callable[[float], tuple[Array, Array]], times: Array, drag: float
+    ) -> Array:
+        """Centrelines (T, n, 3) [m] at times (T,) [s], none before 0, of the rope in motion.
+
+        pose: place (3,) [m] and direction (3,) of end 0 at a time, the first of which it rests in;
+        drag: [1/s] force against the velocity, per mass.
+        """
+        out, step = [], 0
+        for time in times:
+            while (step + 0.5) * TIMESTEP < time:
+                (place, way), (ahead, turned) = (pose((step + k) * TIMESTEP) for k in (0, 1))
+                rate = (ahead - place) / TIMESTEP, (turned - way) / TIMESTEP
+                self._step((place, way), rate, drag)
+                step += 1
+            out.append(self._nodes())
+        return np.array(out)
 
     def settled(self, frame: int) -> Array:
         """The centreline (n, 3) [m] at rest in a frame; RuntimeError if it keeps moving."""
-        self._lead(self._pose(frame), MOVE_TIME)
-        free = slice(3 * self.held, 3 * (len(self.rest) - self.held))
+        return self.rest((self.ends[frame, 0], self.directions[frame, 0]), f"frame {frame}")
+
+    def rest(self, pose: tuple[Array, Array], told: str = "its first pose") -> Array:
+        """The same with end 0 at a place (3,) [m], facing a direction (3,)."""
+        self._lead(pose, self.move_time)
+        free = slice(3 * self.held, 3 * (len(self.at) - self.held))
         calm = 0
         for step in range(round(MOST_TIME / TIMESTEP)):
             self._step(self.now)
@@ -90,10 +120,7 @@ class _Rope:
                 calm = calm + 1 if np.abs(self.data.qvel[free]).max() < REST_SPEED else 0
                 if calm == 3:
                     return self._nodes()
-        raise RuntimeError(f"MuJoCo's rope does not come to rest in frame {frame}")
-
-    def _pose(self, frame: int) -> tuple[Array, Array]:
-        return self.ends[frame, 0], self.directions[frame, 0]
+        raise RuntimeError(f"MuJoCo's rope does not come to rest in {told}")
 
     def _lead(self, pose: tuple[Array, Array], seconds: float) -> None:
         start, steps = self.now, round(seconds / TIMESTEP)
@@ -105,16 +132,24 @@ class _Rope:
             self._step((place, way / np.linalg.norm(way)))
         self.now = pose
 
-    def _step(self, pose: tuple[Array, Array]) -> None:
-        place, way = pose
-        lead = place[None] + (self.half * np.outer([-1.0, 1.0], way) if self.clamped else 0.0)
+    def _step(
+        self,
+        pose: tuple[Array, Array],
+        rate: tuple[Array, Array] = STILL,
+        drag: float = DAMPING,
+    ) -> None:
         data, count = self.data, 3 * self.held
-        data.qpos[:count] = (lead - self.rest[: self.held]).ravel()
-        data.qvel[:count] = 0.0
-        data.qvel *= np.exp(-DAMPING * TIMESTEP)
+        data.qpos[:count] = (self._led(pose) - self.straight[: self.held]).ravel()
+        data.qvel *= np.exp(-drag * TIMESTEP)
+        data.qvel[:count] = self._led(rate).ravel()
         for body, spring, anchor, steady in self.tethers:
             data.xfrc_applied[body, :3] = steady + spring * (anchor - data.xpos[body])
         mujoco.mj_step(self.model, data)
+
+    def _led(self, pose: tuple[Array, Array]) -> Array:
+        """(held, 3) of the vertices that are led, or their rates."""
+        place, way = pose
+        return place[None] + (self.half * np.outer([-1.0, 1.0], way) if self.clamped else 0.0)
 
     def _nodes(self) -> Array:
         mujoco.mj_kinematics(self.model, self.data)
@@ -172,28 +207,31 @@ class _Rope:
         ]
 
 
-def _xml(rod: Rod, points: Array, diameter: float, held: int) -> str:
+def _xml(rod: Rod, points: Array, diameter: float, held: int, rough: float) -> str:
     """MJCF of the rope, straight through `points` (n, 3) [m], and of what it may touch."""
+    # Friction is a soft constraint that creeps: the less, the harder it is against the normal one.
+    solver = f'cone="elliptic" impratio="{HARDER}"' if rough else ""
+    rubs = f'condim="3" friction="{rough:.6g} 0.005 0.0001"' if rough else 'condim="1"'
     radius = 0.5 * diameter
     young = rod.bending / (0.25 * np.pi * radius**4)  # Pa, so that E I = EI
     gravity = " ".join(f"{value:.9g}" for value in rod.gravity)
     point = " ".join(f"{value:.12g}" for value in points.ravel())
     element = " ".join(f"{i} {i + 1}" for i in range(len(points) - 1))
     pins = " ".join(str(i) for i in range(len(points) - held, len(points)))
-    touched = "".join(_geom(one, radius) for one in rod.fields)
+    touched = "".join(_geom(one, radius, rubs) for one in rod.fields)
     contact = 1 if rod.fields else 0
     mass = rod.density * rod.length / EDGES * len(points)
     # The default edge equality is soft enough to stretch a hanging rope by several per cent.
     return f"""
 <mujoco>
-  <option integrator="discrete" timestep="{TIMESTEP}" gravity="{gravity}"/>
+  <option integrator="discrete" timestep="{TIMESTEP}" gravity="{gravity}" {solver}/>
   <worldbody>
     {touched}
     <flexcomp name="rope" type="direct" dim="1" mass="{mass:.12g}" radius="{radius:.9g}"
               point="{point}" element="{element}">
       <edge equality="true" solref="0.002 1" solimp="0.9999 0.9999 0.001"/>
       <elasticity young="{young:.12g}" poisson="0.3"/>
-      <contact contype="{contact}" conaffinity="{contact}" condim="1" selfcollide="none"
+      <contact contype="{contact}" conaffinity="{contact}" {rubs} selfcollide="none"
                solref="0.004 1" solimp="0.99 0.999 0.0005"/>
       <pin id="{pins}"/>
     </flexcomp>
@@ -201,7 +239,7 @@ def _xml(rod: Rod, points: Array, diameter: float, held: int) -> str:
 </mujoco>"""
 
 
-def _geom(one: Field, radius: float) -> str:
+def _geom(one: Field, radius: float, rubs: str) -> str:
     """A plane or a bar whose surface lies a radius of the rope inside the field's reach."""
     if one.kind == "plane":
         place, size, kind = one.point + (one.reach - radius) * one.axis, "5 5 0.1", "plane"
@@ -209,4 +247,4 @@ def _geom(one: Field, radius: float) -> str:
         place, size, kind = one.point, f"{one.reach - radius:.9g} {LONG_BAR / 2}", "capsule"
     where = " ".join(f"{value:.9g}" for value in place)
     axis = " ".join(f"{value:.9g}" for value in one.axis)
-    return f'<geom type="{kind}" pos="{where}" zaxis="{axis}" size="{size}" condim="1"/>'
+    return f'<geom type="{kind}" pos="{where}" zaxis="{axis}" size="{size}" {rubs}/>'

@@ -38,13 +38,22 @@ def diagnose(
     recording: Path, run: Path, preprocess: tuple[str, ...] = (), nominal: Path | None = None
 ) -> dict[str, Any]:
     """Answer, times [s] and error of the three stages on one recording."""
-    seconds: dict[str, float] = {}
-    out: dict[str, Any] = {"seconds": seconds, "answer": None, "error": None}
-    steps: list[tuple[str | Path, ...]] = [
+    return stages(
         ("preprocess", recording, "--run", run, *preprocess),
         ("identify", "--run", run),
         ("diagnose", "--run", run, *(("--nominal", nominal) if nominal else ())),
-    ]
+    )
+
+
+def identified(recording: Path, run: Path) -> dict[str, Any]:
+    """The same of a recording that is to be another's nominal model."""
+    return stages(("preprocess", recording, "--run", run), ("identify", "--run", run))
+
+
+def stages(*steps: tuple[str | Path, ...]) -> dict[str, Any]:
+    """The last answer of some commands, times [s] and the error of the first that failed."""
+    seconds: dict[str, float] = {}
+    out: dict[str, Any] = {"seconds": seconds, "answer": None, "error": None}
     for step in steps:
         start = time.perf_counter()
         try:

@@ -95,14 +95,18 @@ def motion(
 
 
 def draw(
-    clamped: bool, rng: np.random.Generator, breaks: tuple[float, ...] = (), back: bool = False
+    clamped: bool,
+    rng: np.random.Generator,
+    breaks: tuple[float, ...] = (),
+    back: bool = False,
+    count: int | None = None,
 ) -> Setting:
     """A random rope of the benchmark's range, hanging; `breaks` are fractions of its length; for
-    `back` see `motion`."""
+    `back` see `motion`; `count` of frames, else as many as a person records poses."""
     length = float(rng.uniform(0.8, 1.2))
     density = float(rng.uniform(0.03, 0.09))
     bending = float(10 ** rng.uniform(-4, np.log10(2e-3))) * density * 9.81 * length**3
-    frames = int(rng.integers(24, 37))
+    poses = int(rng.integers(24, 37))
     sensor = Sensor(
         viewpoint=(
             float(rng.uniform(-0.3, 0.3)),
@@ -114,7 +118,7 @@ def draw(
         occluded=float(rng.uniform(0.05, 0.15)),
     )
     rod = Rod(length, density, bending, GJ_TO_EI * bending)
-    held = motion(length, frames, clamped, rng, back)
+    held = motion(length, count or poses, clamped, rng, back)
     places = [part * length for part in breaks]
     rolling, states = hang(rod, held, breaks=places)
     held = grasped(held, states)

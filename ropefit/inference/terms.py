@@ -12,7 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects import DepthBias, DepthGain, EndOffset, GravityMisalignment, ScaleError
+from ropefit.effects import (
+    DepthBias,
+    DepthGain,
+    EndOffset,
+    GravityMisalignment,
+    ScaleError,
+    TimeLag,
+)
 from ropefit.effects.base import turned_clamp
 from ropefit.inference.forward import Apply, Term
 from ropefit.rod.setup import Setup
@@ -102,8 +109,8 @@ def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0
     """All calibration errors as nuisances.
 
     shared: data and ends come from the same sensor, whose errors then turn and shift both alike
-    (the rest of it is the error of gravity). surface [m]: one sigma of how far the points lie in
-    front of the rope's axis, besides what preprocess corrected.
+    (the rest of it is the error of gravity), and whose clock is one. surface [m]: one sigma of how
+    far the points lie in front of the rope's axis, besides what preprocess corrected.
     """
     d, m = DEGREE, "m"
     terms = []
@@ -117,6 +124,8 @@ def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0
             ),
             nuisance("depth_gain", ["gain"], ["1"], DepthGain().apply, [priors.depth_gain]),
         ]  # fmt: skip
+        if TimeLag().applies(setup):
+            terms.append(nuisance("clock", ["lag"], ["s"], TimeLag().apply, [priors.time_lag]))
     if surface > 0:
         terms.append(nuisance("surface", ["depth"], [m], DepthBias().apply, [surface]))
     terms += [

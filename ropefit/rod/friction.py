@@ -71,14 +71,7 @@ def potential(contact: Potential, grip: Grip) -> Potential:
         value = hardness * torch.where(length > reach, beyond, inside)
         return torch.where(grip.touched, value, 0.0)
 
-    def firm(x: Tensor) -> Tensor:
-        """A spring that bears as much where it is: a bound from above, so that every step to its
-        lowest place goes down."""
-        length, reach = lengths(x)
-        share = torch.where(length > reach, reach / length, 1.0).detach()
-        return torch.where(grip.touched, 0.5 * hardness * share * length**2, 0.0)
-
-    return Potential(energy, contact.rubbing, firm=firm)
+    return Potential(energy, contact.rubbing, cornered=True)
 
 
 def slopes(contact: Potential, grip: Grip, x: Tensor) -> tuple[Tensor, Tensor]:

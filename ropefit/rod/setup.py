@@ -61,9 +61,8 @@ class Potential(NamedTuple):
     """An energy [J] of single nodes: energy(x (..., 3)) -> (...,), times share (N+1,) per node.
 
     Smooth, or with a corner in its slope: contact, of a hardness [N/m], and perhaps with a
-    coefficient of friction, which acts on some nodes for all, by their shares `rubbing`. firm: of
-    the same slope, but never softer than it is at a distance, for energies whose own curvature
-    leads astray from afar.
+    coefficient of friction, which acts on some nodes for all, by their shares `rubbing`. cornered:
+    its slope has corners that steps towards its lowest place may leap over.
     """
 
     energy: Callable[[Tensor], Tensor]
@@ -71,7 +70,7 @@ class Potential(NamedTuple):
     hardness: Tensor | None = None
     friction: Tensor | None = None
     rubbing: Tensor | None = None
-    firm: Callable[[Tensor], Tensor] | None = None
+    cornered: bool = False
 
 
 class Motion(NamedTuple):

@@ -23,7 +23,7 @@ from ropefit.solvers.conditions import as_numpy
 from ropefit.solvers.turns import from_turn, to_turn
 
 LIMIT = 50  # iterations in one step
-GAUGE = 1e-9  # of the largest stiffness: holds a rope that is free to spin
+GAUGE, FREE_GAUGE = 1e-9, 1e-4  # of the largest stiffness: holds a rope that is free to spin
 WORDS = {
     kernels.CONVERGED: "converged",
     kernels.LIMIT: f"a step did not converge in {LIMIT} iterations: use smaller steps",
@@ -104,8 +104,10 @@ def problem_of(rope: Moving, drive: Drive, member: np.ndarray | None) -> Problem
     real = np.sqrt(np.maximum(1 - (rest**2).sum(-1, keepdims=True), 0.0))
     spins = (stiff[:, 0, 2] == 0) & (stiff[:, -1, 2] == 0) & (rest[:, :, :2] == 0).all((1, 2))
     spins &= (stiff[:, :, 0] == stiff[:, :, 1]).all(1)
-    # Small: where bending is damped, spinning is not quite free, and the matrix must be that of it.
-    gauge = np.where(spins, GAUGE * stiff.max(axis=(1, 2), initial=1e-9), 0.0)
+    # Where bending is damped, spinning is not quite free, and the matrix must be that of it; where
+    # it is free, rounding must not turn the rope by more than an iteration may.
+    small = np.where(loss.any((1, 2)), GAUGE, FREE_GAUGE)
+    gauge = np.where(spins, small * stiff.max(axis=(1, 2), initial=1e-9), 0.0)
     rods = kernels.Rod(
         length, supple, viscous, stiff, loss, np.concatenate([real, rest], -1), load, mass, air,
         gauge,

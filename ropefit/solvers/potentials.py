@@ -18,9 +18,9 @@ from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 
-ROUNDS, FIRM_ROUNDS = 40, 120
+ROUNDS, CORNERED_ROUNDS = 40, 120
+SHARES, SHORTEST = 17, 0.01  # of a step: how many are tried, and the least
 SHRINKS, MORE, LESS, LEAST = 0.7, 2.0, 0.5, 0.1  # moves that do, or not: share of them to go
-SLOW, ALIGNED = 0.3, 0.98  # factor by which moves shrink, and how parallel: then extrapolate
 NEAR = 1e-4  # of the length: nodes that move less are where potentials may show their own curvature
 LIMIT = 60  # Newton steps of one round
 SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
@@ -28,13 +28,18 @@ STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arriv
 
 
 @torch.enable_grad()  # also where a caller wants no gradients of its own
-def force_and_stiffness(potentials: tuple[Potential, ...], x: Tensor) -> tuple[Tensor, Tensor]:
-    """-dV/dx (F, K, 3) [N] and d²V/dx² (F, K, 3, 3) [N/m] at nodes x (F, K, 3)."""
+def force_and_stiffness(
+    potentials: tuple[Potential, ...], x: Tensor, stiff: bool = True
+) -> tuple[Tensor, Tensor]:
+    """-dV/dx (F, K, 3) [N] and d²V/dx² (F, K, 3, 3) [N/m] at nodes x (F, K, 3); the second only
+    where it is asked for."""
     x = x.detach().requires_grad_()
     total = torch.zeros((), dtype=x.dtype)
     for p in potentials:
         total = total + (p.share.detach() * p.energy(x)).sum()
-    (slope,) = torch.autograd.grad(total, x, create_graph=True)
+    (slope,) = torch.autograd.grad(total, x, create_graph=stiff)
+    if not stiff:
+        return -slope, torch.empty(0)
     rows = []
     for a in range(3):
         if slope.requires_grad:
@@ -81,19 +86,20 @@ def _settle(
     still: float,
 ) -> tuple[Solution, Conditions, Rod]:
     """Replace the potentials by supports until no node moves by more than `still` [m]. A frame that
-    goes astray stays where it began, marked, and stops no other."""
+    goes astray stays where it began, marked, and stops no other.
+
+    Where the slope of a potential has corners (friction), a step goes as far along as the forces
+    drive it: that of the rod, which is known at both of its ends, and those of the potentials.
+    """
     held, rods, before, began = conditions, rod, current.x, current
     moved, lost = np.full(len(current.x), np.inf), np.zeros(len(current.x), dtype=bool)
     far = 3 if conditions.far_held else 0
-    firm = tuple(p if p.firm is None else p._replace(energy=p.firm) for p in potentials)
-    careful = any(p.firm is not None for p in potentials)
-    near, bold = NEAR * float(rod.length.detach().sum(-1).max()), False
-    ahead, last = np.zeros_like(before), None
-    share = np.ones((len(before), 1, 1))
-    for _ in range(FIRM_ROUNDS if careful else ROUNDS):
-        before = current.x + ahead - (1 - share) * (current.x - before)
-        x = torch.from_numpy(np.nan_to_num(before))
-        force, stiffness = force_and_stiffness(potentials if bold else firm, x)
+    cornered, own = any(p.cornered for p in potentials), None
+    near, bold = NEAR * float(rod.length.detach().sum(-1).max()), cornered
+    share = np.ones(len(before))
+    for _ in range(CORNERED_ROUNDS if cornered else ROUNDS):
+        x = torch.from_numpy(before)
+        force, stiffness = force_and_stiffness(potentials, x)
         if not bold:
             stiffness = _pulling_back(stiffness)
         held, load, reaction = _supports(conditions, x, force, stiffness)
@@ -107,21 +113,25 @@ def _settle(
             rods = rod.each(len(x))
             rods = rods._replace(load=rods.load + load)
         current = solve(rods, held, guess, limit=LIMIT)
-        earlier, moved = moved, np.abs(current.x - before).max(axis=(1, 2))
+        step = current.x - before
+        earlier, moved = moved, np.abs(step).max(axis=(1, 2))
         lost |= ~np.isfinite(moved)
         current.put(lost, began, lost)
-        moved[lost] = 0.0
-        if not careful:  # contact that opens and closes in turn: go a part of the way
-            calm = moved < SHRINKS * earlier
-            factor = np.where(calm, MORE, LESS)[:, None, None]
-            share = np.clip(factor * share, LEAST, 1.0)
+        moved[lost], step[lost] = 0.0, 0.0
         if bold and moved.max() < still:
             break
-        if bold and moved.max() > near:
-            near *= 0.1  # their own curvature led away
-        bold = bool(moved.max() < near)
-        if careful:
-            ahead, last = _extrapolated(last, np.where(lost[:, None, None], 0, current.x - before))
+        if cornered:
+            # At the new nodes the rod balances the force as it was replaced.
+            new = np.einsum("fnab,fnb->fna", stiffness.numpy(), step) - force.numpy()
+            share = np.ones(len(step)) if own is None else _share(potentials, x, step, own, new)
+            part = share[:, None, None]
+            own = new if own is None else (1 - part) * own + part * new
+        else:  # contact that opens and closes in turn: go a part of the way
+            share = np.clip(np.where(moved < SHRINKS * earlier, MORE, LESS) * share, LEAST, 1.0)
+            if bold and moved.max() > near:
+                near *= 0.1  # their own curvature led away
+            bold = bool(moved.max() < near)
+        before = before + share[:, None, None] * step
     late = lost | (current.converged & ~(moved < 1e3 * still))
     current.status[late] = kernels.LIMIT
     return current, held, rods
@@ -135,18 +145,27 @@ def _pulling_back(stiffness: Tensor) -> Tensor:
     return (vectors * values.clamp_min(0.0)[..., None, :]) @ vectors.transpose(-1, -2)
 
 
-def _extrapolated(
-    last: np.ndarray | None, move: np.ndarray
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Where moves that shrink, or swing, by a constant factor lead to, and the move to compare the
-    next with (Aitken's delta squared process)."""
-    if last is not None:
-        along = float((last * move).sum())
-        factor = along / float((last**2).sum())
-        straight = abs(along) > ALIGNED * np.linalg.norm(last) * np.linalg.norm(move)
-        if straight and abs(factor) > SLOW and factor < 1 - 1e-3:
-            return factor / (1 - factor) * move, None
-    return np.zeros_like(move), move
+def _share(
+    potentials: tuple[Potential, ...], x: Tensor, step: np.ndarray, old: np.ndarray, new: np.ndarray
+) -> np.ndarray:
+    """(F,) of a step (F, K, 3) [m] from nodes x, at which nothing drives further along it.
+
+    old, new (F, K, 3) [N]: the rod's own force at its ends.
+    """
+    at = torch.linspace(0.0, 1.0, SHARES, dtype=x.dtype)
+    places = x + at[:, None, None, None] * torch.from_numpy(step)
+    force = force_and_stiffness(potentials, places, stiff=False)[0].numpy()
+    along = np.einsum("sfna,fna->sf", force, step)
+    first, last = (np.einsum("fna,fna->f", own, step) for own in (old, new))
+    along += first + at.numpy()[:, None] * (last - first)
+    out = np.ones(len(step))
+    for f, drive in enumerate(along.T):
+        back = np.flatnonzero(drive[1:] < 0)
+        if len(back) and drive[0] > 0:
+            k = int(back[0])
+            part = drive[k] / (drive[k] - drive[k + 1]) if drive[k] > 0 else 0.0
+            out[f] = max((k + part) / (SHARES - 1), SHORTEST)
+    return out
 
 
 def _supports(

@@ -74,6 +74,8 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
     source = context.external["nominal"] if settings.nominal else model
     terms, setup = nominal_terms(o, source, setup, prior=settings.nominal)
     noise = noise_of(o, data)
+    if settings.nominal:
+        noise = with_what_is_missed(noise, source, o)
     bins = BINS
     context.progress(0.02, "nominal fit")
     with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
@@ -159,6 +161,14 @@ def nominal_terms(
             term = _with_prior(term, 0.5 * (p.ci95[1] - p.ci95[0]) / INTERVAL)
         terms.append(term)
     return terms, setup
+
+
+def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
+    """The noise of markers, no smaller than what the rope of another recording misses there: it
+    will miss as much here, and that is no cause."""
+    if o.source != "markers" or source.recording == o.recording:
+        return noise
+    return replace(noise, marker=max(noise.marker, source.nominal.rms_fit / 3**0.5))
 
 
 def _with_prior(term: Term, sd: float) -> Term:

@@ -60,7 +60,7 @@ def content(
         ]
         if d.verdict != "none"
         else [],
-        "refused": d.refused,
+        "refused": d.refused + _in_part(d),
         "threshold": d.threshold,
         "noise_white": noise,
         "noise_correlated": d.noise.correlated,
@@ -90,6 +90,20 @@ def content(
         "force_evidence": d.latent.evidence,
         "force_threshold": d.latent.threshold,
     }
+
+
+def _in_part(d: engine.Diagnosis) -> list[str]:
+    """What comes nearest, where it does not explain enough to be called the cause."""
+    if d.verdict != "unknown" or not d.found:
+        return []
+    was, left = (float(f.z @ f.z) - len(f.z) for f in (d.nominal, d.final))
+    said = "; ".join(f"{i.rival.family.name}: {_sentence(i.rival)}" for i in d.found)
+    return [f"explains only {100 * (1 - left / was):.0f} % of the misfit: {said}"]
+
+
+def _sentence(rival: Rival) -> str:
+    effect = rival.family.effect
+    return effect.sentence(dict(zip(effect.names, map(float, rival.values()), strict=True)))
 
 
 def _rope(o: Observations, found: Fit) -> dict[str, Size]:
@@ -125,7 +139,7 @@ def _cause(item: engine.Found, frames: np.ndarray, length: float) -> Cause:
         log_evidence=item.evidence,
         p_value=item.p_value,
         heldout_gain=rival.gains,
-        sentence=effect.sentence(named),
+        sentence=_sentence(rival),
     )
 
 

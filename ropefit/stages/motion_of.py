@@ -13,7 +13,7 @@ from ropefit.solvers.turns import to_turn
 WINDOW = 3  # frames on either side that a parabola in time is fitted to
 SLOWEST = 0.1  # s: frames further apart than this show no motion
 JUMP = 0.05  # of the length: nodes move less than this from frame to frame, or it is no film
-FEWEST = 5  # markers that make a line
+FEWEST = 5  # markers, or nodes that were seen, that make a line
 NEAR = 1e-3  # m: a marker so close to an end is the end
 LEAST_FORCE = 1e-3  # of its weight: accelerations that matter to a rope
 
@@ -52,18 +52,18 @@ def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
 
 def centrelines(o: Observations, arc: np.ndarray) -> np.ndarray:
     """(F, N+1, 3) [m] the observed rope at arc length arc (N+1,) [m]: a spline through what was
-    seen of it, NaN in frames where that is too little."""
-    if o.source != "markers":
-        seen = np.isfinite(o.centreline).all((1, 2))
-        out = np.full((len(o.frames), len(arc), 3), np.nan)
-        out[seen] = CubicSpline(o.node_arc, o.centreline[seen], axis=1)(arc)
-        return out
+    seen of it and its held ends, NaN in frames where that is too little."""
     out = np.full((len(o.frames), len(arc), 3), np.nan)
     for t in range(len(o.frames)):
-        rows = slice(o.point_start[t], o.point_start[t + 1])
-        at, points = o.point_arc[rows], o.points[rows]
+        if o.source == "markers":
+            rows = slice(o.point_start[t], o.point_start[t + 1])
+            at, points = o.point_arc[rows], o.points[rows]
+        else:
+            seen = np.isfinite(o.centreline[t]).all(-1)
+            at, points = o.node_arc[seen], o.centreline[t, seen]
         for end, place in ((0, 0.0), (1, o.length)):
-            if np.isfinite(o.end_position[t, end]).all() and np.abs(at - place).min() > NEAR:
+            held = np.isfinite(o.end_position[t, end]).all()
+            if held and np.abs(at - place).min(initial=np.inf) > NEAR:
                 at, points = np.append(at, place), np.vstack([points, o.end_position[t, end]])
         if len(at) >= FEWEST:
             order = np.argsort(at)
