@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,9 @@ def content(
     return {
         "recording": o.recording,
         "verdict": d.verdict,
-        "causes": {f"cause_{k}": _cause(item, frames, length) for k, item in enumerate(d.found)}
+        "causes": {
+            f"cause_{k}": _cause(item, last, frames, length) for k, item in enumerate(d.found)
+        }
         if d.verdict == "found"
         else {},
         "scan": {f"{k:02d}_{s.family.name}": _candidate(s) for k, s in enumerate(d.scan)},
@@ -97,7 +100,8 @@ def _in_part(d: engine.Diagnosis) -> list[str]:
     if d.verdict != "unknown" or not d.found:
         return []
     was, left = (float(f.z @ f.z) - len(f.z) for f in (d.nominal, d.final))
-    said = "; ".join(f"{i.rival.family.name}: {_sentence(i.rival)}" for i in d.found)
+    joint = [replace(item.rival, fit=d.final) for item in d.found]
+    said = "; ".join(f"{rival.family.name}: {_sentence(rival)}" for rival in joint)
     return [f"explains only {100 * (1 - left / was):.0f} % of the misfit: {said}"]
 
 
@@ -121,8 +125,9 @@ def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     return out
 
 
-def _cause(item: engine.Found, frames: np.ndarray, length: float) -> Cause:
-    rival, effect = item.rival, item.rival.family.effect
+def _cause(item: engine.Found, last: Fit, frames: np.ndarray, length: float) -> Cause:
+    # Sizes as they are beside all that was found later.
+    rival, effect = replace(item.rival, fit=last), item.rival.family.effect
     values, sd = rival.values(), rival.sd()
     named = dict(zip(effect.names, (float(v) for v in values), strict=True))
     return Cause(
@@ -131,7 +136,7 @@ def _cause(item: engine.Found, frames: np.ndarray, length: float) -> Cause:
         variant=type(effect).__name__,
         end=effect.end if effect.locus == "end" else None,
         arc_length=_stretch(rival, named, sd, length),
-        frames=_acting(rival, frames),
+        frames=_acting(item.rival, frames),
         parameters=_sizes(rival, values, sd),
         values=values,
         value_names=list(effect.names),

@@ -34,13 +34,19 @@ class Rival:
 
     def values(self) -> np.ndarray:
         """(k + p,) in SI."""
-        return self.term.value(self.fit.point.u[-self.term.size :])
+        return self.term.value(self.fit.point.u[self._place()])
 
     def sd(self) -> np.ndarray:
         """(k + p,) in SI."""
-        return self.fit.sd()[-self.term.size :] * self.term.slope(
-            self.fit.point.u[-self.term.size :]
-        )
+        place = self._place()
+        return self.fit.sd()[place] * self.term.slope(self.fit.point.u[place])
+
+    def _place(self) -> slice:
+        """Of the family's values among the fit's, whatever was added after it."""
+        terms = self.fit.forward.terms
+        mine = next(k for k, term in enumerate(terms) if term is self.term)
+        before = sum(term.size for term in terms[:mine])
+        return slice(before, before + self.term.size)
 
 
 def fit_rival(
