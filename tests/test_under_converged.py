@@ -1,9 +1,9 @@
-"""A solver that stops early is known by the shapes that it leaves."""
+"""A solver that stops early is told from a rope that stretches, by the shapes that it leaves."""
 
 import numpy as np
 import torch
 
-from ropefit.effects import UnderConverged
+from ropefit.effects import AxialExtensibility, UnderConverged
 from ropefit.inference.diagnosis.search import search
 from ropefit.inference.forward import Forward
 from ropefit.inference.noise import Noise
@@ -11,7 +11,7 @@ from ropefit.rod.strains import straight_rest
 from ropefit.solvers.chain import Chain
 from ropefit.solvers.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, simulate
-from tests.concealed import BINS, nominal_fit, rope, scanned
+from tests.concealed import BINS, nominal_fit, recorded, rope, scanned, with_effect
 
 DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
 
@@ -51,3 +51,11 @@ def test_a_solver_that_stopped_early_is_named():
     d = search(nominal_fit(data), data, Noise(), BINS, 0, lambda share, text: None)
     assert d.verdict == "found"
     assert d.found[0].rival.family.name == "under_converged"
+
+
+def test_a_rope_that_stretches_is_no_solver_that_stopped():
+    data = recorded(with_effect(AxialExtensibility(), [0.06]), seed=1)
+    d = search(nominal_fit(data), data, Noise(), BINS, 0, lambda share, text: None)
+    rival = d.found[0].rival
+    assert rival.family.name == "axial_extensibility"
+    assert abs(rival.values()[0] - 0.06) < 4 * rival.sd()[0]
