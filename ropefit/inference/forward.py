@@ -200,10 +200,7 @@ def _settled(setup: Setup, start: Solution | None) -> tuple[Solution, Conditions
     """Equilibria of frames, each by itself, with conditions and rods as they stand there."""
     conditions, rod = Conditions(setup.ends, setup.clamp), _rod_of(setup)
     if setup.potentials:
-        found = solve_with_potentials(rod, conditions, setup.potentials, start)
-        if start is not None and not found[0].converged.all():  # from the rope that touches nothing
-            return solve_with_potentials(rod, conditions, setup.potentials)
-        return found
+        return solve_with_potentials(rod, conditions, setup.potentials, start)
     solution = solve(rod, conditions, start)
     if start is not None:
         retry = ~solution.converged | wound(conditions, solution, start)

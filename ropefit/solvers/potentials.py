@@ -62,7 +62,8 @@ def solve_with_potentials(
 
     Returns the states, and the conditions and rods with the supports and loads that stand for the
     potentials there (derivatives of the states need them). Frames that do not settle are marked.
-    A rope that does not settle is brought out of an obstacle in steps, while the obstacle hardens.
+    If any does not, all begin anew from where they would hang alone, and are brought out of the
+    obstacle in steps, while it hardens.
     """
     if start is None or not start.converged.all():
         start = solve(rod, conditions)
@@ -71,7 +72,7 @@ def solve_with_potentials(
     found = _settle(rod, conditions, potentials, start, STILL * length)
     if found[0].converged.all():
         return found
-    current = start
+    current = solve(rod, conditions)
     for share in SOFTER:
         scaled = tuple(p._replace(share=share * p.share) for p in potentials)
         current = _settle(rod, conditions, scaled, current, SOFT_STILL * length)[0]

@@ -116,10 +116,11 @@ def search(
             crowded = scan[0].log_factor > 3 * threshold
             break
         progress(0.25 + 0.2 * round_, "fits of the leaders")
-        # Contact is a force, in some frames only; its fits cost the most.
+        # Contact is a force, in some frames only.
         anything = max(latent.evidence, scan[0].log_factor) > ANYTHING or uneven(current)
-        touching = (proposals(current) if anything else []) + inertial(current)
-        rivals = _rivals(current, scan, touching, data, noise, bins, threshold)
+        touching = proposals(current) if anything else []
+        driven = inertial(current)
+        rivals = _rivals(current, scan, driven, touching, data, noise, bins, threshold)
         winner = _winner(rivals, threshold, current, refused)
         if winner is None:
             break
@@ -134,8 +135,7 @@ def search(
         data = every.settled(current.point.seen)
         current = fit(current.forward, data, noise, bins, current.point.u, 10, tolerance=1e-5)
     assert latent is not None
-    left = float(current.z @ current.z) - len(current.z)
-    was = max(float(nominal.z @ nominal.z) - len(nominal.z), 1e-9)
+    left, was = _left(current), max(_left(nominal), 1e-9)
     moving = any(f.rival.family.name == Inertia.name for f in accepted)
     # A motion is never explained down to the noise of its markers.
     explained = bool(accepted) and left <= (IN_MOTION if moving else NEGLIGIBLE) * was
@@ -172,10 +172,11 @@ def _key(family: Family) -> tuple[str, int]:
 
 
 def _rivals(
-    current: Fit, scan: list[Scored], touching: list[list[Start]], data: Data,
-    noise: Noise, bins: int, threshold: float,
+    current: Fit, scan: list[Scored], driven: list[list[Start]], touching: list[list[Start]],
+    data: Data, noise: Noise, bins: int, threshold: float,
 ) -> list[Rival]:  # fmt: skip
-    """Full fits of the families that a scan puts in front, and of contact where it was proposed."""
+    """Full fits of the families that a scan puts in front, of what motion proposes, and, unless the
+    best of these leaves next to nothing, of contact."""
     best = scan[0].log_factor
     leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * best)][:LEADERS]
     starts = [
@@ -184,20 +185,32 @@ def _rivals(
         if s.log_factor > 0.6 * threshold
         for sizes, place in s.starts()
     ]
-    starts += touching
     out: dict[tuple[str, int], Rival] = {}
-    for choices in starts:
+
+    def weigh(choices: list[Start]) -> None:
         fitted = (fit_rival(current, family, at, data, noise, bins) for family, at in choices)
         rival = next((rival for rival in fitted if rival is not None), None)
         if rival is None:
-            continue
+            return
         better = _repair(rival.fit, data, noise, bins)
         if better is not rival.fit:
             rival = fit_rival(current, rival.family, rival.values(), data, noise, bins) or rival
         key = _key(rival.family)
         if key not in out or rival.evidence > out[key].evidence:
             out[key] = rival
+
+    for choices in starts + driven:
+        weigh(choices)
+    best_fit = max(out.values(), key=lambda r: r.evidence).fit if out else None
+    if best_fit is None or _left(best_fit) > NEGLIGIBLE * _left(current) or uneven(best_fit):
+        for choices in touching:  # these cost the most
+            weigh(choices)
     return sorted(out.values(), key=lambda r: -r.evidence)
+
+
+def _left(found: Fit) -> float:
+    """χ² beyond what noise has."""
+    return float(found.z @ found.z) - len(found.z)
 
 
 def _winner(

@@ -65,7 +65,7 @@ def fit_rival(
     else:
         return None
     try:
-        most = 12 if isinstance(family.effect, ContactFriction) else 25
+        most = 12 if isinstance(family.effect, (*CONTACT, ContactFriction)) else 25
         found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
