@@ -113,13 +113,14 @@ def _sentence(rival: Rival) -> str:
 def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     """EI, GJ and length as fitted together with the causes, in the units of the model."""
     scale, out, place, sd = unit_scale(o), {}, 0, found.sd()
+    least, most = found.forward.bounds()
     for term in found.forward.terms:
         u, spread = found.point.u[place], found.quantile * sd[place]
         if term.name in scale:
             factor, unit = scale[term.name]
-            low, value, high = (
-                factor * float(term.value(np.array([u + e * spread]))[0]) for e in (-1, 0, 1)
-            )
+            # What the data do not show at all may be anything within its bounds.
+            at = np.clip([u - spread, u, u + spread], least[place], most[place])
+            low, value, high = (factor * float(term.value(at[k : k + 1])[0]) for k in range(3))
             out[term.name] = Size(value=value, unit=unit, ci95=(low, high))
         place += term.size
     return out
