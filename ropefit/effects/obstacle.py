@@ -35,7 +35,8 @@ class Obstacle(Effect):
             distance = torch.sqrt((across * across).sum(-1) + 1e-16)
             return 0.5 * hardness * torch.clamp(radius - distance, min=0.0) ** 2
 
-        share = torch.ones(setup.segments + 1, dtype=torch.float64)  # a bar is no wider than a few
+        # A bar touches few nodes: every one of them may be among these.
+        share = torch.ones(setup.segments + 1, dtype=torch.float64)
         return setup._replace(potentials=(*setup.potentials, Potential(energy, share, hardness)))
 
     def sentence(self, values: dict[str, float]) -> str:

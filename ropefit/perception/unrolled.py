@@ -105,6 +105,8 @@ def pairs(
     reach: float,
     together: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.minimum,
 ) -> Strip:
+    """Of a strip of edges, evidence `together` of the two that lie a width apart about each offset
+    of up to `reach` [px]."""
     half = round(0.5 * width / strip.step)
     found = together(np.roll(strip.evidence, half, 1), np.roll(strip.evidence, -half, 1))
     inside = np.abs(strip.offsets) <= reach + 1e-9

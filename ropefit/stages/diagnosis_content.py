@@ -99,7 +99,7 @@ def _in_part(d: engine.Diagnosis) -> list[str]:
     """What comes nearest, where it does not explain enough to be called the cause."""
     if d.verdict != "unknown" or not d.found:
         return []
-    was, left = (float(f.z @ f.z) - len(f.z) for f in (d.nominal, d.final))
+    was, left = engine.unexplained(d.nominal), engine.unexplained(d.final)
     joint = [replace(item.rival, fit=d.final) for item in d.found]
     said = "; ".join(f"{rival.family.name}: {_sentence(rival)}" for rival in joint)
     return [f"explains only {100 * (1 - left / was):.0f} % of the misfit: {said}"]
@@ -112,17 +112,16 @@ def _sentence(rival: Rival) -> str:
 
 def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     """EI, GJ and length as fitted together with the causes, in the units of the model."""
-    scale, out, place, sd = unit_scale(o), {}, 0, found.sd()
-    least, most = found.forward.bounds()
-    for term in found.forward.terms:
-        u, spread = found.point.u[place], found.quantile * sd[place]
+    scale, forward, spread = unit_scale(o), found.forward, found.quantile * found.sd()
+    u, (least, most) = found.point.u, forward.bounds()
+    # What the data do not show at all may be anything within its bounds.
+    low, high = np.clip(u - spread, least, most), np.clip(u + spread, least, most)
+    out = {}
+    for term, *parts in zip(forward.terms, *map(forward.split, (low, u, high)), strict=True):
         if term.name in scale:
             factor, unit = scale[term.name]
-            # What the data do not show at all may be anything within its bounds.
-            at = np.clip([u - spread, u, u + spread], least[place], most[place])
-            low, value, high = (factor * float(term.value(at[k : k + 1])[0]) for k in range(3))
-            out[term.name] = Size(value=value, unit=unit, ci95=(low, high))
-        place += term.size
+            bottom, value, top = (factor * float(term.value(part)[0]) for part in parts)
+            out[term.name] = Size(value=value, unit=unit, ci95=(bottom, top))
     return out
 
 

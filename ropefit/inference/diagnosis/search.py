@@ -135,7 +135,7 @@ def search(
         data = every.settled(current.point.seen)
         current = fit(current.forward, data, noise, bins, current.point.u, 10, tolerance=1e-5)
     assert latent is not None
-    left, was = _left(current), max(_left(nominal), 1e-9)
+    left, was = unexplained(current), max(unexplained(nominal), 1e-9)
     moving = any(f.rival.family.name == Inertia.name for f in accepted)
     # A motion is never explained down to the noise of its markers.
     explained = bool(accepted) and left <= (IN_MOTION if moving else NEGLIGIBLE) * was
@@ -202,13 +202,17 @@ def _rivals(
     for choices in starts + driven:
         weigh(choices)
     best_fit = max(out.values(), key=lambda r: r.evidence).fit if out else None
-    if best_fit is None or _left(best_fit) > NEGLIGIBLE * _left(current) or uneven(best_fit):
+    if (
+        best_fit is None
+        or unexplained(best_fit) > NEGLIGIBLE * unexplained(current)
+        or uneven(best_fit)
+    ):
         for choices in touching:  # these cost the most
             weigh(choices)
     return sorted(out.values(), key=lambda r: -r.evidence)
 
 
-def _left(found: Fit) -> float:
+def unexplained(found: Fit) -> float:
     """χ² beyond what noise has."""
     return float(found.z @ found.z) - len(found.z)
 

@@ -18,6 +18,7 @@ BROAD = 3.0  # usual sizes: how large an effect may well be
 ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
+SLOW = (*CONTACT, ContactFriction)  # to settle: fewer steps
 UNSEEN = 1.0  # sd that all data move by, by a factor e of a parameter
 
 
@@ -34,19 +35,17 @@ class Rival:
 
     def values(self) -> np.ndarray:
         """(k + p,) in SI."""
-        return self.term.value(self.fit.point.u[self._place()])
+        return self.term.value(self._mine(self.fit.point.u))
 
     def sd(self) -> np.ndarray:
         """(k + p,) in SI."""
-        place = self._place()
-        return self.fit.sd()[place] * self.term.slope(self.fit.point.u[place])
+        return self._mine(self.fit.sd()) * self.term.slope(self._mine(self.fit.point.u))
 
-    def _place(self) -> slice:
-        """Of the family's values among the fit's, whatever was added after it."""
-        terms = self.fit.forward.terms
-        mine = next(k for k, term in enumerate(terms) if term is self.term)
-        before = sum(term.size for term in terms[:mine])
-        return slice(before, before + self.term.size)
+    def _mine(self, u: np.ndarray) -> np.ndarray:
+        """The family's of the fit's values (P,), whatever was added after it."""
+        forward = self.fit.forward
+        parts = zip(forward.terms, forward.split(u), strict=True)
+        return next(part for term, part in parts if term is self.term)
 
 
 def fit_rival(
@@ -65,7 +64,7 @@ def fit_rival(
     else:
         return None
     try:
-        most = 12 if isinstance(family.effect, (*CONTACT, ContactFriction)) else 25
+        most = 12 if isinstance(family.effect, SLOW) else 25
         found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
