@@ -229,7 +229,7 @@ def planted(correlated: float, length: float, white: float, frames: int = 30) ->
     return Stations(
         np.repeat(np.arange(frames), BINS), np.tile(np.arange(BINS), frames), share, np.ones(many),
         residual, np.zeros((many, 2, 3)), np.zeros(many, int), np.zeros((many, 4)),
-        np.full((many, 2), white**2),
+        np.full((many, 2), white**2), np.zeros((many, 2)),
     )  # fmt: skip
 
 

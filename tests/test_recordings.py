@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ropefit.recordings.clouds import read_cloud
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.patterns import list_frames
 from ropefit.rod.quaternion import director
-from tests.conftest import SAMPLES
+from tests.conftest import ROOT, SAMPLES
 from tests.factories import (
     FRAMES,
     cloud_recording,
@@ -288,3 +289,10 @@ def test_real_recordings(real: Path, name: str, markers: int) -> None:
     assert points.shape == (markers, 3)
     assert recording.ends is not None
     assert len(fingerprint(recording)) == 64
+
+
+def test_a_signalling_nan_is_a_missing_point() -> None:
+    path = ROOT / "benchmarks" / "fuzz" / "found" / "warning-signalling-nan.pcd"
+    with warnings.catch_warnings(action="error"):
+        points = read_cloud(path)
+    assert points.shape[1] == 3

@@ -16,7 +16,16 @@ from benchmarks.discovery.clouds import Seen, mistaken
 from benchmarks.discovery.collocation import derivatives
 from benchmarks.discovery.elastica import CLAMPED, RodProblem, follow
 from benchmarks.discovery.rod_equations import Array, rotation
-from benchmarks.discovery.setting import INTERVAL, PRIORS, Setting, World, moved, turned
+from benchmarks.discovery.setting import (
+    END_NOISE,
+    INTERVAL,
+    PRIORS,
+    TILT_NOISE,
+    Setting,
+    World,
+    moved,
+    turned,
+)
 
 STRETCHES = 30
 
@@ -70,21 +79,35 @@ def meter(setting: Setting) -> Meter:
     wide = max(0.25 * setting.diameter, setting.sensor.lateral) / np.sqrt(each)
     basis = np.stack([along / deep, across / wide], axis=2)
 
-    changed, sizes = [replace(problem, rod=replace(rod, bending=rod.bending * 1.001))], [3000.0]
+    # In every frame alike: EI; gravity, the ends; how large everything is against the rope.
     small = 1e-4
+    changed, sizes = [replace(problem, rod=replace(rod, bending=rod.bending * 1.001))], [3000.0]
     for axis in np.eye(3)[:2]:
         turn = Rotation.from_rotvec(small * axis)
         tilted = replace(rod, gravity=tuple(turn.apply(rod.gravity)))
         changed.append(replace(problem, rod=tilted))
         sizes.append(PRIORS["gravity"] / small)
+    smaller = replace(held, positions=(1 - small) * held.positions)
+    changed.append(replace(problem, held=smaller))
+    sizes.append(PRIORS["scale"] / small)
+    steady, jitters = len(changed), []
     for unit in np.eye(6).reshape(6, 2, 3):
         changed.append(replace(problem, held=moved(held, small * unit)))
         sizes.append(PRIORS["end_position"] / small)
+        jitters.append(END_NOISE / PRIORS["end_position"])
         if held.kinds[0] == CLAMPED:
             changed.append(replace(problem, held=turned(held, small * unit)))
             sizes.append(PRIORS["end_orientation"] / small)
+            jitters.append(TILT_NOISE / PRIORS["end_orientation"])
     moves: Array = derivatives(problem, y, changed)[..., index, :3]
     columns: list[Array] = [size * moves[:, i] for i, size in enumerate(sizes)]
+    columns[steady - 1] += PRIORS["scale"] * points
+    # In every frame anew: the measured ends.
+    for frame in range(len(y)):
+        for column, share in zip(columns[steady : len(sizes)], jitters, strict=True):
+            alone = np.zeros_like(column)
+            alone[frame] = share * column[frame]
+            columns.append(alone)
     seens = [Seen(scale=float(np.hypot(PRIORS["scale"], PRIORS["depth_gain"])))]
     for axis in np.eye(3):
         seens.append(Seen(rotation=tuple(PRIORS["camera_rotation"] * axis)))

@@ -84,6 +84,7 @@ class Harness:
         except self.failure:
             self.refused += 1
         except Exception as error:
+            self.watch.on = False
             self._found(error, data)
         finally:
             self.watch.on = False
@@ -118,7 +119,7 @@ def slug(name: str) -> str:
 def fuzz(name: str, seconds: int, seed: int, state: Path) -> None:
     """Fuzz for some seconds; counts and findings go to the state folder. Ends the process."""
     memory = Path("/dev/shm")
-    holder = Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
+    holder = Path(tempfile.mkdtemp(prefix=slug(name), dir=memory if memory.is_dir() else None))
     tempfile.tempdir = str(holder)
     harness = Harness(name, state, holder)
     corpus = state / "corpus" / slug(name)

@@ -42,6 +42,7 @@ def _checkpoint_1(tree: Tree) -> Tree:
 
 STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
     ("ropefit-observations", 1): _as_it_is,
+    ("ropefit-observations", 2): _as_it_is,
     ("ropefit-model", 1): _model_1,
     ("ropefit-diagnosis", 1): _as_it_is,
     ("ropefit-checkpoint", 1): _checkpoint_1,

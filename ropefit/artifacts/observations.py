@@ -49,7 +49,7 @@ class Observations(Artifact):
     """Ordered points, segments, plane, ends and noise of every usable frame."""
 
     schema_name: ClassVar[str] = "ropefit-observations"
-    schema_version: ClassVar[int] = 2
+    schema_version: ClassVar[int] = 3
     file_name: ClassVar[str] = "observations.h5"
 
     recording: str
@@ -80,6 +80,8 @@ class Observations(Artifact):
     points: Annotated[np.ndarray, ArraySpec(("point", "xyz"), "m")]
     point_arc: Annotated[np.ndarray, ArraySpec(("point",), "m")]
     point_offset: Annotated[np.ndarray, ArraySpec(("point",), "m")]  # signed, out of the plane
+    # How far the visible surface of a round rope was before its axis, where the point now lies.
+    point_before: Annotated[np.ndarray, ArraySpec(("point",), "m")] | None = None
     point_start: Annotated[np.ndarray, ArraySpec(("boundary",), dtype="int64")]
     projected: bool = Field(description="points lie in the plane of gravity and the two ends")
     projection_reason: str

@@ -22,7 +22,7 @@ from ropefit.importers.markers import MarkerOptions, deliver
 
 MAX_BYTES = 2 << 30
 MEMORY, GROWTH = 2 << 30, 8  # bytes of addresses for the reader; more for each of the file's
-PATIENCE = 8.0  # s, besides what the size of the file needs; a damaged one never ends
+PATIENCE = 5.0  # s, besides what the size of the file needs; a damaged one never ends
 SPEED = 1e6  # bytes/s, slower than any machine reads
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "dm": 0.1, "in": 0.0254}
 MISSING = 7  # exit code of the other process where ezc3d is not installed

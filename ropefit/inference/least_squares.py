@@ -149,11 +149,7 @@ def fit(
     spread = max(float(z @ z) / freedom, 1e-12)
     # The residual's own size scales the data's share of the information, not the priors'.
     scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
-    current = Stations(
-        stations.frame, stations.bin, stations.share, stations.count,
-        aligned(now, stations, now.residual), stations.basis, stations.segment,
-        stations.weight, stations.scatter,
-    )  # fmt: skip
+    current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
         forward, point, current, whitener, z, jacobian, prior, np.linalg.pinv(scaled, rcond=1e-14),
         2 * float(cost), freedom, bool(status > 0), int(nfev), best["trace"].tolist(),

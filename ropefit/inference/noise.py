@@ -17,7 +17,17 @@ from ropefit.inference.stations import Stations, aligned
 FLOOR = 2e-5  # m: what a discrete rod of some eighty segments does not resolve
 LENGTHS = (0.03, 0.06, 0.12, 0.25, 0.6)  # of the rope
 RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white sd
-POSITIONS = (0.0, 5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)  # m, sd of an end in one frame
+POSITIONS = (
+    0.0,
+    5e-5,
+    1e-4,
+    1.5e-4,
+    2e-4,
+    3e-4,
+    5e-4,
+    8e-4,
+    1.2e-3,
+)  # m, sd of an end in one frame
 TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
 COST = 2.0  # nats that a further kind of noise must earn
 
@@ -52,6 +62,11 @@ class Noise:
     marker: float = 0.0
     white: tuple[float, ...] | None = None
     ends: EndNoise | None = None
+
+    @property
+    def coloured(self) -> bool:
+        """Whether it is more than white."""
+        return self.correlated > 0 or (self.ends is not None and any(self.ends.sd))
 
 
 @dataclass
@@ -96,14 +111,16 @@ class Whitener:
 def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Of each frame: its rows in (M D,), and their covariance [m²]."""
     dims = s.residual.shape[1]
-    white = s.scatter / s.count[:, None] + FLOOR**2 + noise.marker**2
-    ends = None if noise.ends is None or not any(noise.ends.sd) else noise.ends.columns(s)
+    white = s.white() + (FLOOR**2 + noise.marker**2) * np.eye(dims)
+    ends = noise.ends.columns(s) if noise.ends is not None and any(noise.ends.sd) else None
     starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
     for part in np.split(np.arange(len(s.frame)), starts[1:]):
         apart = np.abs(s.share[part, None] - s.share[None, part])
         common = noise.correlated**2 * np.exp(-apart / noise.length)
         out = np.kron(common, np.eye(dims))
-        out[np.diag_indices_from(out)] += white[part].ravel()
+        for k in range(dims):
+            for m in range(dims):
+                out[k::dims, m::dims][np.diag_indices(len(part))] += white[part, k, m]
         if ends is not None:
             own = ends[part].reshape(len(out), -1)
             out += own @ own.T
@@ -120,7 +137,7 @@ def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noi
     """
     flat = s.residual.reshape(-1)
     design = np.zeros((len(flat), 0)) if design is None else design
-    own = s.scatter / s.count[:, None] + FLOOR**2 + known.marker**2
+    own = np.diagonal(s.white(), axis1=1, axis2=2) + FLOOR**2 + known.marker**2
     typical = float(np.sqrt(np.median(own)))
 
     def worth(noise: Noise) -> float:

@@ -1,8 +1,8 @@
 """What a recording says about the rope's place, station by station along it.
 
 A cloud's points have no counterpart on the rope: only their offset across the curve counts. The
-offsets of the points that fall to the same short stretch are averaged, robustly, into one station,
-with the white noise that its points show; nothing is lost, since no shape changes within a stretch.
+points that fall to the same short stretch make one station, robustly, with the white noise that
+they show (round_surface.py); nothing is lost, since no shape changes within a stretch.
 Markers are stations as they are, in three dimensions.
 """
 
@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from ropefit.inference.round_surface import axis, information
+
 WINDOW = 0.08  # of the length: how far a point may lie from where preprocess put it
 FINE = 4  # points of the curve for every segment
-HUBER = 2.0  # sd beyond which a point counts less
 FEWEST = 3  # points of a station that say anything
 
 
@@ -26,7 +27,8 @@ class Data:
 
     material: the shares are known (markers), so that all three components count. eye (3,) [m]:
     where the sensor is. firm: every masked point counts, whatever the curve; fits that are compared
-    need the same points.
+    need the same points. before (F, P) [m]: how far the points were moved onto the axis from the
+    surface of a rope of `radius` [m]; 0 where no surface was seen.
     """
 
     points: np.ndarray
@@ -35,11 +37,14 @@ class Data:
     material: bool
     eye: np.ndarray
     firm: bool = False
+    before: np.ndarray | None = None
+    radius: float = 0.0
 
     def frames(self, index: np.ndarray) -> Data:
         return replace(
-            self, points=self.points[index], share=self.share[index], mask=self.mask[index]
-        )
+            self, points=self.points[index], share=self.share[index], mask=self.mask[index],
+            before=None if self.before is None else self.before[index],
+        )  # fmt: skip
 
     def settled(self, x: np.ndarray) -> Data:
         """Only the points that count against the curve through nodes x (F, K, 3), from now on."""
@@ -55,7 +60,8 @@ class Stations:
 
     frame, bin (M,); share (M,) of the length; count (M,) points; residual (M, D) [m] data minus
     model; basis (M, D, 3); segment (M,), weight (M, 4): the station's place is
-    Σ_k weight_k x[segment - 1 + k]; scatter (M, D) [m²] white variance of a point, pooled.
+    Σ_k weight_k x[segment - 1 + k]; scatter (M, D) [m²] white variance of a point, pooled; fall
+    (M, 2) of the points' surface (round_surface.py).
     """
 
     frame: np.ndarray
@@ -67,6 +73,16 @@ class Stations:
     segment: np.ndarray
     weight: np.ndarray
     scatter: np.ndarray
+    fall: np.ndarray
+
+    def white(self) -> np.ndarray:
+        """(M, D, D) [m²] white covariance of the stations' residuals."""
+        if self.scatter.shape[1] == 3:
+            return np.einsum("md,de->mde", self.scatter, np.eye(3)) / self.count[:, None, None]
+        side, both, deep = information(self.count, self.fall, self.scatter)
+        share = side * deep - both**2
+        rows = np.stack([deep, -both, -both, side], axis=1) / share[:, None]
+        return rows.reshape(-1, 2, 2)
 
     def places(self, x: np.ndarray) -> np.ndarray:
         """(..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3)."""
@@ -105,10 +121,12 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     kept = of[key] >= 0
     station = of[key[kept]]
     values = np.einsum("nda,na->nd", basis[station], offset[kept])
-    residual, effective, scatter = _robust_means(values, station, len(used))
+    if data.before is not None:
+        values[:, 1] -= data.before[good][kept]
+    residual, effective, scatter, fall = axis(values, station, len(used), data.radius)
     return Stations(
         frame, bin_, mean_share, effective, residual, basis, segment, weight,
-        np.broadcast_to(scatter, residual.shape).copy(),
+        np.broadcast_to(scatter, residual.shape).copy(), fall,
     )  # fmt: skip
 
 
@@ -142,8 +160,9 @@ def _markers(data: Data, x: np.ndarray) -> Stations:
     basis = np.broadcast_to(np.eye(3), (len(frame), 3, 3)).copy()
     one = np.ones(len(frame))
     return Stations(
-        frame, slot, share, one, residual, basis, segment, weight, np.zeros_like(residual)
-    )
+        frame, slot, share, one, residual, basis, segment, weight, np.zeros_like(residual),
+        np.zeros((len(frame), 2)),
+    )  # fmt: skip
 
 
 def _weights(t: np.ndarray) -> np.ndarray:
@@ -209,41 +228,6 @@ def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
     )
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     return np.stack([side, np.cross(side, tangent)], axis=1)
-
-
-def _robust_means(
-    values: np.ndarray, station: np.ndarray, stations: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Huber means (M, D) of values (N, D), effective counts (M,), pooled variance (D,)."""
-    dims = values.shape[1]
-    if stations == 0:
-        return np.zeros((0, dims)), np.zeros(0), np.zeros(dims)
-    starts = np.searchsorted(np.sort(station), np.arange(stations))
-    count = np.bincount(station, minlength=stations)
-    mean = np.empty((stations, dims))
-    for d in range(dims):
-        ordered = values[np.lexsort((values[:, d], station)), d]
-        mean[:, d] = 0.5 * (ordered[starts + (count - 1) // 2] + ordered[starts + count // 2])
-    inner = count[station] >= 5
-    if inner.sum() < 10:
-        inner = np.ones(len(station), bool)
-    weight = np.ones(len(values))
-    for _ in range(6):
-        off = values - mean[station]
-        # A mean of n points takes one n-th of the variance with it.
-        spare = np.sqrt(1 - 1 / np.maximum(count[station], 2))
-        sd = np.maximum(np.median(np.abs(off[inner] / spare[inner, None]), axis=0) / 0.6745, 1e-9)
-        size = np.sqrt(((off / sd) ** 2).sum(axis=1) / dims)
-        weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
-        total = np.bincount(station, weight, stations)
-        mean = np.stack(
-            [np.bincount(station, weight * values[:, d], stations) / total for d in range(dims)],
-            axis=1,
-        )
-    off = values - mean[station]
-    spare = 1 - 1 / np.maximum(count[station], 2)
-    pooled = (weight[:, None] ** 2 * off**2)[inner].sum(0) / (weight**2 * spare)[inner].sum()
-    return mean, total, pooled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

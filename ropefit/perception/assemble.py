@@ -113,8 +113,15 @@ def assemble(
         "noise_source": tracer.noise_source,
         "quality": np.array([trace.quality for trace in traces]),
         "depth_measured": tracer.measures_depth,
+        "point_before": _before(traces),
         **_spread(traces),
     }
+
+
+def _before(traces: list[Trace]) -> np.ndarray | None:
+    """(points,) [m] from the visible surface to the axis; None where no surface was seen."""
+    moved = [trace.before for trace in traces if trace.before is not None]
+    return np.concatenate(moved) if len(moved) == len(traces) else None
 
 
 def _spread(traces: list[Trace]) -> dict[str, Any]:

@@ -61,10 +61,12 @@ def trace_cloud(
         raise FrameRejected(f"only {len(points)} points after outlier removal")
     known = np.asarray(np.isfinite(ends).all(axis=1))
     along = _geodesic(points, ends, known)
+    moves = None
     if radius and viewpoint is not None:
         # The held ends lie on the axis: a line from there to the surface would slant.
         visible = _smooth_line(points, along, ends, np.zeros(2, dtype=bool), bins)
-        points = points + _surface_to_axis(points, visible, radius, viewpoint)
+        moves = _surface_to_axis(points, visible, radius, viewpoint)
+        points = points + moves
     line = _smooth_line(points, along, ends, known, bins)
     arc = polyline_arc(line)
     if arc[-1] <= 0:
@@ -88,6 +90,7 @@ def trace_cloud(
         length=total,
         reach=total / bins,
         traced=float(arc[-1]),
+        before=None if moves is None else np.linalg.norm(moves[order], axis=1),
     )
 
 

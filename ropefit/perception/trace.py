@@ -22,7 +22,8 @@ class Trace:
     dense;
     pixels (P, 2) with pixel_arc (P,), or None when there is no image; reach [m]: how far along the
     rope a point speaks for its neighbourhood (its sampling distance); quality 0..1: how far the
-    frame is to be trusted; traced [m]: length of the line as traced, before `length` scaled it.
+    frame is to be trusted; traced [m]: length of the line as traced, before `length` scaled it;
+    before (N,) [m]: how far the points were moved onto the axis from the visible surface.
     """
 
     points: np.ndarray
@@ -35,6 +36,7 @@ class Trace:
     pixel_arc: np.ndarray | None = None
     quality: float = 1.0
     traced: float | None = None
+    before: np.ndarray | None = None
 
 
 def polyline_arc(points: np.ndarray) -> np.ndarray:

@@ -83,7 +83,8 @@ def _compressed(path: Path, body: bytes, count: int, record: np.dtype) -> np.nda
     at, columns = 0, np.empty(count, [(axis, float) for axis in ("x", "y", "z")])
     for name in record.names or ():
         if name in ("x", "y", "z"):
-            columns[name] = np.frombuffer(data, record[name], count, at)
+            with np.errstate(all="ignore"):  # a signalling NaN becomes a quiet one
+                columns[name] = np.frombuffer(data, record[name], count, at)
         at += count * record[name].itemsize
     return columns_of(columns, ("x", "y", "z"))
 

@@ -72,7 +72,7 @@ def span_of(o: Observations) -> Span:
         first,
         last,
         setup,
-        Data(data.points, share, mask, data.material, data.eye),
+        replace(data, share=share, mask=mask),
         arc,
         lines,
     )

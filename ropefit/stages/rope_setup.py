@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -72,7 +74,12 @@ def data_in_space(o: Observations) -> Data:
     back = o.point_offset[:, None] * normal if o.projected else 0.0
     points[mask] = o.points + back
     share[mask] = o.point_arc / o.length
-    return Data(points, share, mask, o.source == "markers", o.view.pose[:3, 3].copy())
+    data = Data(points, share, mask, o.source == "markers", o.view.pose[:3, 3].copy())
+    if o.point_before is None or not o.diameter:
+        return data
+    before = np.zeros((frames, most))
+    before[mask] = o.point_before
+    return replace(data, before=before, radius=0.5 * o.diameter)
 
 
 def surface_sd(o: Observations) -> float:

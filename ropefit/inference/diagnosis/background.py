@@ -20,19 +20,24 @@ from ropefit.solvers.implicit import Directions, tangent
 
 RIDGE = 10.0  # usual sizes: effects may be as large as that
 FREE = 10.0  # search variables: how far a free parameter may be off
+SEVERAL = 3.0  # times what a fit says: effects may be as large as that
 WEAK = 1.0  # sd: what moves all stations together by less is left out
 EDGE = 8.0  # what an end's error may be multiplied by, lengths for turns
 UNUSUAL = 2.0  # times the usual mean square of a frame
 
 
-def measure(found: Fit, columns: list[Columns], noise: Noise) -> Noise:
-    """White and correlated noise of the stations of a nominal fit, and that of its ends."""
+def measure(found: Fit, columns: list[Columns], noise: Noise, moves: list[np.ndarray]) -> Noise:
+    """White and correlated noise of the stations of a nominal fit, and that of its ends.
+
+    moves: (M, D) [m] each, what else an effect may have done to the stations.
+    """
     physics = [c.values for c in columns if c.family.effect.kind == "physics"]
     steady = [RIDGE * values.reshape(len(values), -1) for values in physics]
     spread = np.where(np.isfinite(found.prior), found.prior, FREE)
     design = np.concatenate([found.jacobian * spread, *steady], axis=1)
     strength, directions = np.linalg.eigh(design.T @ design)
     design = found.whitener.undo(design @ directions[:, strength > WEAK**2])
+    design = np.column_stack([design, *(SEVERAL * move.ravel() for move in moves)])
     residual = found.whitener.undo(found.z).reshape(found.stations.residual.shape)
     every = replace(found.stations, residual=residual)
     mine = _usual_frames(every, residual)

@@ -56,7 +56,7 @@ def _planes(found: Fit) -> list[list[Start]]:
     if len(s.frame) == 0:
         return []
     height = (s.places(place) + _moves(found) - origin) @ up
-    noise = float(np.sqrt((s.scatter / s.count[:, None]).mean())) + 1e-4
+    noise = float(np.sqrt(np.trace(s.white().mean(axis=0)) / 2)) + 1e-4
     lowest = np.array(
         [height[s.frame == t].min() if (s.frame == t).any() else np.inf for t in range(len(place))]
     )
@@ -85,7 +85,7 @@ def _bars(found: Fit) -> list[list[Start]]:
         mine = s.frame == t
         if mine.sum() >= len(SMOOTH):
             lift[mine] = np.convolve(move[mine] @ up, SMOOTH, mode="same")
-    noise = float(np.sqrt((s.scatter / s.count[:, None]).sum(1).mean())) + 1e-4
+    noise = float(np.sqrt(np.trace(s.white().mean(axis=0)))) + 1e-4
     if lift.max() < LIFTED * noise * np.linalg.norm(SMOOTH):
         return []
     lifted = lift > 0.7 * lift.max()

@@ -80,8 +80,7 @@ def search(
         seen = match(data, nominal.point.seen, bins).scatter[0]
         noise = replace(noise, white=tuple(float(v) for v in seen))
         nominal = fit(nominal.forward, data, noise, bins, nominal.point.u, 5, tolerance=1e-5)
-    columns = _columns(nominal, data, bins, [])
-    noise = measure(nominal, columns, noise)
+    noise = _noise(nominal, data, noise, bins)
     start = nominal.forward
     start.last = nominal.point.solution
     nominal = fit(start, data, noise, bins, nominal.point.u, 20, tolerance=1e-5)
@@ -116,9 +115,7 @@ def search(
             crowded = scan[0].log_factor > 3 * threshold
             break
         progress(0.25 + 0.2 * round_, "fits of the leaders")
-        # Contact is a force, in some frames only.
-        anything = max(latent.evidence, scan[0].log_factor) > ANYTHING or uneven(current)
-        touching = proposals(current) if anything else []
+        touching = _touching(current, scan, latent)
         driven = inertial(current)
         rivals = _rivals(current, scan, driven, touching, data, noise, bins, threshold)
         winner = _winner(rivals, threshold, current, refused)
@@ -157,6 +154,31 @@ def _repair(found: Fit, data: Data, noise: Noise, bins: int) -> Fit:
     forward = Forward(found.forward.base, found.forward.terms, states)
     again = fit(forward, data, noise, bins, found.point.u, 20, tolerance=1e-5)
     return again if again.cost < found.cost else found
+
+
+def _noise(nominal: Fit, data: Data, noise: Noise, bins: int) -> Noise:
+    """The noise beside what effects explain, those too that no scan shows to the full (contact, a
+    rope that remembers): they would pass for noise of the ends, and then for nothing."""
+    columns = _columns(nominal, data, bins, [])
+    found = measure(nominal, columns, noise, [])
+    if not found.coloured:
+        return found
+    project, setup = Projection(nominal), nominal.point.setup
+    scan = [Scorer(c, project, c.family.scales(setup))(project.z) for c in columns]
+    scan.sort(key=lambda s: -s.log_factor)
+    latent = latent_force(nominal, project)
+    rivals = _rivals(
+        nominal, scan, inertial(nominal), _touching(nominal, scan, latent), data, noise, bins, LEAST
+    )
+    seen = nominal.stations.residual
+    moves = [seen - r.fit.stations.residual for r in rivals if r.evidence > LEAST]
+    return measure(nominal, columns, noise, moves) if moves else found
+
+
+def _touching(current: Fit, scan: list[Scored], latent: Latent) -> list[list[Start]]:
+    """What contact may have been, where anything is there at all: it is a force, in some frames."""
+    anything = max(latent.evidence, scan[0].log_factor) > ANYTHING or uneven(current)
+    return proposals(current) if anything else []
 
 
 def _columns(current: Fit, data: Data, bins: int, accepted: list[Found]) -> list[Columns]:

@@ -161,6 +161,6 @@ def heldout_rms(found: Fit, along: bool = False) -> tuple[float, float]:
         noise = float(np.sqrt(found.whitener.variance() * 3))
         return float(np.sqrt((residual**2).sum(axis=1).mean())), noise
     weight = s.count[:, None] / s.count.sum()  # by points, as if each were compared by itself
-    extra = (weight * residual**2).sum(axis=0) - white * len(s.count) / s.count.sum()
+    extra = (weight * (residual**2 - np.diagonal(s.white(), axis1=1, axis2=2))).sum(axis=0)
     noise = float(np.sqrt(white.sum()))
     return float(np.sqrt(max(white.sum() + extra.sum(), 0.0))), noise
