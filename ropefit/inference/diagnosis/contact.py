@@ -63,9 +63,7 @@ def _planes(found: Fit) -> list[list[Start]]:
     floor = float(np.quantile(lowest[np.isfinite(lowest)], 0.05))
     if model.min() > floor - DEEP * noise:
         return []
-    starts = [floor, float(np.quantile(lowest[np.isfinite(lowest)], 0.3))]
-    family = Family(SupportPlane(), NONE)
-    return [[(family, np.array([h, 0.0, 0.0]))] for h in starts]
+    return [[(Family(SupportPlane(), NONE), np.array([floor, 0.0, 0.0]))]]
 
 
 def _moves(found: Fit) -> np.ndarray:
@@ -95,7 +93,5 @@ def _bars(found: Fit) -> list[list[Start]]:
     turn = float(np.arctan2(across @ second, across @ first))
     heading = (turn + np.pi / 2) % np.pi - np.pi / 2  # an axis has no direction
     family = Family(Obstacle(), NONE)
-    return [
-        [(family, np.array([*(centre - origin - (r + d) * up), r, heading])) for d in LOWER]
-        for r in RADII
-    ]
+    lower = [(r, r + d) for r in RADII for d in LOWER]
+    return [[(family, np.array([*(centre - origin - d * up), r, heading])) for r, d in lower]]

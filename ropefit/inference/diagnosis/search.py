@@ -14,9 +14,10 @@ from ropefit.inference.diagnosis.branch_repair import repaired
 from ropefit.inference.diagnosis.columns import Columns, Responses
 from ropefit.inference.diagnosis.contact import Start, proposals, uneven
 from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
-from ropefit.inference.diagnosis.families import NARROWEST, Family, families
+from ropefit.inference.diagnosis.families import Family, families
 from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.latent import Latent, latent_force
+from ropefit.inference.diagnosis.ties import equivalents, ordered
 from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms, touches
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, fit
@@ -29,11 +30,10 @@ REPLICATES = 100
 ANYTHING = 2.0  # nats
 MOST_EFFECTS = 2  # more would explain anything: then it is unknown
 LEADERS = 6
-SET_NATS = 3.0
-SAME_SIGNAL, SAME_NATS = 0.98, 10.0  # of what the best one explains, and so little behind
 IMPLAUSIBLE = 30.0  # usual sizes: what large no rope or set-up has
 NEUTRAL = 1.0  # nats that a held-out block may gain by chance
 AT_MOST = 0.3  # of what blocks gain may others lose
+SHOWN = 0.7  # of the misfit: what a scan explains of it in one place
 IN_MOTION = 0.5  # of the first misfit: what may stay once inertia is found
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
@@ -121,8 +121,7 @@ def search(
         winner = _winner(rivals, threshold, current, refused)
         if winner is None:
             break
-        same = _equivalents(winner, rivals, current.cost)
-        winner, same = _measurement_first(*_simplest_first(winner, same))
+        winner, same = ordered(winner, equivalents(winner, rivals, current.cost))
         p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
         # What every rope in motion has explains nothing away.
@@ -166,10 +165,11 @@ def _noise(nominal: Fit, data: Data, noise: Noise, bins: int) -> Noise:
     project, setup = Projection(nominal), nominal.point.setup
     scan = [Scorer(c, project, c.family.scales(setup))(project.z) for c in columns]
     scan.sort(key=lambda s: -s.log_factor)
-    latent = latent_force(nominal, project)
-    rivals = _rivals(
-        nominal, scan, inertial(nominal), _touching(nominal, scan, latent), data, noise, bins, LEAST
-    )
+    if scan[0].score > SHOWN * unexplained(nominal):
+        return found
+    hidden = [s for s in scan if s.family.effect.shaping]
+    touching = _touching(nominal, scan, latent_force(nominal, project))
+    rivals = _rivals(nominal, hidden, [], touching, data, noise, bins, LEAST)
     seen = nominal.stations.residual
     moves = [seen - r.fit.stations.residual for r in rivals if r.evidence > LEAST]
     return measure(nominal, columns, noise, moves) if moves else found
@@ -199,7 +199,7 @@ def _rivals(
 ) -> list[Rival]:  # fmt: skip
     """Full fits of the families that a scan puts in front, of what motion proposes, and, unless the
     best of these leaves next to nothing, of contact."""
-    best = scan[0].log_factor
+    best = max((s.log_factor for s in scan), default=0.0)
     leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * best)][:LEADERS]
     starts = [
         [(s.family, np.concatenate([sizes, place]))]
@@ -270,40 +270,3 @@ def _agreeing(gains: np.ndarray) -> bool:
     """
     lost, gained = -gains[gains < 0].sum(), gains[gains > 0].sum()
     return bool((gains > NEUTRAL).sum() > 1 and lost <= AT_MOST * gained)
-
-
-def _equivalents(winner: Rival, rivals: list[Rival], before: float) -> list[Rival]:
-    """Rivals within reach of the best, or that explain nearly all that it does, and hardly worse.
-
-    before: χ² of the model without any of them.
-    """
-    out = []
-    for rival in rivals:
-        if rival is winner or rival.family.name == winner.family.name:
-            continue
-        behind = winner.evidence - rival.evidence
-        share = (before - rival.fit.cost) / max(before - winner.fit.cost, 1e-9)
-        if behind < SET_NATS or (share > SAME_SIGNAL and behind < SAME_NATS):
-            out.append(rival)
-    return out
-
-
-def _simplest_first(winner: Rival, same: list[Rival]) -> tuple[Rival, list[Rival]]:
-    """In a tie the one with the fewest values is named first (DIAGNOSIS, section 5); a stretch too
-    narrow to be resolved is a point."""
-    width = dict(zip(winner.term.names, winner.values(), strict=True)).get("width", np.inf)
-    length = float(winner.fit.forward.base.properties.length.sum())
-    reach = SAME_NATS if width < 1.5 * NARROWEST * length else SET_NATS
-    tied = [r for r in (winner, *same) if winner.evidence - r.evidence < reach]
-    first = min(tied, key=lambda r: (r.term.size, -r.evidence))
-    return first, [r for r in (winner, *same) if r is not first]
-
-
-def _measurement_first(winner: Rival, same: list[Rival]) -> tuple[Rival, list[Rival]]:
-    """If physics and measurement tie, the measurement is named first (DIAGNOSIS, section 5)."""
-    if winner.family.effect.kind == "measurement":
-        return winner, same
-    for rival in same:
-        if rival.family.effect.kind == "measurement":
-            return rival, [winner, *(r for r in same if r is not rival)]
-    return winner, same

@@ -18,7 +18,7 @@ BROAD = 3.0  # usual sizes: how large an effect may well be
 ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
-SLOW = (*CONTACT, ContactFriction)  # to settle: fewer steps
+SLOW, SOON = (*CONTACT, ContactFriction), 6  # to settle; steps in which they must gain something
 UNSEEN = 1.0  # sd that all data move by, by a factor e of a parameter
 
 
@@ -63,9 +63,12 @@ def fit_rival(
             break
     else:
         return None
+    slow = isinstance(family.effect, SLOW)
     try:
-        most = 12 if isinstance(family.effect, SLOW) else 25
-        found = fit(forward, data, noise, bins, begin, most, tolerance=1e-5)
+        found = fit(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
+        if slow and not found.converged and found.cost < smaller.cost:
+            # Contact flickers: what is left to gain is soon less.
+            found = fit(forward, data, noise, bins, found.point.u, SOON, tolerance=1e-4)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
     if not np.isfinite(found.cost) or not found.point.solution.converged.all():
