@@ -1,5 +1,6 @@
 """The diagnosis on recordings with a concealed effect: found where it is, and as large."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 import torch
 
 from ropefit.artifacts.model import Calibration
-from ropefit.effects import FreeKink, GravityMisalignment, PointMass, StiffSection
+from ropefit.effects import FreeKink, GravityMisalignment, PointMass, StiffSection, SupportPlane
+from ropefit.effects.place import middle_of
 from ropefit.errors import WrongUsage
 from ropefit.inference.diagnosis.absorbed import absorbed
 from ropefit.inference.diagnosis.background import on_edge
@@ -63,6 +65,36 @@ def test_an_effect_is_found_where_it_is(effect, values, place):
     assert found[rival.family.size] == pytest.approx(place, abs=0.03)
     assert abs(found[0] - values[0]) < 4 * sd[0] + 0.02 * values[0]
     assert heldout_rms(d.final)[0] < heldout_rms(d.nominal)[0]
+
+
+def test_a_plane_touched_in_two_neighbouring_frames_is_found():
+    """Neither of these frames tells what the other would look like."""
+    setup = rope(288)
+    lowest = Forward(setup, []).at(np.empty(0)).seen[..., 2].min(axis=1)
+    order = np.argsort(lowest)
+    assert abs(order[0] - order[1]) == 1
+    height = 0.75 * lowest[order[1]] + 0.25 * lowest[order[2]] - float(middle_of(setup)[2])
+    d = diagnosed(recorded(with_effect(SupportPlane(), [height, 0.0, 0.0]), seed=5))
+    assert d.verdict == "found"
+    found = [r for f in d.found for r in (f.rival, *f.equivalent)]
+    rival = next(r for r in found if r.family.name == "support_plane")
+    assert abs(rival.values()[0] - height) < 0.005
+    assert len(d.found) == 1
+
+
+def test_the_scan_starts_at_the_optimum_and_not_at_bounds():
+    """Where a search stops short, what it left would pass for an effect that the model has."""
+    best = nominal_fit(recorded(rope(288), seed=3))
+    at = best.point.u.copy()
+    short = replace(best, z=best.z + 0.5 * best.jacobian[:, 0])
+    assert np.linalg.norm(short.z) > np.linalg.norm(best.z) + 1
+    reached = Projection(short).z
+    assert reached == pytest.approx(Projection(best).z, abs=1e-6 * np.linalg.norm(best.z))
+    low, _ = best.forward.bounds()
+    at[0] = low[0]
+    held = Projection(replace(best, point=replace(best.point, u=at)))
+    assert not held.jacobian[:, 0].any()
+    assert held.jacobian[:, 1].any()
 
 
 def test_an_error_of_the_set_up_is_named_before_physics():

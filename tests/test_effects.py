@@ -178,3 +178,18 @@ def test_states_a_turn_of_twist_away_are_told():
     soft = plain.rod._replace(stiff=plain.rod.stiff * torch.tensor([0.7, 0.7, 0.3]))
     near = solve(soft, plain.conditions, plain.solution)
     assert not wound(plain.conditions, near, plain.solution).any()
+
+
+def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
+    """Where a step of the solver jumps by a whole turn, the frame settles from its catenary."""
+    setup = clamped()
+    plain = Forward(setup, []).at(np.empty(0)).solution
+
+    def jumping(rod, conditions, start=None):
+        turns = None if start is None else np.ones(len(setup.ends))
+        return solve(rod, conditions, turns=turns)
+
+    monkeypatch.setattr("ropefit.inference.forward.solve", jumping)
+    again = Forward(setup, []).at(np.empty(0), start=plain)
+    assert not wound(again.conditions, again.solution, plain).any()
+    assert np.abs(again.solution.x - plain.x).max() < 1e-6
