@@ -18,12 +18,12 @@ from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residu
 from ropefit.inference.diagnosis.families import families
 from ropefit.inference.diagnosis.latent import latent_force
 from ropefit.inference.diagnosis.regions import regions
-from ropefit.inference.diagnosis.search import _agreeing, search
+from ropefit.inference.diagnosis.search import _agreeing, _restarted, search
 from ropefit.inference.diagnosis.weigh import heldout_rms, predicted
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
+from ropefit.inference.stations import Data, match
 from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
@@ -215,3 +215,22 @@ def test_another_runs_calibration_is_taken_with_its_own_uncertainty():
             np.testing.assert_allclose(after.value(np.zeros(after.size)), 0.001)
     with pytest.raises(WrongUsage, match="--calibration"):
         calibrated(errors, SimpleNamespace(nominal=SimpleNamespace(balance=None)))
+
+
+def test_a_model_that_was_stuck_begins_anew():
+    """What a further effect gains by moving the others is no evidence for it."""
+    data = recorded(rope(288), seed=3)
+    best = nominal_fit(data)
+    data = data.settled(best.point.seen)
+    white = match(data, best.point.seen, BINS).scatter[0]
+    noise = Noise(white=(float(white[0]), float(white[1])))
+    best = fit(best.forward, data, noise, BINS, best.point.u)
+    stuck = best.point.u.copy()
+    stuck[0] += 1.0  # the logarithm of EI
+    stuck = fit(best.forward, data, noise, BINS, stuck, 1)
+    assert stuck.cost > best.cost + 100
+    wild = SimpleNamespace(fit=best, evidence=0.5 * (stuck.cost - best.cost))
+    again = _restarted(stuck, wild, data, noise, BINS)  # type: ignore[arg-type]
+    assert again is not None
+    assert again.cost == pytest.approx(best.cost, abs=0.5)
+    assert _restarted(best, wild, data, noise, BINS) is None  # type: ignore[arg-type]

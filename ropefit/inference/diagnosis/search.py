@@ -28,6 +28,7 @@ LEAST = 5.0  # nats: no effect is believed on less
 MARGIN = 10.0  # nats over a clean recording's 99 % that make a latent force real
 REPLICATES = 100
 ANYTHING = 2.0  # nats
+STUCK = 0.2  # of a winner's evidence: gained without it, by beginning elsewhere
 MOST_EFFECTS = 2  # more would explain anything: then it is unknown
 LEADERS = 6
 IMPLAUSIBLE = 30.0  # usual sizes: what large no rope or set-up has
@@ -87,8 +88,8 @@ def search(
     current, accepted, refused = nominal, [], []
     threshold, clean, first_scan, detectable, units = LEAST, 0.0, [], {}, {}
     latent, crowded, most = None, False, MOST_EFFECTS
-    for round_ in range(MOST_EFFECTS + 2):
-        progress(0.2 + 0.2 * round_, "scan")
+    for round_ in range(MOST_EFFECTS + 3):  # of which one may begin anew, and one see what is left
+        progress(0.2 + 0.16 * round_, "scan")
         columns = _columns(current, data, bins, accepted)
         project = Projection(current)
         setup = current.point.setup
@@ -111,16 +112,20 @@ def search(
                     detectable[s.family.name] = min(size, detectable.get(s.family.name, np.inf))
                     units[s.family.name] = of.unit
         latent.threshold = clean
-        if round_ == most:
+        if len(accepted) == most:
             crowded = scan[0].log_factor > 3 * threshold
             break
-        progress(0.25 + 0.2 * round_, "fits of the leaders")
+        progress(0.24 + 0.16 * round_, "fits of the leaders")
         touching = _touching(current, scan, latent)
         driven = inertial(current)
         rivals = _rivals(current, scan, driven, touching, data, noise, bins, threshold)
         winner = _winner(rivals, threshold, current, refused)
         if winner is None:
             break
+        again = _restarted(current, winner, data, noise, bins)
+        if again is not None:
+            current = again
+            continue
         winner, same = ordered(winner, equivalents(winner, rivals, current.cost))
         p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
@@ -179,6 +184,18 @@ def _touching(current: Fit, scan: list[Scored], latent: Latent) -> list[list[Sta
     """What contact may have been, where anything is there at all: it is a force, in some frames."""
     anything = max(latent.evidence, scan[0].log_factor) > ANYTHING or uneven(current)
     return proposals(current) if anything else []
+
+
+def _restarted(current: Fit, winner: Rival, data: Data, noise: Noise, bins: int) -> Fit | None:
+    """The smaller model from the winner's values, if that is better: it had been stuck, and what
+    got it going is no effect (DIAGNOSIS, section 5)."""
+    begin = winner.fit.point.u[: current.forward.size]
+    forward = Forward(current.forward.base, current.forward.terms, winner.fit.point.solution)
+    try:
+        again = fit(forward, data, noise, bins, begin, 20, tolerance=1e-5)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+    return again if again.cost < current.cost - STUCK * winner.evidence else None
 
 
 def _columns(current: Fit, data: Data, bins: int, accepted: list[Found]) -> list[Columns]:
