@@ -25,6 +25,8 @@ from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.potentials import solve_with_potentials
 
+DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
+
 Apply = Callable[[Setup, Tensor], Setup]
 
 
@@ -74,6 +76,7 @@ class Forward:
     terms: list[Term]
     last: Solution | None = field(default=None, repr=False)
     path: Solution | None = field(default=None, repr=False, init=False)
+    reached: bool = field(default=False, init=False)  # has all frames settled once
 
     @property
     def size(self) -> int:
@@ -120,7 +123,8 @@ class Forward:
         if setup.remembers:
             point = walk(u, setup, start, self.path if start is self.last else None)
         else:
-            solution, conditions, rod = _settled(setup, start)
+            deepest = DEEPEST if self.reached else np.inf
+            solution, conditions, rod = _settled(setup, start, deepest)
             point = self._point(u, setup, rod, conditions, solution)
         self._remember(point)
         return point
@@ -134,7 +138,7 @@ class Forward:
 
     def _remember(self, point: Point) -> None:
         if point.solution.converged.all():
-            self.last = point.solution
+            self.last, self.reached = point.solution, True
             self.path = point.path if isinstance(point, WalkedPoint) else None
 
     def kept(self, point: Point) -> Arrays:
@@ -196,11 +200,13 @@ def _rod_of(setup: Setup) -> Rod:
     return rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
 
 
-def _settled(setup: Setup, start: Solution | None) -> tuple[Solution, Conditions, Rod]:
+def _settled(
+    setup: Setup, start: Solution | None, deepest: float
+) -> tuple[Solution, Conditions, Rod]:
     """Equilibria of frames, each by itself, with conditions and rods as they stand there."""
     conditions, rod = Conditions(setup.ends, setup.clamp), _rod_of(setup)
     if setup.potentials:
-        return solve_with_potentials(rod, conditions, setup.potentials, start)
+        return solve_with_potentials(rod, conditions, setup.potentials, start, deepest)
     solution = solve(rod, conditions, start)
     if start is not None:
         retry = ~solution.converged | wound(conditions, solution, start)

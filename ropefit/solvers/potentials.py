@@ -57,8 +57,12 @@ def solve_with_potentials(
     conditions: Conditions,
     potentials: tuple[Potential, ...],
     start: Solution | None = None,
+    deepest: float = np.inf,
 ) -> tuple[Solution, Conditions, Rod]:
     """Equilibria of F frames of one rope, or of F ropes, with energies of their nodes.
+
+    deepest: of the length; where a node of `start` is deeper than that in what the rope touches,
+    nothing is tried, and all frames are marked.
 
     Returns the states, and the conditions and rods with the supports and loads that stand for the
     potentials there (derivatives of the states need them). Frames that do not settle are marked.
@@ -68,6 +72,10 @@ def solve_with_potentials(
     if start is None or not start.converged.all():
         start = solve(rod, conditions)
     length = float(rod.length.detach().sum(-1).max())
+    if deepest < np.inf and _depth(potentials, start.x) > deepest * length:
+        marked = start.copy()
+        marked.status[:] = kernels.LIMIT
+        return marked, conditions, rod
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
     found = _settle(rod, conditions, potentials, start, STILL * length)
     if found[0].converged.all():
@@ -77,6 +85,16 @@ def solve_with_potentials(
         scaled = tuple(p._replace(share=share * p.share) for p in potentials)
         current = _settle(rod, conditions, scaled, current, SOFT_STILL * length)[0]
     return _settle(rod, conditions, potentials, current, STILL * length)
+
+
+def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
+    """[m] how deep nodes x (F, K, 3) are in what they touch: E = hardness depth² / 2 of each."""
+    deepest = 0.0
+    for p in potentials:
+        if p.hardness is not None:
+            energy = float(p.energy(torch.from_numpy(x)).detach().max())
+            deepest = max(deepest, float(np.sqrt(2 * energy / float(p.hardness))))
+    return deepest
 
 
 def _settle(

@@ -18,7 +18,7 @@ from ropefit.inference.diagnosis.families import Family, families
 from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.latent import Latent, latent_force
 from ropefit.inference.diagnosis.ties import equivalents, ordered
-from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms, touches
+from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms, touches, wider
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
@@ -240,12 +240,18 @@ def _rivals(
 
     for choices in starts + driven:
         weigh(choices)
-    best_fit = max(out.values(), key=lambda r: r.evidence).fit if out else None
-    if (
-        best_fit is None
-        or unexplained(best_fit) > NEGLIGIBLE * unexplained(current)
-        or uneven(best_fit)
-    ):
+
+    def wanting() -> Rival | None:
+        """The best so far, where that leaves something."""
+        rival = max(out.values(), key=lambda r: r.evidence, default=None)
+        left = rival is not None and unexplained(rival.fit) > NEGLIGIBLE * unexplained(current)
+        return rival if left else None
+
+    best_one = wanting()
+    if best_one is not None and best_one.evidence > threshold:
+        for at in wider(best_one):
+            weigh([(best_one.family, at)])
+    if not out or wanting() or uneven(max(out.values(), key=lambda r: r.evidence).fit):
         for choices in touching:  # these cost the most
             weigh(choices)
     return sorted(out.values(), key=lambda r: -r.evidence)
