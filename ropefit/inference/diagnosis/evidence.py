@@ -121,11 +121,16 @@ class Scorer:
         return Scored(self.family, factor, best, sizes, score, places, second)
 
     def _sizes(self, z: np.ndarray, place: int) -> tuple[np.ndarray, float]:
-        """Best sizes (k,) in SI at a place, and their T²."""
+        """Sizes (k,) in SI to be expected at a place, and T² of the best there."""
         b = self.flat.reshape(len(z), *self.a.shape[:2])[:, place].T @ z
-        # A direction that nothing shows is left at zero.
-        sizes = np.linalg.pinv(self.a[place], rcond=1e-8, hermitian=True) @ b
-        return sizes * self.scales, float(b @ sizes)
+        best = np.linalg.pinv(self.a[place], rcond=1e-8, hermitian=True) @ b
+        # The best go far in a direction that hardly shows: it is the expected that lead somewhere.
+        strength, turned = self.strength[place], self.vectors[place].T @ b
+        tau = np.array(SIZES)[:, None]
+        precision = strength + 1 / tau**2
+        factor = (turned**2 / precision - np.log1p(tau**2 * strength)).sum(axis=1)
+        expected = self.vectors[place] @ (turned / precision[np.argmax(factor)])
+        return expected * self.scales, float(b @ best)
 
     def detectable(self, threshold: float) -> float:
         """Size (of the first quantity, SI) whose expected log factor reaches the threshold,

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.effects import ContactFriction
+from ropefit.inference.diagnosis.evidence import Projection
 from ropefit.inference.diagnosis.families import CONTACT, Family
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.known import settled
-from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.least_squares import Fit, fit, sensitivity
 from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 
@@ -19,6 +20,7 @@ ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 SLOW, SOON = (*CONTACT, ContactFriction), 6  # to settle; steps in which they must gain something
+FAR_OFF = 6.0  # prior sd
 UNSEEN = 1.0  # sd that all data move by, by a factor e of a parameter
 
 
@@ -59,10 +61,13 @@ def fit_rival(
         term = family.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
         forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
         begin = np.concatenate([_revived(smaller), np.zeros(term.size)])
-        if settled(forward, begin).solution.converged.all():
+        first = settled(forward, begin)
+        if first.solution.converged.all():
             break
     else:
         return None
+    if _distorted(smaller):
+        begin[: -term.size] = _beside(smaller, first.seen)
     slow = isinstance(family.effect, SLOW)
     try:
         found = fit(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
@@ -108,6 +113,25 @@ def _revived(smaller: Fit) -> np.ndarray:
     unseen = np.linalg.norm(smaller.jacobian, axis=0) < UNSEEN
     u[logs & unseen & ~np.isfinite(smaller.prior)] = 0.0
     return u
+
+
+def _distorted(smaller: Fit) -> bool:
+    """Whether a calibration error is where none can be: it stands for what the model lacks."""
+    held = np.isfinite(smaller.prior)
+    return bool((np.abs(smaller.point.u[held]) > FAR_OFF * smaller.prior[held]).any())
+
+
+def _beside(smaller: Fit, seen: np.ndarray) -> np.ndarray:
+    """(P,) the best values of the smaller model to first order, where something further makes its
+    rope `seen` (F, K, 3): they need not stand for that any more."""
+    s, u = smaller.stations, smaller.point.u
+    moved = sensitivity((seen - smaller.point.seen)[None], s, s, smaller.whitener)[:, 0]
+    project = Projection(smaller)
+    held = np.isfinite(smaller.prior)
+    pull = np.where(held, u / smaller.prior**2, 0.0)
+    step = project.inverse @ (project.jacobian.T @ (smaller.z - moved) - pull)
+    low, high = smaller.forward.bounds()
+    return np.clip(u + step, low, high)
 
 
 def _flexibility(found: Fit, term: Term) -> float:
