@@ -33,6 +33,9 @@ try:
     import resource
     most = int(sys.argv[3])
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    # Should ropefit be killed meanwhile, this process ends by itself.
+    soon = int(sys.argv[4])
+    resource.setrlimit(resource.RLIMIT_CPU, (soon, soon))
 except (ImportError, ValueError):
     pass
 try:
@@ -86,7 +89,8 @@ def _read(source: Path) -> tuple[list[str], float, np.ndarray, str]:
     with tempfile.TemporaryDirectory() as folder, readable(source, "C3D"):
         out = Path(folder) / "points.npz"
         most = str(MEMORY + GROWTH * source.stat().st_size)
-        command = [sys.executable, "-c", READ, str(source.resolve()), str(out), most]
+        soon = str(int(limit) + 1)
+        command = [sys.executable, "-c", READ, str(source.resolve()), str(out), most, soon]
         alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread takes addresses
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=limit, env=alone)
