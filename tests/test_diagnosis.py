@@ -8,7 +8,14 @@ import pytest
 import torch
 
 from ropefit.artifacts.model import Calibration
-from ropefit.effects import FreeKink, GravityMisalignment, PointMass, StiffSection, SupportPlane
+from ropefit.effects import (
+    FreeCurvature,
+    FreeKink,
+    GravityMisalignment,
+    PointMass,
+    StiffSection,
+    SupportPlane,
+)
 from ropefit.effects.place import middle_of
 from ropefit.errors import WrongUsage
 from ropefit.inference.diagnosis.absorbed import absorbed
@@ -17,6 +24,7 @@ from ropefit.inference.diagnosis.columns import Responses
 from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import families
 from ropefit.inference.diagnosis.latent import latent_force
+from ropefit.inference.diagnosis.profile import _clearest, profile
 from ropefit.inference.diagnosis.regions import regions
 from ropefit.inference.diagnosis.search import _agreeing, _restarted, search
 from ropefit.inference.diagnosis.weigh import heldout_rms, predicted
@@ -234,3 +242,23 @@ def test_a_model_that_was_stuck_begins_anew():
     assert again is not None
     assert again.cost == pytest.approx(best.cost, abs=0.5)
     assert _restarted(best, wild, data, noise, BINS) is None  # type: ignore[arg-type]
+
+
+def test_the_stretch_is_read_from_sizes_along_the_rope():
+    rng = np.random.default_rng(2)
+    sd = np.full((10, 2), 0.2)
+    values = 0.2 * rng.normal(size=sd.shape)
+    values[3:7] += [1.0, -0.5]
+    first, last, sizes = _clearest(values, 1 / sd**2)
+    assert (first, last) == (3, 7)
+    assert sizes == pytest.approx([1.0, -0.5], abs=0.3)
+
+
+def test_a_wide_stretch_is_fitted_from_its_profile():
+    """A scan of narrower stretches leads into a part of it."""
+    data = recorded(with_effect(FreeCurvature(), [2.5, 0.45, 0.6]), seed=4)
+    nominal = nominal_fit(data)
+    family = next(f for f in families(nominal.point.setup) if f.name == "intrinsic_curvature")
+    start = profile(nominal, family, data, Noise(), BINS)
+    assert start is not None
+    assert start[-2:] == pytest.approx([0.45, 0.6], abs=0.11)

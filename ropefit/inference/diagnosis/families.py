@@ -13,7 +13,7 @@ from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 
 POINTS = 25  # places of a point effect along the rope
-WIDTHS = (0.1, 0.2, 0.35)  # of the length, of an interval effect
+WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
 WHOLE = 0.9  # of the length: what is wider has no edges that could move
 CONTACT = (SupportPlane, Obstacle)
 NARROWEST = 0.04  # of the length: what is narrower is a point

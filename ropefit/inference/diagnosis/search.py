@@ -17,8 +17,9 @@ from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, nul
 from ropefit.inference.diagnosis.families import Family, families
 from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.latent import Latent, latent_force
+from ropefit.inference.diagnosis.profile import profile
 from ropefit.inference.diagnosis.ties import equivalents, ordered
-from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms, touches, wider
+from ropefit.inference.diagnosis.weigh import Rival, fit_rival, heldout_rms, touches
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
@@ -247,10 +248,11 @@ def _rivals(
         left = rival is not None and unexplained(rival.fit) > NEGLIGIBLE * unexplained(current)
         return rival if left else None
 
-    best_one = wanting()
-    if best_one is not None and best_one.evidence > threshold:
-        for at in wider(best_one):
-            weigh([(best_one.family, at)])
+    best = wanting()
+    if best and best.evidence > threshold and best.family.effect.locus == "interval":
+        start = profile(current, best.family, data, noise, bins)
+        if start is not None:
+            weigh([(best.family, start)])
     if not out or wanting() or uneven(max(out.values(), key=lambda r: r.evidence).fit):
         for choices in touching:  # these cost the most
             weigh(choices)

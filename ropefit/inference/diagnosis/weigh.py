@@ -87,23 +87,6 @@ def fit_rival(
     return Rival(family, term, found, float(evidence), gains / spread)
 
 
-def wider(rival: Rival) -> list[np.ndarray]:
-    """Values (k + 2,) in SI from which an effect of a stretch may grow to twice its width, to
-    either side or both: a fit stops where the stretch at hand is explained."""
-    if rival.family.effect.locus != "interval":
-        return []
-    length = float(rival.fit.forward.base.properties.length.sum())
-    out = []
-    for side in (-0.5, 0.0, 0.5):
-        values = rival.values()
-        centre, width = values[-2:]
-        low, high = centre + (side - 1.0) * width, centre + (side + 1.0) * width
-        low, high = max(low, 0.0), min(high, length)
-        values[-2:] = (low + high) / 2, high - low
-        out.append(values)
-    return out
-
-
 def _revived(smaller: Fit) -> np.ndarray:
     """(P,) where a model with more to it begins: at the smaller one's values, but positive
     parameters that were driven to where nothing shows them any more begin anew; without a slope
