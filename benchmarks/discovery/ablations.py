@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +114,7 @@ def without(key: str, run: Path, results: dict[str, dict[str, Any]]) -> dict[str
 def timed(apart: Callable[[Told], Any], run: Path) -> dict[str, Any]:
     """One diagnosis with something about it changed."""
     inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
+    warmed_up(run)
     told: Told = {}
     out: dict[str, Any] = {"answer": None, "error": None, "told": told}
     begin = time.process_time()
@@ -129,15 +132,27 @@ def timed(apart: Callable[[Told], Any], run: Path) -> dict[str, Any]:
     return out | {"seconds": {"diagnose": time.process_time() - begin}}
 
 
+@lru_cache(maxsize=1)
+def warmed_up(run: Path) -> None:
+    """Diagnoses a few frames: loading compiled code is no part of any variant's time."""
+    inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
+    with suppress(RopefitError):
+        diagnose.compute(inputs, diagnose.DiagnoseSettings(most_frames=4), Context())
+
+
 def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
     """The section of docs/results.md."""
     clean = [one for one in done if one["judged"][WHOLE]["group"] == "clean"]
     single = [one for one in done if one not in clean]
+    errors = sum(one["judged"][WHOLE]["calibration"] for one in done)
+    scores = [one["judged"][WHOLE]["score"] for one in single]
+    told = f" (scores {min(scores):.0f} to {max(scores):.0f})" if scores else ""
     lines = [
         f"One rule of the diagnosis left out at a time, on {len(clean)} clean recordings and",
-        f"{len(single)} with one visible effect, of {listed} of the blind benchmark, in about half",
-        f"of them the set-up has errors; by `{command}`. *False alarm*: a clean recording",
-        "called anything but `none`. Time is of the processor, for one recording.",
+        f"{len(single)} with one visible effect{told} of the blind benchmark, the same in every",
+        f"row; {errors} of these {len(done)} have errors of the set-up. {len(done)} of {listed} asked",
+        f"for; by `{command}`. *False alarm*: a clean recording",
+        "called anything but `none`. Time is the processor's, for one recording, one thread.",
         "",
         "| what is different | false alarms: exact set-up | with its errors | visible effect first "
         "| in the set | effects named | time [s] |",
