@@ -150,9 +150,9 @@ def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
     lines = [
         f"One rule of the diagnosis left out at a time, on {len(clean)} clean recordings and",
         f"{len(single)} with one visible effect{told} of the blind benchmark, the same in every",
-        f"row; {errors} of these {len(done)} have errors of the set-up. {len(done)} of {listed} asked",
-        f"for; by `{command}`. *False alarm*: a clean recording",
-        "called anything but `none`. Time is the processor's, for one recording, one thread.",
+        f"row; {errors} of these {len(done)} have errors of the set-up. {len(done)} of {listed}",
+        f"asked for; by `{command}`. *False alarm*: a clean",
+        "recording called anything but `none`. Time is the processor's, for one recording.",
         "",
         "| what is different | false alarms: exact set-up | with its errors | visible effect first "
         "| in the set | effects named | time [s] |",
