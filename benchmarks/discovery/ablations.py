@@ -60,6 +60,8 @@ def main() -> None:
         if found is not None:
             done.append(found)
     command = f"python -m benchmarks.discovery.ablations --seed {options.seed}"
+    if options.cases != ",".join(CASES):
+        command += f" --cases {options.cases}"
     publish(options, "ablations", markdown(done, command, len(names)), {"cases": done})
 
 
