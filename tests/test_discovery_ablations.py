@@ -152,7 +152,7 @@ def test_the_table_counts():
         return {
             "group": group, "true": ["tether"] if group == "single" else [], "verdict": verdict,
             "named": named, "first": named[:1] == ["tether"], "in_set": ["tether" in named],
-            "calibration": calibration, "seconds": 10.0,
+            "calibration": calibration, "seconds": 10.0, "score": 12.0,
         }  # fmt: skip
 
     told = {key: {"restarts": 0, "rounds": []} for key in VARIANTS}
@@ -172,5 +172,5 @@ def test_the_table_counts():
     assert rows["| nothing"][:4] == ["0 of 0", "0 of 1", "1 of 1", "1 of 1"]
     assert rows["| no calibration errors"][1] == "1 of 1"
     assert rows["| white noise"][2:5] == ["0 of 1", "1 of 1", "2.0"]
-    assert "takes away 40% of the misfit (the best effect 90%)" in text
+    assert "takes 40% of the misfit beyond noise (the best effect 90%)" in text
     assert "higher evidence in 0 of 1" in text

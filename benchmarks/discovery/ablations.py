@@ -175,7 +175,7 @@ def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
             _mean([j["seconds"] for j in quiet + seen], 0),
         ]
         lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", *(f"*{v.title}*: {v.meaning}" for v in VARIANTS.values() if v.meaning)]
+    lines += ["", *(f"- *{v.title}*: {v.meaning}" for v in VARIANTS.values() if v.meaning)]
     lines += ["", *_said(done, single)]
     return "\n".join(lines) + "\n"
 
@@ -197,7 +197,8 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
     restarts = [one["told"][WHOLE]["restarts"] > 0 for one in done]
     lines = [
         f"A stuck model began anew in {_count(restarts)} recordings; in the others the diagnosis "
-        "without that rule is the same."
+        "without that rule is the same.",
+        "",
     ]
     others = [one for one in single if not STIFFNESS & set(one["judged"][WHOLE]["true"])]
     for what, some in (
@@ -212,19 +213,19 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
             r["best"] is None or r["free"]["evidence"] > r["best"]["evidence"] for r in fitted
         ]
         named = ["free_rope" in one["judged"][FREE].get("named", []) for one in some]
+        free, best = (_share([rivals[of] for rivals in fitted]) for of in ("free", "best"))
         lines.append(
-            f"Where the effect is {what}, the free rope takes away "
-            f"{_share([r['free'] for r in fitted])} of the misfit (the best effect "
-            f"{_share([r['best'] for r in fitted])}), has the higher evidence in {_count(beaten)} "
-            f"and is accepted in {_count(named)}."
+            f"Where the effect is {what}, the free rope takes {free} of the misfit beyond noise "
+            f"(the best effect {best}), has the higher evidence in {_count(beaten)} and is "
+            f"accepted in {_count(named)}."
         )
     return lines
 
 
 def _share(rivals: list[dict[str, Any] | None]) -> str:
-    """Median share of the misfit that rivals take away."""
-    known = [r["absorbed"] for r in rivals if r is not None and r["absorbed"] is not None]
-    return f"{np.median(known):.0%}" if known else "nothing"
+    """Of the misfit, what each rival takes away."""
+    known = [r["absorbed"] if r else None for r in rivals]
+    return ", ".join("none" if share is None else f"{share:.0%}" for share in known)
 
 
 if __name__ == "__main__":
