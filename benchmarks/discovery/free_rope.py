@@ -1,0 +1,83 @@
+"""A rope whose stiffness and rest curve are free along it: the rival that can bend to anything."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.intrinsic_curvature import twist_held
+from ropefit.inference.diagnosis.columns import PROBE
+from ropefit.inference.diagnosis.families import Family
+from ropefit.inference.diagnosis.weigh import BROAD, Rival, _flexibility, fit_rival
+from ropefit.inference.forward import Term
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.stations import Data
+from ropefit.rod.setup import Setup
+
+KNOTS = 8
+NAME = "free_rope"
+STIFFER = 5.0  # of the logarithm: bound of the stiffness at a knot
+
+
+class FreeRope(Effect):
+    """log EI over the nominal one and two components of the rest curvature [1/m], linear between
+    knots. In no scan: it is fitted, never proposed."""
+
+    name = NAME
+    quantities = (
+        *(Quantity(f"log_factor_{k}", "1", 0.5, -STIFFER, STIFFER) for k in range(KNOTS)),
+        *(Quantity(f"curvature_1_{k}", "1/m", 0.3, by_length=-1.0) for k in range(KNOTS)),
+        *(Quantity(f"curvature_2_{k}", "1/m", 0.3, by_length=-1.0) for k in range(KNOTS)),
+    )
+
+    def applies(self, setup: Setup) -> bool:
+        return False
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        p = setup.properties
+        share = (setup.arc[1:] - 0.5 * p.length) / p.length.sum()
+        apart = (share[:, None] - torch.linspace(0, 1, KNOTS, dtype=share.dtype)).abs()
+        hats = torch.clamp(1 - apart * (KNOTS - 1), min=0)
+        log, first, second = (hats @ values.reshape(3, KNOTS).T).unbind(1)
+        factor, turn = torch.exp(log), torch.stack([first, second, torch.zeros_like(log)], dim=1)
+        return setup._replace(
+            properties=p._replace(
+                bend=p.bend * factor, twist=p.twist * factor, curvature=p.curvature + turn
+            )
+        )
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return "stiffness and rest curve differ from place to place along the rope"
+
+
+class FreeFamily(Family):
+    """Of usual size under a prior: nothing else holds what no frame shows."""
+
+    def term(self, setup: Setup, values: np.ndarray, free_place: bool = True) -> Term:
+        term = super().term(setup, values, free_place)
+        return replace(term, prior=BROAD * term.scale)
+
+
+def free_rope(smaller: Fit, data: Data, noise: Noise, bins: int) -> Rival | None:
+    """The free rope fitted on top of a model. None if it cannot settle.
+
+    Its log evidence is Laplace's, like every rival's: the priors are in its cost, and so must not
+    be in the information that the data add to them.
+    """
+    family = FreeFamily(FreeRope(), np.zeros((1, 0)))
+    start = np.zeros(3 * KNOTS)
+    if not twist_held(smaller.point.setup):  # at zero curvature it has no slope
+        start[KNOTS : 2 * KNOTS] = PROBE * family.scales(smaller.point.setup)[KNOTS : 2 * KNOTS]
+    rival = fit_rival(smaller, family, start, data, noise, bins)
+    if rival is None:
+        return None
+    prior = rival.fit.prior.copy()
+    prior[-rival.term.size :] = np.inf
+    loose = replace(rival.fit, prior=prior)
+    gained = _flexibility(rival.fit, rival.term) - _flexibility(loose, rival.term)
+    return replace(rival, evidence=rival.evidence + gained)
