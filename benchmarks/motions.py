@@ -1,4 +1,4 @@
-"""Random ropes whose ends are led along random smooth paths, frame after frame."""
+"""Random smooth paths of the ends of ropes, frame after frame."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Paths(NamedTuple):
 def paths(
     rng: np.random.Generator, count: int, time: np.ndarray, amplitude: np.ndarray, quickest: float
 ) -> Paths:
-    """Random paths for ropes of 1 m at times (T,): how far apart the ends are, in which direction,
+    """Random paths for ropes of 1 m at times (T,) or (C, T): how far apart the ends are, in which direction,
     where, and either clamp's turn, each swing at up to `quickest` swings per unit of time.
 
     amplitude (C,): 1 turns the clamps by about a radian each way, leads the ends by half a metre.
@@ -58,7 +58,7 @@ class _Swings:
         shape = (self.count, 1, many)
         rate = 2 * np.pi * self.quickest * self.rng.uniform(0.2, 1.0, shape)
         phase = self.rng.uniform(0, 2 * np.pi, shape)
-        return np.sin(rate * self.time[:, None] + phase)
+        return np.sin(rate * np.atleast_2d(self.time)[..., None] + phase)
 
 
 def _turned(vector: np.ndarray, turn: np.ndarray) -> np.ndarray:

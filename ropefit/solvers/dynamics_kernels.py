@@ -416,14 +416,16 @@ def _step(rod, drive, t, c0, q, force, w, half, limit):
                 largest = max(largest, abs(force[i, a]))
         if not (math.isfinite(turn) and math.isfinite(change)):
             return NOT_FINITE, iteration
+        done = turn < REACH and change < REACH * (largest + change) + 1e-300
         # A step that does not settle soon is one between two valleys: shorter steps get down one.
-        longest = 1.0 if iteration < PATIENCE else 0.5 ** (iteration // PATIENCE)
+        # The last is taken whole: a part of it would leave an error of its size, not its square.
+        longest = 1.0 if done or iteration < PATIENCE else 0.5 ** (iteration // PATIENCE)
         share = -min(longest, TURN_LIMIT / max(turn, 1e-300))
         for i in range(n):
             _turn(q[i], w.right[i], share, q[i])
             for a in range(3):
                 force[i, a] += share * w.right[i, 3 + a]
-        if turn < REACH and change < REACH * (largest + change) + 1e-300:
+        if done:
             return CONVERGED, iteration + 1
     return LIMIT, limit
 
