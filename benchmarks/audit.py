@@ -75,8 +75,8 @@ def text(found: list[Finding], date: str) -> str:
     silent = [f for f in found if f.known is None]
     lines = [
         f"Asked on {date} for the {len(found)} pinned versions (not for what these need in turn):",
-        f"{len(clean)} without a known vulnerability, {len(known)} with one, {len(silent)} of which",
-        "nothing is told.",
+        f"{len(clean)} without a known vulnerability, {len(known)} with one,",
+        f"{len(silent)} of which nothing is told.",
     ]
     if known:
         lines += ["", "| version | known |", "|---|---|"]

@@ -25,8 +25,8 @@ class Paths(NamedTuple):
 def paths(
     rng: np.random.Generator, count: int, time: np.ndarray, amplitude: np.ndarray, quickest: float
 ) -> Paths:
-    """Random paths for ropes of 1 m at times (T,) or (C, T): how far apart the ends are, in which direction,
-    where, and either clamp's turn, each swing at up to `quickest` swings per unit of time.
+    """Random paths for ropes of 1 m at times (T,) or (C, T): how far apart the ends are, in which
+    direction, where, and either clamp's turn; up to `quickest` swings per unit of time.
 
     amplitude (C,): 1 turns the clamps by about a radian each way, leads the ends by half a metre.
     """

@@ -14,7 +14,7 @@ from benchmarks.motions import paths
 from ropefit.rod.energy import energy, own
 from ropefit.rod.moving import Damping, Moving, moving
 from ropefit.rod.quaternion import conjugate_product, director, normalise
-from ropefit.rod.rod import build, uniform
+from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.dynamics import Drive, Start, Trajectory
 from ropefit.solvers.equilibrium import solve as settle
@@ -37,9 +37,10 @@ def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed:
     """Ropes of 1 m and 60 g, led from an equilibrium and then held still.
 
     ends: pinned, clamped, or hung (clamped at one end, the other let go). Steps of 1 to 50 ms, each
-    up to 30 % longer or shorter; paths of up to half a metre and a radian at up to 3 Hz; EI 1e-6 to
-    1e-1 of the weight, bent at rest in a half of them; damping of bends 1e-4 to 1e-1 s and air up
-    to 1 N s/m², none of either in a quarter. Stretchy: EA 10 to 1e5 N.
+    up to 30 % longer or shorter; paths of up to half a radian and a quarter of a metre at up to
+    3 Hz; EI 1e-6 to 1e-1 of the weight, bent at rest in a half of those that are clamped; damping
+    of bends 1e-4 to 1e-1 s and air up to 1 N s/m², none in a quarter each. Stretchy: EA 10 to
+    1e5 N.
     """
     rng = np.random.default_rng(seed)
     clamped = {"pinned": (False, False), "clamped": (True, True), "hung": (True, False)}[ends]
@@ -79,16 +80,11 @@ def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed:
         held[:, :, 1] = torch.nan
     start = Start(tensor(at.x), tensor(at.q), torch.zeros(count, nodes, 3, dtype=torch.float64))
     few = torch.from_numpy(np.flatnonzero(at.converged))
-    rope = Moving(*(_some(item, few) for item in moving(p, rod, damping)))
+    rod, *others = moving(p, rod, damping)
+    rope = Moving(Rod(*(t[few] for t in rod)), *(t[few] for t in others))
     return Motions(
         rope, Drive(tensor(time), held, clamp).clips(few), Start(*(s[few] for s in start)), rest
     )
-
-
-def _some(item, index: Tensor):
-    if isinstance(item, Tensor):
-        return item[index]
-    return type(item)(*(part[index] for part in item))
 
 
 def rates(time: Tensor, y: Tensor, first: Tensor | None = None) -> Tensor:

@@ -404,12 +404,17 @@ def _predict(qs, forces, t, q, force):
 def _step(rod, drive, t, c0, q, force, w, half, limit):
     """Newton's method on one step, from q and force on. Returns (status, iterations)."""
     n = rod.length.shape[0]
+    free = rod.gauge > 0.0 and not rod.loss.any()
     for iteration in range(limit):
         _assemble(rod, drive, t, c0, q, force, w)
         _factor(w, half)
         _solve(w, w.right, half[0])
         turn, change, largest = 0.0, 0.0, 0.0
+        # A spin of all segments alike costs nothing here; away from the solution the matrix knows
+        # little of it, and the next step would take it for motion.
+        spin = w.right[0, 2] if free else 0.0
         for i in range(n):
+            w.right[i, 2] -= spin
             for a in range(3):
                 turn = max(turn, abs(w.right[i, a]))
                 change = max(change, abs(w.right[i, 3 + a]))
