@@ -42,6 +42,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.losses --write docs/results.md
 	$(BIN)/python -m benchmarks.recordings --write docs/results.md
 	$(BIN)/python -m benchmarks.equilibrium --write docs/results.md
+	$(BIN)/python -m benchmarks.stress --write docs/results.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
 	$(BIN)/python -m benchmarks.devices --write docs/results.md
 	$(BIN)/python -m benchmarks.dynamics --write docs/results.md
@@ -57,8 +58,7 @@ wheel: $(STAMP)
 	$(BIN)/python -m benchmarks.wheel --write docs/dependencies.md
 
 audit: $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check pip-audit
-	$(BIN)/pip-audit -r constraints.txt --no-deps --disable-pip --strict
+	$(BIN)/python -m benchmarks.audit --write docs/dependencies.md
 
 include pipelines/batch.mk
 include pipelines/paper.mk

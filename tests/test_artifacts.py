@@ -150,7 +150,8 @@ def test_a_flipped_bit_never_reaches_hdf5(
 def test_a_seal_that_is_damaged_or_lies_is_refused(path: Path) -> None:
     data = path.read_bytes()
     cut = data[: -SIZE // 2]
-    other = data.replace(b"ropefit-observations 2 ", b"ropefit-observations 1 ")
+    name = f"{Observations.schema_name} ".encode()
+    other = data.replace(name + b"%d " % Observations.schema_version, name + b"1 ")
     lies = resealed(data, content_sha256="0" * 64)
     for bad in (cut, other, lies):
         path.write_bytes(bad)

@@ -125,6 +125,10 @@ def fit(
         return np.concatenate([-rows, np.diag(1 / prior)[held]])
 
     def minimum() -> tuple[Arrays, Point]:
+        if not u.size:  # nothing is free; not every scipy takes that
+            rows = residual(u)
+            told = np.array([0.5 * float(rows @ rows), 1, 1])
+            return {"u": u, "told": told, "trace": np.array(trace)}, evaluate(u)[0]
         with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
             result = optimize.least_squares(
                 residual,

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
-from ropefit.rod.quaternion import conjugate_product, multiply
+from ropefit.rod.quaternion import conjugate_product, multiply, normalise
 from ropefit.rod.rod import Rod
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 
 DIFFERENT = 1e-3  # of the length: states that lie nearer are the same
 WHOLE = 1.5 * np.pi  # rad: twist that differs by more differs by a turn
+HALVINGS = 4  # of a step from frame to frame
 
 
 def other_states(
@@ -72,14 +75,55 @@ def _turned(conditions: Conditions, solution: Solution, end: int) -> Solution:
 def follow(rod: Rod, conditions: Conditions) -> Solution:
     """Equilibria of F frames in which each state follows from the one before.
 
-    Where following fails the state is found anew from the catenary.
+    Where a step from frame to frame fails or winds the rope by a turn it is taken in halves. Where
+    following fails the state is found anew from the catenary.
     """
-    fresh = solve(rod, conditions)
-    out = fresh.copy()
+    out = solve(rod, conditions)
     for t in range(1, len(out.x)):
-        one = np.array([t])
-        before = out.frames(np.array([t - 1]))
-        found = solve(rod, conditions.frames(one), before)
+        here, there = (conditions.frames(np.array([k])) for k in (t - 1, t))
+        found = _led(rod, here, there, out.frames(np.array([t - 1])), HALVINGS)
         if found.converged[0]:
             out.put(t, found, 0)
     return out
+
+
+def _led(
+    rod: Rod, here: Conditions, there: Conditions, before: Solution, halvings: int
+) -> Solution:
+    """The state of one frame led from `before`, which is `here`, to `there`."""
+    found = solve(rod, there, before)
+    if found.converged[0] and not turned_over(here, before, there, found)[0]:
+        return found
+    if halvings == 0:
+        return found
+    # Of the two quaternions of a clamp the one nearer to where it was.
+    same = torch.sign((here.clamp * there.clamp).sum(-1, keepdim=True))
+    middle = replace(
+        there,
+        ends=0.5 * (here.ends + there.ends),
+        clamp=normalise(here.clamp + same * there.clamp),
+    )
+    half = _led(rod, here, middle, before, halvings - 1)
+    if not half.converged[0]:
+        return found
+    led = _led(rod, middle, there, half, halvings - 1)
+    return led if led.converged[0] else found
+
+
+def turned_over(
+    here: Conditions, before: Solution, there: Conditions, after: Solution
+) -> np.ndarray:
+    """(F,) bool: frames between two clamps that are wound by an odd number of whole turns from
+    `before`, whose conditions were `here`. Exact whatever the clamps and the shape did meanwhile,
+    as long as no joint is bent by half a turn: along the rope quaternions go on, or are the
+    negative of that."""
+    if bool(torch.isnan(here.clamp).any()):
+        return np.zeros(len(after.q), dtype=bool)
+    moved = torch.sign((here.clamp * there.clamp).sum(-1)).prod(-1)
+    return (_sheet(here.clamp, before.q) * _sheet(there.clamp, after.q) * moved < 0).numpy()
+
+
+def _sheet(clamp: torch.Tensor, q: np.ndarray) -> torch.Tensor:
+    """(F,) 1 or -1: whether the quaternions go on from one clamp to the other."""
+    every = torch.cat([clamp[:, :1], torch.from_numpy(q), clamp[:, 1:]], dim=1)
+    return torch.sign((every[:, 1:] * every[:, :-1]).sum(-1)).prod(-1)

@@ -404,26 +404,33 @@ def _predict(qs, forces, t, q, force):
 def _step(rod, drive, t, c0, q, force, w, half, limit):
     """Newton's method on one step, from q and force on. Returns (status, iterations)."""
     n = rod.length.shape[0]
+    free = rod.gauge > 0.0 and not rod.loss.any()
     for iteration in range(limit):
         _assemble(rod, drive, t, c0, q, force, w)
         _factor(w, half)
         _solve(w, w.right, half[0])
         turn, change, largest = 0.0, 0.0, 0.0
+        # A spin of all segments alike costs nothing here; away from the solution the matrix knows
+        # little of it, and the next step would take it for motion.
+        spin = w.right[0, 2] if free else 0.0
         for i in range(n):
+            w.right[i, 2] -= spin
             for a in range(3):
                 turn = max(turn, abs(w.right[i, a]))
                 change = max(change, abs(w.right[i, 3 + a]))
                 largest = max(largest, abs(force[i, a]))
         if not (math.isfinite(turn) and math.isfinite(change)):
             return NOT_FINITE, iteration
+        done = turn < REACH and change < REACH * (largest + change) + 1e-300
         # A step that does not settle soon is one between two valleys: shorter steps get down one.
-        longest = 1.0 if iteration < PATIENCE else 0.5 ** (iteration // PATIENCE)
+        # The last is taken whole: a part of it would leave an error of its size, not its square.
+        longest = 1.0 if done or iteration < PATIENCE else 0.5 ** (iteration // PATIENCE)
         share = -min(longest, TURN_LIMIT / max(turn, 1e-300))
         for i in range(n):
             _turn(q[i], w.right[i], share, q[i])
             for a in range(3):
                 force[i, a] += share * w.right[i, 3 + a]
-        if turn < REACH and change < REACH * (largest + change) + 1e-300:
+        if done:
             return CONVERGED, iteration + 1
     return LIMIT, limit
 

@@ -1,0 +1,172 @@
+"""Random ropes in random motions: how many states are found, marked, or wrong.
+
+python -m benchmarks.stress [--ropes 10800] [--write docs/results.md] [--json FILE]
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks import stepped
+from benchmarks.document import parser, publish
+from benchmarks.led import FINER, SHARP, from_reference, joined, led, rope, sharpest, wound
+from benchmarks.placements import Placements, imbalance
+from ropefit.solvers import dynamics
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import stability
+
+ROPES = 10_800
+NODES = (20, 30, 40)
+FRAMES = 6  # of a rope that is led
+STEPS = 40  # of a rope in motion
+WRONG = 1e-8  # imbalance of a state that is called converged
+OFF_STEP = 1e-6  # of a step; forces of a rope that hardly stretches come from tiny strains
+COMPARED = 40  # frames of a kind that are compared with the boundary-value solution
+OTHER = 0.02  # of the length: farther from it the refined state is another one
+GAINED = 0.02  # of the energy in motion and in height: more is gained out of nothing
+FAR = 0.01  # of the length that an end moves in a step: a fifth of a segment
+
+STILL = f"""\
+Led from pose to pose in {FRAMES} frames, every frame begun with the one before: EI 1e-6 to 1e-1
+ρgL³, ends 0.02 to 0.999 L apart, paths of a hundredth to two radians and half as many lengths.
+*Wrong*: called converged, but the energy (by autograd, apart from the solver) is not stationary.
+*Wound*: by a whole turn from the frame before, where no joint is bent beyond a right angle
+(*sharp*: frames where one is; there a turn may slip through). *Reference*: distance of the nodes
+over the length from the boundary-value solution (Kirchhoff's rod, fourth order) of {COMPARED}
+frames drawn at random, median and most; *refined*: of a rope of {FINER} times the segments begun
+with the same state, which goes to 0 where the state is right; *elsewhere*: beyond {OTHER:g}."""
+MOVED = f"""\
+In motion with inertia, {STEPS} implicit steps of 1 to 50 ms, uneven: ends led along random paths
+of up to half a radian and a quarter of a length at up to 3 Hz, then held still; undamped and
+damped, straight and bent at rest, EA 10 to 1e5 N where stretchy. *No start*: no equilibrium found
+to begin with, and said so. *Marked*: a step did not converge, and says so; *far* where an end goes
+farther than {FAR:g} L in a step. *Wrong*: steps called converged that leave more than {OFF_STEP:g}
+of the largest force in the equation of the implicit step (by autograd, apart from the solver).
+*Gained*: ropes whose energy grows, once their ends are still, by more than {GAINED:g} of their
+weight times their length and largest kinetic energy."""
+
+
+def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, Any]:
+    """Counts over frames of ropes that are led, each frame from the one before."""
+    m = led(count, clamped, nodes, FRAMES, seed)
+    s = joined(m.states)
+    held = Conditions(
+        torch.cat([c.ends for c in m.conditions]), torch.cat([c.clamp for c in m.conditions])
+    )
+    each = rope(np.repeat(m.bend, FRAMES), nodes - 1, clamped)
+    bend, apart = np.repeat(m.bend, FRAMES), np.zeros(len(s.x))
+    off = imbalance(Placements(each, held, bend, apart), s) > WRONG
+    unstable = ~(stability(each, held, s) > 0)
+    rng = np.random.default_rng(seed)
+    drawn = rng.choice(np.flatnonzero(s.converged), min(COMPARED, int(s.converged.sum())), False)
+    far = [from_reference(m, *divmod(int(k), FRAMES), clamped) for k in drawn]
+    return {
+        "ropes": count,
+        "frames": len(s.x),
+        "converged": int(s.converged.sum()),
+        "marked": int((~s.converged).sum()),
+        "wrong": int((s.converged & off).sum()),
+        "unstable": int((s.converged & unstable).sum()),
+        "wound": int(wound(m).sum()),
+        "sharp": int((sharpest(held, s) > SHARP).sum()),
+        "compared": len(far),
+        "distance": [d for d, _ in far],
+        "refined": [d for _, d in far],
+        "elsewhere": sum(d > OTHER for _, d in far),
+    }
+
+
+def in_motion(count: int, ends: str, stretchy: bool, nodes: int, seed: int) -> dict[str, Any]:
+    """Counts over ropes in motion, those whose ends go far in a step apart."""
+    m = stepped.motions(count, ends, stretchy, nodes, STEPS, seed)
+    found = dynamics.solve(m.rope, m.drive, m.start)
+    off = np.nan_to_num(stepped.imbalance(m, found))
+    there = np.isfinite(found.x.sum((-1, -2)))
+    gain = stepped.gain(m, found)
+    stride = torch.nan_to_num(m.drive.ends.diff(dim=1)).norm(dim=-1).amax((1, 2)).numpy()
+    near = stride <= FAR
+    ok = found.converged
+    return {
+        "ropes": count,
+        "no start": count - len(ok),
+        "converged": int(ok.sum()),
+        "marked near": [int((~ok & near).sum()), int(near.sum())],
+        "marked far": [int((~ok & ~near).sum()), int((~near).sum())],
+        "silent": int((ok & ~there.all(axis=-1)).sum()),
+        "steps": int(there[:, 1:].sum()),
+        "wrong": int((off > OFF_STEP).sum()),
+        "worst": float(off.max()),
+        "gained": int((ok & (gain > GAINED)).sum()),
+        "most gained": float(gain[ok].max()),
+    }
+
+
+def main() -> None:
+    """Print the tables; write them where asked. Exit 1 when something is wrong."""
+    p = parser(__doc__)
+    p.add_argument("--ropes", type=int, default=ROPES, help="in all, over twelve kinds")
+    options = p.parse_args()
+    torch.set_num_threads(1)
+    every = options.ropes // 12
+    still = {}
+    for seed, (clamped, nodes) in enumerate(product((False, True), NODES)):
+        name = f"{'clamped' if clamped else 'pinned'}, K = {nodes}"
+        still[name] = quasi_static(every, clamped, nodes, seed)
+        print(name, flush=True)
+    moved = {}
+    for seed, (ends, stretchy) in enumerate(product(("pinned", "clamped", "hung"), (False, True))):
+        name = f"{ends}, {'stretchy' if stretchy else 'inextensible'}"
+        moved[name] = in_motion(every, ends, stretchy, NODES[seed % 3], 100 + seed)
+        print(name, flush=True)
+    publish(options, "stress", table(still, moved), {"still": still, "moved": moved})
+    wrong = sum(r["wrong"] for r in [*still.values(), *moved.values()])
+    wrong += sum(r["elsewhere"] for r in still.values())
+    wrong += sum(r["silent"] for r in moved.values())
+    raise SystemExit(wrong > 0)
+
+
+def table(still: dict[str, dict[str, Any]], moved: dict[str, dict[str, Any]]) -> str:
+    ropes = sum(r["ropes"] for r in [*still.values(), *moved.values()])
+    rows = [
+        f"{ropes} random ropes in random motions; written by `python -m benchmarks.stress`.",
+        "",
+        fill(STILL, 100),
+        "",
+        "| ends | ropes | frames | converged | marked | wrong | unstable | wound | sharp "
+        "| references found | reference | refined | elsewhere |",
+        "|---" * 13 + "|",
+    ]
+    for name, r in still.items():
+        known = np.isfinite(r["refined"])
+        near, fine = (np.array(r[key])[known] for key in ("distance", "refined"))
+        rows.append(
+            f"| {name} | {r['ropes']} | {r['frames']} | {r['converged']} | {r['marked']} "
+            f"| {r['wrong']} | {r['unstable']} | {r['wound']} | {r['sharp']} "
+            f"| {known.sum()} of {r['compared']} | {np.median(near):.1e}, {near.max():.1e} "
+            f"| {np.median(fine):.1e}, {fine.max():.1e} | {r['elsewhere']} |"
+        )
+    rows += [
+        "",
+        fill(MOVED, 100),
+        "",
+        "| ends | ropes | no start | converged | marked, near | marked, far | steps | wrong "
+        "| worst | gained | most gained |",
+        "|---" * 11 + "|",
+    ]
+    for name, r in moved.items():
+        near, far = (f"{a} of {b}" for a, b in (r["marked near"], r["marked far"]))
+        rows.append(
+            f"| {name} | {r['ropes']} | {r['no start']} | {r['converged']} | {near} | {far} "
+            f"| {r['steps']} | {r['wrong']} | {r['worst']:.0e} "
+            f"| {r['gained']} | {r['most gained']:.0e} |"
+        )
+    return "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Random ropes in random motions: what is called converged is so, by judges that can tell."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks import stepped
+from benchmarks.led import from_reference, joined, led, rope, wound
+from benchmarks.motions import paths
+from benchmarks.placements import Placements, imbalance
+from ropefit.rod.quaternion import conjugate_product, from_rotation_vector, multiply
+from ropefit.solvers import dynamics
+from ropefit.solvers.branches import follow, turned_over
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import solve
+
+
+@pytest.mark.parametrize("clamped", [False, True], ids=["pinned", "clamped"])
+def test_led_from_pose_to_pose(clamped):
+    count, frames, nodes = 40, 5, 20
+    m = led(count, clamped, nodes, frames, seed=3)
+    s = joined(m.states)
+    held = Conditions(
+        torch.cat([c.ends for c in m.conditions]), torch.cat([c.clamp for c in m.conditions])
+    )
+    bend = np.repeat(m.bend, frames)
+    p = Placements(rope(bend, nodes - 1, clamped), held, bend, bend)
+    assert s.converged.all()
+    assert imbalance(p, s).max() < 1e-8
+    assert not wound(m).any()
+    near = np.array([from_reference(m, k, 4, clamped) for k in range(5)])
+    found = near[np.isfinite(near[:, 0])]
+    assert len(found) >= 4
+    assert found[:, 1].max() < 0.02
+    assert (found[:, 1] < 0.5 * found[:, 0]).all()
+
+
+def test_long_steps_are_taken_in_halves():
+    """Long steps wind some ropes by a turn; following does so only where a joint folds over."""
+    count, segments, bend = 30, 29, 5e-3
+    way = paths(np.random.default_rng(0), count, np.linspace(0, 1, 6), np.full(count, 2.0), 1.0)
+    rod = rope(bend, segments, True)
+    jumped = 0
+    for ends, clamp in zip(way.ends, way.clamp, strict=True):
+        frames = [Conditions(ends[t : t + 1], clamp[t : t + 1]) for t in range(6)]
+        state = solve(rod, frames[0])
+        for here, there in pairwise(frames):
+            after = solve(rod, there, state)
+            jumped += int(turned_over(here, state, there, after)[0])
+            state = after
+    m = led(count, True, segments + 1, 6, seed=0)
+    assert jumped > 3
+    assert not wound(m).any()
+
+
+def test_turned_over_tells_a_whole_turn():
+    """A clamp turned once about in steps: the rope that followed is wound, that from the catenary
+    is not, whatever the sign of a clamp's quaternion."""
+    angle = torch.linspace(0, 2 * np.pi, 13, dtype=torch.float64)
+    turn = from_rotation_vector(torch.stack([0 * angle, 0 * angle, angle], dim=-1))
+    along_x = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64).expand(13, 4)
+    ends = torch.zeros(13, 2, 3, dtype=torch.float64)
+    ends[:, 1, 0] = 0.9
+    held = Conditions(ends, torch.stack([along_x, multiply(along_x, turn)], dim=1))
+    rod = rope(1e-2, 20, True)
+    followed = follow(rod, held)
+    last = held.frames(np.array([12]))
+    there, fresh = followed.frames(np.array([12])), solve(rod, last)
+    assert there.converged[0]
+    assert np.abs(fresh.x - followed.x[0]).max() < 1e-8  # the same clamps once more
+    assert not turned_over(last, there, last, there)[0]
+    for clamp in (last.clamp, -last.clamp, last.clamp * torch.tensor([[[1.0], [-1.0]]])):
+        assert turned_over(last, there, replace(last, clamp=clamp), fresh)[0]
+
+
+@pytest.mark.parametrize("ends", ["pinned", "clamped", "hung"])
+@pytest.mark.parametrize("stretchy", [False, True], ids=["inextensible", "stretchy"])
+def test_steps_of_ropes_in_motion(ends, stretchy):
+    m = stepped.motions(150, ends, stretchy, 20, 30, 1)
+    found = dynamics.solve(m.rope, m.drive, m.start)
+    assert found.converged.mean() > 0.6
+    there = np.isfinite(found.x.sum((-1, -2)))
+    assert np.array_equal(there.all(axis=-1), found.converged)
+    off = stepped.imbalance(m, found)
+    assert np.array_equal(np.isnan(off), ~there)
+    assert np.nanmax(off) < 1e-6
+    assert stepped.gain(m, found)[found.converged].max() < 0.1
+    # The judge can tell: a node or a frame of one step a little off.
+    step = int(found.done[found.converged].min()) // 2
+    for name in ("x", "q"):
+        changed = getattr(found, name).copy()
+        changed[:, step, 7] += 1e-5
+        moved = stepped.imbalance(m, replace(found, **{name: changed}))[found.converged]
+        assert (moved[:, step] > 1e-6).mean() > 0.95
+
+
+def test_a_rope_that_is_free_to_spin_does_not():
+    """What costs nothing is not taken for motion: between steps no segment turns much about
+    itself, though it may turn across."""
+    m = stepped.motions(150, "pinned", False, 20, 30, 1)
+    found = dynamics.solve(m.rope, m.drive, m.start)
+    free = found.converged & ~(m.rope.loss != 0).any(-1).any(-1).numpy()
+    assert free.sum() > 15
+    q = torch.from_numpy(found.q[free])
+    turn = conjugate_product(q[:, :-1], q[:, 1:])
+    spin = 2 * torch.atan2(turn[..., 3], turn[..., 0].abs())
+    assert spin.median(dim=-1).values.abs().max() < 0.5
+
+
+def test_rates_of_a_parabola_are_exact():
+    time = torch.tensor([[0.0, 0.1, 0.25, 0.3, 0.5]], dtype=torch.float64)
+    y = (3 * time**2 - time + 1)[..., None]
+    slope = stepped.rates(time, y, torch.tensor([[-1.0]], dtype=torch.float64))
+    expected = (6 * time - 1)[..., None]
+    assert torch.allclose(slope[:, 2:], expected[:, 2:], rtol=0, atol=1e-12)
+    assert float(slope[0, 1, 0]) == pytest.approx((float(y[0, 1, 0]) - 1) / 0.1)
