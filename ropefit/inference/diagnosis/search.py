@@ -114,19 +114,21 @@ def search(
                     units[s.family.name] = of.unit
         latent.threshold = clean
         if len(accepted) == most:
-            crowded = scan[0].log_factor > 3 * threshold
+            # A third effect may still be there; what no known one is like, a free force shows.
+            crowded = min(scan[0].log_factor / (3 * threshold), latent.evidence / clean) > 1
             break
         progress(0.24 + 0.16 * round_, "fits of the leaders")
         touching = _touching(current, scan, latent)
         driven = inertial(current)
         rivals = _rivals(current, scan, driven, touching, data, noise, bins, threshold)
+        if rivals and rivals[0].evidence >= threshold:
+            again = _restarted(current, rivals[0], data, noise, bins)
+            if again is not None:
+                current = again
+                continue
         winner = _winner(rivals, threshold, current, refused)
         if winner is None:
             break
-        again = _restarted(current, winner, data, noise, bins)
-        if again is not None:
-            current = again
-            continue
         winner, same = ordered(winner, equivalents(winner, rivals, current.cost))
         p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
         accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
