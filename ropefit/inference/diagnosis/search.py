@@ -141,7 +141,7 @@ def search(
     assert latent is not None
     left, was = unexplained(current), max(unexplained(nominal), 1e-9)
     moving = any(f.rival.family.name == Inertia.name for f in accepted)
-    # A motion is never explained down to the noise of its markers.
+    # No motion is explained down to the noise of its markers.
     explained = bool(accepted) and left <= (IN_MOTION if moving else NEGLIGIBLE) * was
     crowded = crowded and not (moving and explained)
     verdict = "unknown" if crowded else "found" if accepted else "none"
@@ -283,6 +283,8 @@ def _winner(
         sizes = np.abs(rival.values()[: rival.family.size]) / rival.term.scale[: rival.family.size]
         if rival.family.effect.linear and sizes.max() > IMPLAUSIBLE:
             refused.append(f"{rival.family.name}: larger than anything plausible")
+        elif rival.clear() < 1:
+            refused.append(f"{rival.family.name}: its size could as well be nothing")
         elif worse or not (believed or agreeing):
             refused.append(f"{rival.family.name}: held-out frames do not support it")
         else:

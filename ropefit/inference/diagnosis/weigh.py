@@ -43,6 +43,15 @@ class Rival:
         """(k + p,) in SI."""
         return self._mine(self.fit.sd()) * self.term.slope(self._mine(self.fit.point.u))
 
+    def clear(self) -> float:
+        """How many standard errors its sizes are from zero, together; as the effect added last."""
+        place = slice(len(self.fit.point.u) - self.term.size, None)
+        mine, k = self._mine(self.fit.point.u), self.family.size
+        nothing = self.term.search(np.zeros(self.term.size))[:k]
+        covariance = self.fit.covariance[place, place][:k, :k]
+        off = mine[:k] - nothing
+        return float(np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0)))
+
     def _mine(self, u: np.ndarray) -> np.ndarray:
         """The family's of the fit's values (P,), whatever was added after it."""
         forward = self.fit.forward
