@@ -23,7 +23,7 @@ def equivalents(winner: Rival, rivals: list[Rival], before: float) -> list[Rival
     """
     out = []
     for rival in rivals:
-        if rival is winner or rival.family.name == winner.family.name:
+        if rival is winner or rival.family.name == winner.family.name or rival.clear() < 1:
             continue
         behind = winner.evidence - rival.evidence
         share = (before - rival.fit.cost) / max(before - winner.fit.cost, 1e-9)
