@@ -17,17 +17,8 @@ from ropefit.inference.stations import Stations, aligned
 FLOOR = 2e-5  # m: what a discrete rod of some eighty segments does not resolve
 LENGTHS = (0.03, 0.06, 0.12, 0.25, 0.6)  # of the rope
 RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white sd
-POSITIONS = (
-    0.0,
-    5e-5,
-    1e-4,
-    1.5e-4,
-    2e-4,
-    3e-4,
-    5e-4,
-    8e-4,
-    1.2e-3,
-)  # m, sd of an end in one frame
+# m, sd of an end in one frame
+POSITIONS = (0.0, 5e-5, 1e-4, 1.5e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)
 TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
 COST = 2.0  # nats that a further kind of noise must earn
 

@@ -11,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.inference.diagnosis.families import Family
+from ropefit.inference.diagnosis.weigh import BROAD
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 
 STRETCHES = 10
-SMALL, BROAD = 0.3, 3.0  # usual sizes: a little, and how large an effect may well be
+SMALL = 0.3  # usual sizes
 
 
 def profile(smaller: Fit, family: Family, data: Data, noise: Noise, bins: int) -> np.ndarray | None:

@@ -119,8 +119,7 @@ def search(
             break
         progress(0.24 + 0.16 * round_, "fits of the leaders")
         touching = _touching(current, scan, latent)
-        driven = inertial(current)
-        rivals = _rivals(current, scan, driven, touching, data, noise, bins, threshold)
+        rivals = _rivals(current, scan, inertial(current), touching, data, noise, bins, threshold)
         if rivals and rivals[0].evidence >= threshold:
             again = _restarted(current, rivals[0], data, noise, bins)
             if again is not None:
@@ -219,8 +218,8 @@ def _rivals(
 ) -> list[Rival]:  # fmt: skip
     """Full fits of the families that a scan puts in front, of what motion proposes, and, unless the
     best of these leaves next to nothing, of contact."""
-    best = max((s.log_factor for s in scan), default=0.0)
-    leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * best)][:LEADERS]
+    highest = max((s.log_factor for s in scan), default=0.0)
+    leaders = [s for s in scan if s.log_factor > min(threshold, 0.5 * highest)][:LEADERS]
     starts = [
         [(s.family, np.concatenate([sizes, place]))]
         for s in leaders
@@ -244,18 +243,23 @@ def _rivals(
     for choices in starts + driven:
         weigh(choices)
 
-    def wanting() -> Rival | None:
-        """The best so far, where that leaves something."""
-        rival = max(out.values(), key=lambda r: r.evidence, default=None)
-        left = rival is not None and unexplained(rival.fit) > NEGLIGIBLE * unexplained(current)
-        return rival if left else None
+    def best() -> Rival | None:
+        return max(out.values(), key=lambda r: r.evidence, default=None)
 
-    best = wanting()
-    if best and best.evidence > threshold and best.family.effect.locus == "interval":
-        start = profile(current, best.family, data, noise, bins)
-        if start is not None:
-            weigh([(best.family, start)])
-    if not out or wanting() or uneven(max(out.values(), key=lambda r: r.evidence).fit):
+    def wanting(rival: Rival) -> bool:
+        return unexplained(rival.fit) > NEGLIGIBLE * unexplained(current)
+
+    first = best()
+    if (
+        first
+        and first.family.effect.locus == "interval"
+        and first.evidence > threshold
+        and wanting(first)
+    ):
+        start = profile(current, first.family, data, noise, bins)
+        weigh([] if start is None else [(first.family, start)])
+        first = best()
+    if first is None or wanting(first) or uneven(first.fit):
         for choices in touching:  # these cost the most
             weigh(choices)
     return sorted(out.values(), key=lambda r: -r.evidence)
