@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import shutil
 import struct
-import time
 from pathlib import Path
 
 import cv2
@@ -19,7 +18,7 @@ from ropefit.errors import BadInput, WrongUsage
 from ropefit.importers.kinect_calibration import COLOUR, DEPTH, Lens, Register, calibration
 from ropefit.stages.importing import list_source
 from tests import sources
-from tests.sources import FOCAL, FRAMES, HEIGHT, WIDTH, rendered
+from tests.sources import FOCAL, FRAMES, rendered
 from tests.test_importers import brought
 
 # A real Azure Kinect, as its recorder writes it, and what its makers' library says of it in
@@ -185,88 +184,26 @@ def test_colour_of_a_depth_pixel_against_opencv(tmp_path):
         np.testing.assert_array_equal(image[v, u], shade)
 
 
-def realsense(path: Path) -> Path:
-    """The rendered rope, recorded by librealsense from a device of software."""
-    rs = pytest.importorskip("pyrealsense2")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    device = rs.software_device()
-    sensors = [device.add_sensor("Depth"), device.add_sensor("Color")]
-    kinds = [(rs.stream.depth, rs.format.z16, 2), (rs.stream.color, rs.format.rgb8, 3)]
-    profiles = []
-    for number, (sensor, (stream, format, size)) in enumerate(zip(sensors, kinds, strict=True)):
-        lens = rs.intrinsics()
-        lens.width, lens.height, lens.fx, lens.fy = WIDTH, HEIGHT, FOCAL, FOCAL
-        lens.ppx, lens.ppy, lens.model, lens.coeffs = (
-            WIDTH / 2,
-            HEIGHT / 2,
-            rs.distortion.none,
-            [0] * 5,
-        )
-        video = rs.video_stream()
-        video.type, video.fmt, video.bpp, video.uid = stream, format, size, number
-        video.width, video.height, video.fps, video.intrinsics = WIDTH, HEIGHT, 30, lens
-        profiles.append(sensor.add_video_stream(video))
-    sensors[0].add_read_only_option(rs.option.depth_units, 0.001)
-    same = rs.extrinsics()
-    same.rotation, same.translation = [1, 0, 0, 0, 1, 0, 0, 0, 1], [0, 0, 0]
-    profiles[0].register_extrinsics_to(profiles[1], same)
-    recorder, queue = rs.recorder(str(path), device), rs.frame_queue(50)
-    recorded = recorder.query_sensors()
-    for sensor, profile in zip(recorded, profiles, strict=True):
-        sensor.open(profile)
-        sensor.start(queue)
-    for n in range(FRAMES):
-        color, depth = rendered(n)
-        images = [np.round(1000 * depth).astype(np.uint16), color]
-        for sensor, profile, image in zip(sensors, profiles, images, strict=True):
-            frame = rs.software_video_frame()
-            frame.pixels, frame.bpp = (
-                image,
-                image.dtype.itemsize * (image.ndim * 2 - 3 if image.ndim > 2 else 1),
-            )
-            frame.stride, frame.timestamp, frame.frame_number = (
-                WIDTH * frame.bpp,
-                1e3 + 33.3 * n,
-                n + 1,
-            )
-            frame.profile, frame.domain = (
-                profile.as_video_stream_profile(),
-                rs.timestamp_domain.hardware_clock,
-            )
-            if image.ndim == 2:
-                frame.depth_units = 0.001
-            sensor.on_video_frame(frame)
-        time.sleep(0.05)
-    time.sleep(0.3)
-    for sensor in recorded:
-        sensor.stop()
-        sensor.close()
-    recorder.pause()
-    return path
-
-
 def test_realsense(tmp_path):
-    for attempt in range(4):  # on a busy machine librealsense's recorder loses frames
-        path = realsense(tmp_path / str(attempt) / "r.db3")  # so it writes since version 2.57
-        try:
-            whole = brought(path, "realsense")
-        except BadInput:
-            continue
-        if len(whole.frames) == FRAMES:
-            break
-    the_rendered_rope(path.rename(tmp_path / "r.db3"))
-    again = tmp_path / "again" / "r.db3"
-    again.parent.mkdir()
-    (tmp_path / "r.db3").rename(again)
+    path = recorded("realsense-2.59.1.db3", tmp_path / "r.db3")
+    the_rendered_rope(path)
+    again = recorded("realsense-2.59.1.db3", tmp_path / "again" / "r.db3")
     with pytest.raises(WrongUsage, match="camera_pose"):
         brought(again, "realsense", camera_pose="0,0,0,1,1,1,1")
 
 
 def test_realsense_bag(tmp_path):
-    """Written as above with librealsense 2.56.5, whose recorder still made `.bag` files."""
+    """Before 2.57 librealsense's recorder made `.bag` files."""
+    path = recorded("realsense-2.56.5.bag", tmp_path / "r.bag")
+    the_rendered_rope(path, first=1)  # the player pairs from the second image on
+
+
+def recorded(name: str, to: Path) -> Path:
+    """What `fixtures/record_realsense.py` wrote; not recorded anew, for on a busy machine
+    librealsense's recorder (not its player) loses frames."""
     pytest.importorskip("pyrealsense2")
-    shutil.copy(FIXTURES / "realsense-2.56.5.bag", tmp_path / "r.bag")
-    the_rendered_rope(tmp_path / "r.bag", first=1)  # the player pairs from the second image on
+    to.parent.mkdir(exist_ok=True)
+    return Path(shutil.copy(FIXTURES / name, to))
 
 
 def the_rendered_rope(path: Path, first: int = 0) -> None:
