@@ -131,19 +131,27 @@ def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noi
     own = np.diagonal(s.white(), axis1=1, axis2=2) + FLOOR**2 + known.marker**2
     typical = float(np.sqrt(np.median(own)))
 
+    both = np.column_stack([design, flat])
+    white = np.empty_like(both)
+    told: dict[tuple[float, ...], float] = {}
+
     def worth(noise: Noise) -> float:
         kinds = (noise.correlated, *(noise.ends.sd if noise.ends else ()))
+        key = (noise.length, *kinds)
+        if key not in told:
+            told[key] = against(noise, kinds)
+        return told[key]
+
+    def against(noise: Noise, kinds: tuple[float, ...]) -> float:
         total = COST * sum(kind > 0 for kind in kinds)
-        gram, toward = np.eye(design.shape[1]), np.zeros(design.shape[1])
         for rows, covariance in covariances(s, noise):
             factor = np.linalg.cholesky(covariance)
-            inverse = np.linalg.inv(factor)
-            z, x = inverse @ flat[rows], inverse @ design[rows]
-            total += 0.5 * float(z @ z) + float(np.log(np.diag(factor)).sum())
-            gram += x.T @ x
-            toward += x.T @ z
-        left = np.linalg.cholesky(gram)
-        fitted = np.linalg.solve(left, toward)
+            total += float(np.log(np.diag(factor)).sum())
+            white[rows] = np.linalg.inv(factor) @ both[rows]
+        gram = white.T @ white  # in one go: several times as fast as frame by frame
+        total += 0.5 * float(gram[-1, -1])
+        left = np.linalg.cholesky(gram[:-1, :-1] + np.eye(len(gram) - 1))
+        fitted = np.linalg.solve(left, gram[:-1, -1])
         return total + float(np.log(np.diag(left)).sum()) - 0.5 * float(fitted @ fitted)
 
     best = replace(known, correlated=0.0)

@@ -1,0 +1,30 @@
+"""A small fixed part of the blind benchmark: recordings by a simulator that is not ropefit's,
+answered by the command line, scored by the benchmark's own rules."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.discovery.__main__ import one
+from benchmarks.discovery.cases import listed
+from benchmarks.discovery.table import miss
+
+CASES = {case.name: case for case in listed("small", seed=5)}
+
+
+@pytest.mark.parametrize(
+    ("name", "verdict"),
+    [
+        ("clean-003", "none"),
+        ("single-pointmass-000", "found"),
+        ("decoy-gravitymisalignment-000", "found"),
+        ("unknown-repulsion-000", "unknown"),
+    ],
+)
+def test_what_is_concealed_is_told(name, verdict, tmp_path):
+    answered = one(CASES[name], tmp_path, make_only=False, score_only=False)
+    assert isinstance(answered, dict)
+    assert not miss(answered)
+    assert answered["verdict"] == verdict
+    assert all(answered["place"])
+    assert all(answered["size"])
