@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.discovery import made, make
 from benchmarks.discovery.collocation import NotConverged
 from benchmarks.discovery.concealed import (
+    IN_MOTION,
     MEASUREMENT,
     NEEDS_CLAMPS,
     NEEDS_PINS,
@@ -21,7 +22,6 @@ from benchmarks.discovery.concealed import (
 SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
 SEEN = (12.0, 30.0, 100.0)  # of ropes that remember
 MOVING = (30.0, 100.0)  # of ropes that are filmed in motion
-IN_MOTION = ("inertia", "damping", "time_lag")
 # Effects that MuJoCo's rope can have as well: about half of their recordings are made by it.
 IN_MUJOCO = (
     "point_mass", "mass_section", "stiff_section", "soft_section", "distributed_load", "tether",

@@ -314,6 +314,8 @@ REMEMBERING = {
     "bending_hysteresis": bending_hysteresis, "plastic_set": plastic_set,
     "viscoelastic_creep": viscoelastic_creep,
 }  # fmt: skip
+IN_MOTION = ("inertia", "damping", "time_lag")
+IN_TIME = {*REMEMBERING, *IN_MOTION, "contact_friction"}
 MEASUREMENT = {
     "scale_error": scale_error, "end_offset": end_offset,
     "gravity_misalignment": gravity_misalignment, "depth_bias": depth_bias,

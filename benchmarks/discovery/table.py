@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks.discovery.concealed import IN_TIME
 from benchmarks.discovery.score import confusion, rows
 
 MOST_MISSES = 40
@@ -13,20 +14,22 @@ def markdown(
     judgements: list[dict[str, Any]], impossible: dict[str, str], options: str, listed: int
 ) -> str:
     """The section of docs/results.md; options: of the command; listed: cases it asks for."""
-    table = rows(judgements)
+    in_time = [j for j in judgements if IN_TIME & set(j["true"])]
     lines = [
         f"{len(judgements)} of {listed} recordings by simulators that are not ropefit's, by",
         f"`python -m benchmarks.discovery {options}`. *Visible*: a score (signal",
-        "over noise, after what EI and the set-up's errors absorb) of at least 12.",
+        "over noise, after what EI and the set-up's errors absorb) of at least 12. *In time*:",
+        f"of them those with {', '.join(sorted(IN_TIME))}.",
         "",
-        "| what | bar | measured | cases | |",
-        "|---|---|---|---|---|",
+        "| what | bar | measured | cases | | in time | cases | |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     marks = {True: "yes", False: "**no**", None: ""}
-    lines += [
-        f"| {r['what']} | {r['bar']} | {r['measured']} | {r['cases']} | {marks[r['passed']]} |"
-        for r in table
-    ]
+    for r, t in zip(rows(judgements), rows(in_time), strict=True):
+        lines.append(
+            f"| {r['what']} | {r['bar']} | {r['measured']} | {r['cases']} | {marks[r['passed']]} | "
+            f"{t['measured']} | {t['cases'] or ''} | {marks[t['passed']]} |"
+        )
     counts = confusion(judgements)
     called = sorted({name for row in counts.values() for name in row})
     lines += [
