@@ -23,10 +23,11 @@ from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.diagnosis.columns import Responses
 from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import families
+from ropefit.inference.diagnosis.gates import agreeing
 from ropefit.inference.diagnosis.latent import latent_force
 from ropefit.inference.diagnosis.profile import _clearest, profile
 from ropefit.inference.diagnosis.regions import regions
-from ropefit.inference.diagnosis.search import _agreeing, _restarted, search
+from ropefit.inference.diagnosis.search import _restarted, search
 from ropefit.inference.diagnosis.weigh import heldout_rms, predicted
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
@@ -181,7 +182,7 @@ def test_a_rope_about_to_fall_over_is_on_the_edge():
     ],
 )
 def test_held_out_blocks_support_an_effect(gains, supported):
-    assert _agreeing(np.array(gains)) is supported
+    assert agreeing(np.array(gains)) is supported
 
 
 def test_a_softer_rope_passes_for_a_heavier_tip():

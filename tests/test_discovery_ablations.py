@@ -61,8 +61,8 @@ def rival(evidence: float, cost: float, effect: str = "kink") -> SimpleNamespace
 
 def parts() -> tuple:
     return (
-        diagnose.calibration, engine.measure, engine._restarted, engine._rivals, engine._winner,
-        engine._noise,
+        diagnose.calibration, engine.measure, engine._restarted, engine.fit_rivals,
+        engine.winner_of, engine._noise,
     )  # fmt: skip
 
 
@@ -119,11 +119,11 @@ def test_naive_bic_counts_values_and_asks_no_gate(monkeypatch):
         asked.append(threshold)
         return [many, few]
 
-    monkeypatch.setattr(engine, "_rivals", fitted)
+    monkeypatch.setattr(engine, "fit_rivals", fitted)
     monkeypatch.setattr("benchmarks.discovery.left_out.replace", changed_copy)
     with VARIANTS["bic"].apart({}):
-        rivals = engine._rivals(current, [], [], [], None, Noise(), BINS, 12.0)  # type: ignore[arg-type]
-        winner = engine._winner(rivals, 12.0, current, [])  # type: ignore[arg-type]
+        rivals = engine.fit_rivals(current, [], [], [], None, Noise(), BINS, 12.0)  # type: ignore[arg-type]
+        winner = engine.winner_of(rivals, 12.0, current, [])  # type: ignore[arg-type]
         assert asked == [0.0]
         sizes = {r.family.name: len(r.family.effect.names) for r in rivals}
         for r in rivals:
@@ -131,7 +131,7 @@ def test_naive_bic_counts_values_and_asks_no_gate(monkeypatch):
             assert r.evidence == pytest.approx(expected)
         assert winner is rivals[0]
         nothing = [SimpleNamespace(evidence=-0.1)]
-        assert engine._winner(nothing, 12.0, current, []) is None  # type: ignore[arg-type]
+        assert engine.winner_of(nothing, 12.0, current, []) is None  # type: ignore[arg-type]
 
 
 def changed_copy(item: SimpleNamespace, **new) -> SimpleNamespace:

@@ -72,7 +72,7 @@ def never_restarted(told: Told) -> AbstractContextManager[Any]:
 @contextmanager
 def naive_bic(told: Told) -> Iterator[None]:
     """The effect with the lowest BIC is accepted if it lowers it at all."""
-    plain = engine._rivals
+    plain = engine.fit_rivals
 
     def rivals(
         current: Fit, scan: list[Scored], driven: Any, touching: Any, data: Any, noise: Noise,
@@ -88,7 +88,7 @@ def naive_bic(told: Told) -> Iterator[None]:
     def winner(rivals: list[Rival], *_: Any) -> Rival | None:
         return rivals[0] if rivals and rivals[0].evidence > 0 else None
 
-    with _in_rounds(rivals), patch.object(engine, "_winner", winner):
+    with _in_rounds(rivals), patch.object(engine, "winner_of", winner):
         yield
 
 
@@ -100,7 +100,7 @@ def penalty(current: Fit, one: Scored | Rival) -> float:
 @contextmanager
 def free_rival(told: Told) -> Iterator[None]:
     """Each round has one rival more: a rope whose EI and rest curve are free along it."""
-    plain, told["rounds"] = engine._rivals, []
+    plain, told["rounds"] = engine.fit_rivals, []
 
     def rivals(
         current: Fit, scan: Any, driven: Any, touching: Any, data: Any, noise: Noise, bins: int,
@@ -133,13 +133,13 @@ def _weighed(current: Fit, rival: Rival | None) -> dict[str, Any] | None:
 @contextmanager
 def _in_rounds(rivals: Callable[..., list[Rival]]) -> Iterator[None]:
     """Other rivals in the rounds of the search, but not where its noise is measured."""
-    plain, noise = engine._rivals, engine._noise
+    plain, noise = engine.fit_rivals, engine._noise
 
     def as_before(*arguments: Any) -> Noise:
-        with patch.object(engine, "_rivals", plain):
+        with patch.object(engine, "fit_rivals", plain):
             return noise(*arguments)
 
-    with patch.object(engine, "_rivals", rivals), patch.object(engine, "_noise", as_before):
+    with patch.object(engine, "fit_rivals", rivals), patch.object(engine, "_noise", as_before):
         yield
 
 

@@ -160,6 +160,17 @@ def fit(
     )  # fmt: skip
 
 
+def attempted(
+    forward: Forward, data: Data, noise: Noise, bins: int, start: np.ndarray, evaluations: int,
+    tolerance: float,
+) -> Fit | None:  # fmt: skip
+    """The same; None where a rope so described does not settle, or its numbers run away."""
+    try:
+        return fit(forward, data, noise, bins, start, evaluations, tolerance=tolerance)
+    except (ArithmeticError, ValueError):  # of which a singular matrix is one
+        return None
+
+
 def data_without(data: Data, dropped: np.ndarray) -> Data:
     """The data with some frames (F,) bool blanked."""
     return replace(data, mask=data.mask & ~dropped[:, None])

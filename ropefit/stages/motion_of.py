@@ -11,6 +11,8 @@ from ropefit.rod.setup import Motion
 from ropefit.solvers.turns import to_turn
 
 WINDOW = 3  # frames on either side that a parabola in time is fitted to
+# On either side of a quartic: three quarters of the noise, a quarter of the bias.
+WIDER = 6
 SLOWEST = 0.1  # s: frames further apart than this show no motion
 JUMP = 0.05  # of the length: nodes move less than this from frame to frame, or it is no film
 FEWEST = 5  # markers, or nodes that were seen, that make a line
@@ -82,14 +84,18 @@ def clips_of(time: np.ndarray) -> list[np.ndarray]:
 def rates(
     time: np.ndarray, values: np.ndarray, clips: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivative in time of values (F, ...), by a parabola through the frames
-    about each."""
+    """First and second derivative in time of values (F, ...), by a polynomial through the frames
+    about each: a quartic, and a parabola where a clip begins and ends."""
     first, second = np.zeros_like(values), np.zeros_like(values)
     for clip in clips:
+        last = len(clip) - 1
         for place, t in enumerate(clip):
-            low = int(np.clip(place - WINDOW, 0, len(clip) - 2 * WINDOW - 1))
-            near = clip[low : low + 2 * WINDOW + 1]
-            powers = np.vander(time[near] - time[t], 3, increasing=True)
-            _, b, c = np.einsum("pk,k...->p...", np.linalg.pinv(powers), values[near])
-            first[t], second[t] = b, 2 * c
+            inside = WIDER <= place <= last - WIDER
+            half, degree = (WIDER, 4) if inside else (WINDOW, 2)
+            low = int(np.clip(place - half, 0, last - 2 * half))
+            near = clip[low : low + 2 * half + 1]
+            step = float(np.ptp(time[near])) / len(near)
+            powers = np.vander((time[near] - time[t]) / step, degree + 1, increasing=True)
+            fitted = np.einsum("pk,k...->p...", np.linalg.pinv(powers), values[near])
+            first[t], second[t] = fitted[1] / step, 2 * fitted[2] / step**2
     return first, second

@@ -13,7 +13,7 @@ import numpy as np
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.diagnosis.weigh import BROAD
 from ropefit.inference.forward import Forward
-from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 
@@ -38,9 +38,8 @@ def profile(smaller: Fit, family: Family, data: Data, noise: Noise, bins: int) -
     own = STRETCHES * family.size
     small = 0.0 if family.effect.linear else SMALL  # at zero some have no slope
     begin = np.concatenate([smaller.point.u, np.full(own, small)])
-    try:
-        found = fit(forward, data, noise, bins, begin, 15, tolerance=1e-4)
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+    found = attempted(forward, data, noise, bins, begin, 15, tolerance=1e-4)
+    if found is None:
         return None
     scale = np.tile(terms[0].scale, STRETCHES)
     values = (scale * found.point.u[-own:]).reshape(STRETCHES, family.size)

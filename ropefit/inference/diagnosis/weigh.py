@@ -11,7 +11,7 @@ from ropefit.inference.diagnosis.evidence import Projection
 from ropefit.inference.diagnosis.families import CONTACT, Family
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.known import settled
-from ropefit.inference.least_squares import Fit, fit, sensitivity
+from ropefit.inference.least_squares import Fit, attempted, sensitivity
 from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 
@@ -78,14 +78,11 @@ def fit_rival(
     if _distorted(smaller):
         begin[: -term.size] = _beside(smaller, first.seen)
     slow = isinstance(family.effect, SLOW)
-    try:
-        found = fit(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
-        if slow and not found.converged and found.cost < smaller.cost:
-            # Contact flickers: what is left to gain is soon less.
-            found = fit(forward, data, noise, bins, found.point.u, SOON, tolerance=1e-4)
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-        return None
-    if not np.isfinite(found.cost) or not found.point.solution.converged.all():
+    found = attempted(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
+    if slow and found is not None and not found.converged and found.cost < smaller.cost:
+        # Contact flickers: what is left to gain is soon less.
+        found = attempted(forward, data, noise, bins, found.point.u, SOON, tolerance=1e-4)
+    if found is None or not np.isfinite(found.cost) or not found.point.solution.converged.all():
         return None
     if len(found.z) != len(smaller.z):  # a frame did not settle at the start: nothing to compare
         return None
