@@ -15,7 +15,9 @@ from benchmarks.discovery import falsified, score, table, worked
 from benchmarks.discovery.cases import listed
 from benchmarks.discovery.made import Made, write
 from benchmarks.discovery.make import make
+from ropefit.artifacts import Observations, read
 from ropefit.recordings.ply import read_ply
+from ropefit.stages.rope_setup import data_in_space
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +93,12 @@ def test_preprocess_accepts_it(ropefit, heavy, folder):
     assert found["dropped"] == []
     assert found["ends"] == ["clamped", "clamped"]
     assert 0.5 * heavy.setting.sensor.noise < found["noise_m"] < 4 * heavy.setting.sensor.noise
+    seen, _ = read(ropefit.directory / found["artifact"], Observations)
+    assert data_in_space(seen).radius == pytest.approx(0.5 * heavy.setting.diameter, rel=1e-3)
+    assert seen.point_before is not None
+    # Depths that have nothing to do with a round surface are not taken for one.
+    mixed = np.random.default_rng(1).permutation(seen.point_before)
+    assert data_in_space(seen.model_copy(update={"point_before": mixed})).radius == 0
 
 
 def test_the_lists_are_complete_and_the_same_every_time():

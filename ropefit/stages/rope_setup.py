@@ -9,14 +9,15 @@ import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
-from ropefit.inference.stations import Data
+from ropefit.inference.stations import Data, match
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
-from ropefit.stages.motion_of import motion_of
+from ropefit.stages.motion_of import centrelines, motion_of
 
 FINEST = 160  # segments, about: at 80 a pinned rope's EI is 0.2 to 0.5 % off, a clamped one's 2 %
 CLAMPED = 240
 UNKNOWN_SURFACE = 0.003  # m: half of how thick a rope of unknown diameter may be
+STATIONS = 40  # of a frame, short enough for the rope to be straight there
 LIKELY_STIFFNESS = 3e-4  # EI over weight per length and length cubed: where a fit starts
 
 
@@ -79,7 +80,22 @@ def data_in_space(o: Observations) -> Data:
         return data
     before = np.zeros((frames, most))
     before[mask] = o.point_before
-    return replace(data, before=before, radius=0.5 * o.diameter)
+    whole = replace(data, before=before, radius=0.5 * o.diameter)
+    return whole if _looks_round(o, whole) else data
+
+
+def _looks_round(o: Observations, data: Data) -> bool:
+    """Whether the points' depths fall away to both sides as on a round rope, rather than not at
+    all: not after a projection, nor where a sensor blurs a thin rope."""
+    line = centrelines(o, o.node_arc)
+    whole = np.flatnonzero(np.isfinite(line).all(axis=(1, 2)))
+    if not len(whole):
+        return True
+    some = data.frames(whole)
+    round_, flat = (
+        match(one, line[whole], STATIONS).scatter for one in (some, replace(some, radius=0.0))
+    )
+    return bool(len(round_) and round_[0, 1] < flat[0, 1])
 
 
 def surface_sd(o: Observations) -> float:
