@@ -23,12 +23,14 @@ from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.diagnosis.columns import Responses
 from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import families
+from ropefit.inference.diagnosis.found import Found
 from ropefit.inference.diagnosis.gates import agreeing
 from ropefit.inference.diagnosis.latent import latent_force
 from ropefit.inference.diagnosis.profile import _clearest, profile
+from ropefit.inference.diagnosis.reconsider import reconsidered
 from ropefit.inference.diagnosis.regions import regions
 from ropefit.inference.diagnosis.search import _restarted, search
-from ropefit.inference.diagnosis.weigh import heldout_rms, predicted
+from ropefit.inference.diagnosis.weigh import fit_rival, heldout_rms, predicted
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -263,3 +265,37 @@ def test_a_wide_stretch_is_fitted_from_its_profile():
     start = profile(nominal, family, data, Noise(), BINS)
     assert start is not None
     assert start[-2:] == pytest.approx([0.45, 0.6], abs=0.11)
+
+
+def test_effects_are_weighed_again_beside_a_later_one():
+    """One that stood for two gives way to what is right; one with nothing to explain goes."""
+    effects = [(StiffSection(), [0.5, 0.6, 0.2]), (PointMass(), [0.003, 0.25])]
+    setup = rope(288)
+    for effect, values in effects:
+        setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+    data = recorded(setup, seed=5)
+    nominal = nominal_fit(data)
+    data = data.settled(nominal.point.seen)
+    white = match(data, nominal.point.seen, BINS).scatter[0]
+    noise = Noise(white=(float(white[0]), float(white[1])))
+    nominal = fit(nominal.forward, data, noise, BINS, nominal.point.u)
+    weighed = {f.name: f for f in families(nominal.point.setup)}
+
+    def on(smaller, name, values):
+        return fit_rival(smaller, weighed[name], np.array(values), data, noise, BINS)
+
+    stiff = on(nominal, "stiff_section", [0.5, 0.6, 0.2])
+    other = on(nominal, "intrinsic_curvature", [0.3, 0.6, 0.2])
+    mass = on(other.fit, "point_mass", [0.003, 0.25])
+    named = [Found(other, [], other.evidence, 0.0, [stiff]), Found(mass, [], mass.evidence, 0.0)]
+    fitted, kept = reconsidered(mass.fit, named, 5.0, 20, data, noise, BINS)
+    assert [one.rival.family.name for one in kept] == ["stiff_section", "point_mass"]
+    assert fitted.cost < mass.fit.cost - 10
+    assert kept[1].rival.values()[0] == pytest.approx(0.003, rel=0.2)
+
+    idle = on(stiff.fit, "kink", [0.01, 0.8])
+    mass = on(idle.fit, "point_mass", [0.003, 0.25])
+    named = [Found(one, [], one.evidence, 0.0) for one in (stiff, idle, mass)]
+    fitted, kept = reconsidered(mass.fit, named, 5.0, 20, data, noise, BINS)
+    assert [one.rival.family.name for one in kept] == ["stiff_section", "point_mass"]
+    assert fitted.cost == pytest.approx(mass.fit.cost, abs=10)

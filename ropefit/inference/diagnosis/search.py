@@ -14,11 +14,12 @@ from ropefit.inference.diagnosis.columns import Columns, Responses
 from ropefit.inference.diagnosis.contact import Start, proposals, uneven
 from ropefit.inference.diagnosis.evidence import Projection, Scored, Scorer, null_residuals
 from ropefit.inference.diagnosis.families import families
+from ropefit.inference.diagnosis.found import Found, found
 from ropefit.inference.diagnosis.gates import winner_of
 from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.latent import Latent, latent_force
+from ropefit.inference.diagnosis.reconsider import reconsidered
 from ropefit.inference.diagnosis.rivals import NEGLIGIBLE, fit_rivals, key_of, repair, unexplained
-from ropefit.inference.diagnosis.ties import equivalents, ordered
 from ropefit.inference.diagnosis.weigh import Rival
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, attempted, fit
@@ -33,16 +34,6 @@ STUCK = 0.2  # of a winner's evidence: gained without it, by beginning elsewhere
 MOST_EFFECTS = 2  # more would explain anything: then it is unknown
 SHOWN = 0.7  # of the misfit: what a scan explains of it in one place
 IN_MOTION = 0.5  # of the first misfit: what may stay once inertia is found
-
-
-@dataclass
-class Found:
-    """An accepted effect, the rivals that explain as much, and how sure it is."""
-
-    rival: Rival
-    equivalent: list[Rival]
-    evidence: float
-    p_value: float
 
 
 @dataclass
@@ -125,15 +116,17 @@ def search(
         winner = winner_of(rivals, threshold, current, refused)
         if winner is None:
             break
-        winner, same = ordered(winner, equivalents(winner, rivals, current.cost))
-        p = min(1.0, len(columns) * float(np.exp(-min(winner.evidence, 690.0))))
-        accepted.append(Found(winner, same, winner.evidence, max(p, 1e-300)))
+        accepted.append(found(winner, rivals, current, len(columns)))
+        winner = accepted[-1].rival
         # What every rope in motion has explains nothing away.
         most += winner.family.name == Inertia.name
         current = winner.fit
         current.forward.last = current.point.solution
         data = every.settled(current.point.seen)
         current = fit(current.forward, data, noise, bins, current.point.u, 10, tolerance=1e-5)
+        current, accepted = reconsidered(
+            current, accepted, threshold, len(columns), data, noise, bins
+        )
     assert latent is not None
     left, was = unexplained(current), max(unexplained(nominal), 1e-9)
     moving = any(f.rival.family.name == Inertia.name for f in accepted)
