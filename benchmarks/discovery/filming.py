@@ -28,7 +28,8 @@ STEADY = 0.5  # of a turn: in which the rope gets up to its pace, before it is f
 FIRST, PACES = 6.0, (2.5, 11.0)  # s, a turn
 SLOW = (8.0, 11.0)  # s, a turn where inertia is not the point
 AIR = 0.05  # 1/s
-DRAGS, LAGS = (2 * AIR, 30.0), (0.003, 0.25)  # 1/s, s
+DRAGS = (2 * AIR, 30.0)  # 1/s
+LAGS = (0.009, 0.25)  # s; up to three times what clocks are usually off it is no finding
 
 
 @dataclass(frozen=True)

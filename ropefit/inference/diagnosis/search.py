@@ -20,7 +20,7 @@ from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.latent import Latent, latent_force
 from ropefit.inference.diagnosis.reconsider import reconsidered
 from ropefit.inference.diagnosis.rivals import NEGLIGIBLE, fit_rivals, key_of, repair, unexplained
-from ropefit.inference.diagnosis.weigh import Rival
+from ropefit.inference.diagnosis.weigh import Rival, fit_rival
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, attempted, fit
 from ropefit.inference.noise import Noise
@@ -144,7 +144,12 @@ def search(
 
 def _noise(nominal: Fit, data: Data, noise: Noise, bins: int) -> Noise:
     """The noise beside what effects explain, those too that no scan shows to the full (contact, a
-    rope that remembers): they would pass for noise of the ends, and then for nothing."""
+    rope that remembers): they would pass for noise of the ends, and then for nothing. Nor can it
+    be measured against a rope that ought to be moving and is not."""
+    for (start,) in inertial(nominal):
+        moving = fit_rival(nominal, *start, data, noise, bins)
+        if moving is not None and moving.evidence > LEAST:
+            nominal = moving.fit
     columns = _columns(nominal, data, bins, [])
     found = measure(nominal, columns, noise, [])
     if not found.coloured:
