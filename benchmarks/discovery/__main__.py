@@ -4,7 +4,8 @@
                                    [--json FILE] [--write docs/results.md]
 
 Cases with an answer are kept in DIR and not run again; shards share DIR. `--make` only makes the
-recordings, `--score-only` scores what all shards have finished.
+recordings, `--score-only` scores what all shards have finished, `--real-only` falsifies real
+recordings and simulates none. `--section` is that of the document which the table replaces.
 """
 
 from __future__ import annotations
@@ -31,11 +32,16 @@ def main() -> None:
     arguments.add_argument("--seed", type=int, default=5)
     arguments.add_argument("--make", action="store_true", help="only make the recordings")
     arguments.add_argument("--score-only", action="store_true", help="only what is finished")
+    arguments.add_argument("--section", default="discovery")
+    arguments.add_argument("--real-only", action="store_true", help="only the real recordings")
     arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
     options = arguments.parse_args()
     shard, shards = (int(part) for part in options.shard.split("/"))
     if not 1 <= shard <= shards:
         arguments.error("--shard I/N with 1 <= I <= N")
+    if options.real_only:
+        publish(options, "discovery-real", *falsified.table(options.real, options.out))
+        return
     # What one seed makes is not another's.
     out = options.out / f"seed-{options.seed}"
     cases = listed(options.cases, options.seed)[shard - 1 :: shards]
@@ -60,7 +66,7 @@ def main() -> None:
     data: dict[str, Any] = {
         "rows": rows(judgements), "cases": judgements, "impossible": impossible,
     }  # fmt: skip
-    publish(options, "discovery", text, data)
+    publish(options, options.section, text, data)
     if options.real.is_dir() and shard == 1 and not options.score_only:
         text, data["real"] = falsified.table(options.real, options.out)
         publish(options, "discovery-real", text, data)
