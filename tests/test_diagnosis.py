@@ -28,7 +28,7 @@ from ropefit.inference.diagnosis.gates import agreeing
 from ropefit.inference.diagnosis.latent import latent_force
 from ropefit.inference.diagnosis.profile import _clearest, profile
 from ropefit.inference.diagnosis.reconsider import reconsidered
-from ropefit.inference.diagnosis.regions import regions
+from ropefit.inference.diagnosis.regions import misfit, regions
 from ropefit.inference.diagnosis.search import _restarted, search
 from ropefit.inference.diagnosis.weigh import fit_rival, heldout_rms, predicted
 from ropefit.inference.forward import Forward
@@ -150,6 +150,22 @@ def test_the_mismatch_is_located():
     found = regions(nominal_fit(data), BINS)
     assert found
     assert any(low <= 0.37 <= high for low, high in (r.arc for r in found))
+
+
+def test_the_mismatch_of_markers_is_located():
+    """More of them than stations of a cloud, and in no order."""
+    nodes = np.random.default_rng(1).permutation(np.arange(6, 282, 4))
+    seen = Forward(with_effect(PointMass(), [0.01, 0.37]), []).at(np.empty(0)).seen[:, nodes]
+    share = np.tile(nodes / 288, (len(seen), 1))
+    data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
+    setup = rope(144)
+    found = fit(Forward(setup, []), data, Noise(marker=1e-3), BINS)
+    assert misfit(found, BINS).shape == (len(seen), BINS, 3)
+    low, high = regions(found, BINS)[0].arc
+    assert low <= 0.37 <= high
+    assert np.nanmax(np.abs(misfit(found, BINS))) == pytest.approx(
+        np.abs(found.stations.residual).max(), rel=0.3
+    )
 
 
 def test_a_rope_about_to_fall_over_is_on_the_edge():

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from ropefit.inference.least_squares import Fit
+from ropefit.inference.stations import Stations
 
 SIGNIFICANT = 3.0  # sd of a mean over three stations in three frames
 MOST = 6
@@ -26,18 +27,23 @@ class Mismatch:
 def misfit(found: Fit, bins: int) -> np.ndarray:
     """(F, bins, 3) [m] mean offset of data from model, NaN where nothing was seen."""
     s = found.stations
-    out = np.full((len(found.point.seen), bins, 3), np.nan)
-    out[s.frame, s.bin] = np.einsum("md,mda->ma", s.residual, s.basis)
-    return out
+    place = np.clip((s.share * bins).astype(int), 0, bins - 1) if _markers(s) else s.bin
+    total = np.zeros((len(found.point.seen), bins, 3))
+    count = np.zeros((*total.shape[:2], 1))
+    np.add.at(total, (s.frame, place), np.einsum("md,mda->ma", s.residual, s.basis))
+    np.add.at(count, (s.frame, place), 1.0)
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
 
 
 def regions(found: Fit, bins: int) -> list[Mismatch]:
     """The largest connected regions of significant misfit."""
     s = found.stations
-    bins = max(bins, int(s.bin.max(initial=0)) + 1)
-    offset = misfit(found, bins)
+    place, edges = _places(s, bins)
+    bins = len(edges) - 1
+    offset = np.full((len(found.point.seen), bins, 3), np.nan)
+    offset[s.frame, place] = np.einsum("md,mda->ma", s.residual, s.basis)
     z = np.zeros((len(offset), bins, s.residual.shape[1]))
-    z[s.frame, s.bin] = found.z.reshape(s.residual.shape)
+    z[s.frame, place] = found.z.reshape(s.residual.shape)
     seen = np.isfinite(offset[..., 0]).astype(float)
     kernel = np.ones((3, 3))
     count = ndimage.convolve(seen, kernel, mode="constant")
@@ -61,7 +67,7 @@ def regions(found: Fit, bins: int) -> list[Mismatch]:
         size = np.linalg.norm(direction)
         out.append(
             Mismatch(
-                (float(places.min() / bins), float((places.max() + 1) / bins)),
+                (float(edges[places.min()]), float(edges[places.max() + 1])),
                 (int(frames.min()), int(frames.max())),
                 float(np.sqrt((vectors**2).sum(-1).mean())),
                 direction / size if size > 0 else np.zeros(3),
@@ -69,3 +75,19 @@ def regions(found: Fit, bins: int) -> list[Mismatch]:
         )
     out.sort(key=lambda r: -r.rms * (r.arc[1] - r.arc[0]) * (r.frames[1] - r.frames[0] + 1))
     return out[:MOST]
+
+
+def _markers(s: Stations) -> bool:
+    return s.residual.shape[1] == 3
+
+
+def _places(s: Stations, bins: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which stretch every station (M,) is in, and where stretches (B,) begin and end (B + 1,), as
+    shares of the length: one for each marker, halfway to the next."""
+    if not _markers(s):
+        return s.bin, np.linspace(0, 1, bins + 1)
+    names, column = np.unique(s.bin, return_inverse=True)
+    share = np.array([np.median(s.share[column == k]) for k in range(len(names))])
+    order = np.argsort(share)
+    share = share[order]
+    return np.argsort(order)[column], np.concatenate([[0], 0.5 * (share[1:] + share[:-1]), [1]])
