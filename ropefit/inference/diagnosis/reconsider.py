@@ -44,14 +44,14 @@ def reconsidered(
             r for r in rivals
             if r.evidence > held.evidence + SET_NATS and r.fit.cost < current.cost
         ]  # fmt: skip
-        best = winner_of(better, threshold, without, [])
-        if best is not None:
-            instead = found(best, rivals, without, looks)
-            out = [instead if f is one else f for f in out]
-            current, changed = instead.rival.fit, True
-        elif 0.5 * (without.cost - current.cost) < threshold and len(out) > 1:
+        if not better and 0.5 * (without.cost - current.cost) < threshold and len(out) > 1:
             out = [f for f in out if f is not one]
             current, changed = without, True
+            continue
+        # Even where it keeps its place, others may explain as much beside the rest.
+        now = found(winner_of(better, threshold, without, []) or held, rivals, without, looks)
+        out = [now if f is one else f for f in out]
+        current, changed = now.rival.fit, changed or now.rival is not held
     return current, out
 
 
