@@ -108,3 +108,12 @@ def test_a_few_kills(tmp_path: Path) -> None:
         cwd=ROOT, capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_a_lock_left_when_all_was_done_goes(tmp_path: Path) -> None:
+    marker_recording(tmp_path / "in")
+    assert preprocess(tmp_path, 6).returncode == 0
+    for name in (".lock", ".observations.h5.x.tmp"):
+        (tmp_path / "run" / name).touch()
+    assert preprocess(tmp_path, 6).returncode == 0  # up to date
+    assert [path.name for path in (tmp_path / "run").iterdir() if path.name.startswith(".")] == []

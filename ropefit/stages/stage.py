@@ -23,7 +23,7 @@ from ropefit.artifacts import Artifact, Provenance, read, write
 from ropefit.artifacts.store import stored_hash
 from ropefit.errors import BadInput, StageFailed
 from ropefit.stages.checkpoint import checkpointed
-from ropefit.stages.lock import working_on
+from ropefit.stages.lock import tidy, working_on
 
 # What shows or hands on results, and does not change them.
 SHOWS = ("reporting/", "viewing/", "sample_data/", "cli", "console", "commands", "api", "__init__")
@@ -90,6 +90,7 @@ def execute(
     """
     old, why, inputs, hashes = _look(stage, directory, settings, external, force)
     if old is not None:
+        tidy(directory)
         return Outcome(old, directory / stage.writes.file_name, computed=False, why=why)
     with working_on(directory):
         # Until the run was ours another process may have changed it, or done the work.
