@@ -195,24 +195,23 @@ def test_realsense(tmp_path):
 def test_realsense_bag(tmp_path):
     """Before 2.57 librealsense's recorder made `.bag` files."""
     path = recorded("realsense-2.56.5.bag", tmp_path / "r.bag")
-    the_rendered_rope(path, first=1)  # the player pairs from the second image on
+    the_rendered_rope(path)
 
 
 def recorded(name: str, to: Path) -> Path:
-    """What `fixtures/record_realsense.py` wrote; not recorded anew, for on a busy machine
-    librealsense's recorder (not its player) loses frames."""
+    """What `fixtures/record_realsense.py` wrote, each with its own librealsense."""
     pytest.importorskip("pyrealsense2")
     to.parent.mkdir(exist_ok=True)
     return Path(shutil.copy(FIXTURES / name, to))
 
 
-def the_rendered_rope(path: Path, first: int = 0) -> None:
+def the_rendered_rope(path: Path) -> None:
     kinds = {entry["name"]: entry["kind"] for entry in list_source(path, "realsense")["contents"]}
     assert kinds == {"Depth": "z16", "Color": "rgb8"}
     recording = brought(path, "realsense", camera_pose="0.3,-1.2,0,-0.7071068,0,0,0.7071068")
-    assert recording.frames == list(range(FRAMES - first))
+    assert recording.frames == list(range(FRAMES))
     for frame in recording.frames:
-        color, depth = rendered(frame + first)
+        color, depth = rendered(frame)
         sight = recording.source.sight(frame)
         assert sight.depth is not None
         np.testing.assert_array_equal(sight.color, color)

@@ -29,7 +29,7 @@ FIRST, PACES = 6.0, (2.5, 11.0)  # s, a turn
 SLOW = (8.0, 11.0)  # s, a turn where inertia is not the point
 AIR = 0.05  # 1/s
 DRAGS = (2 * AIR, 30.0)  # 1/s
-LAGS = (0.009, 0.25)  # s; up to three times what clocks are usually off it is no finding
+LAGS = (0.009, 0.25)  # s; less than three times what clocks are usually off is no finding
 
 
 @dataclass(frozen=True)

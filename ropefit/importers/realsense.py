@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,6 +16,7 @@ from ropefit.importers.camera import given_pose
 from ropefit.importers.draft import Draft
 
 WAIT = 5000  # ms for the next frame of a file: longer than a disk takes
+STEP = 500  # ms: also for what is on its way when the file has been played
 COLOURS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
 
 
@@ -87,10 +88,10 @@ class RealSense(Importer):
 
 
 class _Playing:
-    """A file being played: its profile, and the pair of frames that came last."""
+    """A file being played: its profile, whether it is over, the pair of frames that came last."""
 
-    def __init__(self, pipeline: Any, profile: Any):
-        self.pipeline, self.profile, self.frames = pipeline, profile, None
+    def __init__(self, pipeline: Any, profile: Any, over: Callable[[], bool]):
+        self.pipeline, self.profile, self.over, self.frames = pipeline, profile, over, None
 
 
 @contextmanager
@@ -98,25 +99,32 @@ def _playing(rs: Any, source: Path) -> Iterator[_Playing]:
     pipeline, config = rs.pipeline(), rs.config()
     with readable(source, "a RealSense recording"):
         config.enable_device_from_file(str(source), repeat_playback=False)
-        # Before it starts, or the first frames may be dropped.
-        device = config.resolve(rs.pipeline_wrapper(pipeline)).get_device()
-        device.as_playback().set_real_time(False)
+        player = config.resolve(rs.pipeline_wrapper(pipeline)).get_device().as_playback()
+        player.set_real_time(False)
+        # A stream plays as soon as one sensor starts: the other would lose its first frames.
+        player.pause()
         profile = pipeline.start(config)
+        player.resume()
         try:
             kinds = {stream.stream_type() for stream in profile.get_streams()}
             if not {rs.stream.depth, rs.stream.color} <= kinds:
                 raise BadInput(f"{source}: needs a depth and a colour stream; see --list")
-            yield _Playing(pipeline, profile)
+            over = rs.playback_status.stopped
+            yield _Playing(pipeline, profile, lambda: player.current_status() == over)
         finally:
             pipeline.stop()
 
 
 def _pairs(playing: _Playing) -> Iterator[tuple[Any, Any]]:
     """(depth frame, colour frame), as librealsense matches them."""
-    while True:
-        more, frames = playing.pipeline.try_wait_for_frames(WAIT)
+    waited = 0
+    while waited < WAIT:
+        over = playing.over()
+        more, frames = playing.pipeline.try_wait_for_frames(STEP)
         if not more:
-            return
+            waited = WAIT if over else waited + STEP
+            continue
+        waited = 0
         playing.frames = frames
         depth, color = frames.get_depth_frame(), frames.get_color_frame()
         if depth and color:

@@ -33,11 +33,10 @@ from ropefit.stages.identify_equilibrium import (
     started_setup,
     unit_scale,
 )
-from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of, surface_sd
+from ropefit.stages.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
 from ropefit.stages.shapes_only import shapes_only
 from ropefit.stages.stage import Context, Stage, StageSettings
 
-BINS = 40  # stations of a frame
 FEWEST = 4  # frames
 GJ_SD = 0.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section
 THROUGH = 2  # times the frames that are compared: those that a rope with memory goes through
@@ -76,7 +75,7 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
     noise = noise_of(o, data)
     if settings.nominal:
         noise = with_what_is_missed(noise, source, o)
-    bins = BINS
+    bins = STATIONS
     context.progress(0.02, "nominal fit")
     with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
         errors = calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))

@@ -58,7 +58,7 @@ def working_on(directory: Path) -> Iterator[None]:
 def tidy(directory: Path) -> None:
     """Remove what a process left that was killed when all its work was done, if that may be."""
     if (directory / LOCK).exists():
-        with suppress(StageFailed), working_on(directory):
+        with suppress(StageFailed, OSError), working_on(directory):
             pass
 
 

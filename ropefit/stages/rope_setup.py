@@ -17,7 +17,7 @@ from ropefit.stages.motion_of import centrelines, motion_of
 FINEST = 160  # segments, about: at 80 a pinned rope's EI is 0.2 to 0.5 % off, a clamped one's 2 %
 CLAMPED = 240
 UNKNOWN_SURFACE = 0.003  # m: half of how thick a rope of unknown diameter may be
-STATIONS = 40  # of a frame, short enough for the rope to be straight there
+STATIONS = 40  # of a frame: stretches short enough for the rope to be straight there
 LIKELY_STIFFNESS = 3e-4  # EI over weight per length and length cubed: where a fit starts
 
 
