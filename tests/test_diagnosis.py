@@ -303,6 +303,7 @@ def test_effects_are_weighed_again_beside_a_later_one():
     stiff = on(nominal, "stiff_section", [0.5, 0.6, 0.2])
     other = on(nominal, "intrinsic_curvature", [0.3, 0.6, 0.2])
     mass = on(other.fit, "point_mass", [0.003, 0.25])
+    same_in_another_order(replace(other, fit=mass.fit), data, noise)
     named = [Found(other, [], other.evidence, 0.0, [stiff]), Found(mass, [], mass.evidence, 0.0)]
     fitted, kept = reconsidered(mass.fit, named, 5.0, 20, data, noise, BINS)
     assert [one.rival.family.name for one in kept] == ["stiff_section", "point_mass"]
@@ -315,3 +316,15 @@ def test_effects_are_weighed_again_beside_a_later_one():
     fitted, kept = reconsidered(mass.fit, named, 5.0, 20, data, noise, BINS)
     assert [one.rival.family.name for one in kept] == ["stiff_section", "point_mass"]
     assert fitted.cost == pytest.approx(mass.fit.cost, abs=10)
+
+
+def same_in_another_order(rival, data, noise):
+    """Its size and error do not depend on whether another effect was added after it."""
+    forward, u = rival.fit.forward, rival.fit.point.u
+    parts = list(zip(forward.terms, forward.split(u), strict=True))
+    parts.sort(key=lambda part: part[0] is rival.term)
+    terms = [term for term, _ in parts]
+    moved = Forward(forward.base, terms, rival.fit.point.solution)
+    again = fit(moved, data, noise, BINS, np.concatenate([part for _, part in parts]), 5)
+    assert terms[-1] is not forward.terms[-1]
+    assert rival.sized() == pytest.approx(replace(rival, fit=again).sized(), rel=0.01)

@@ -94,43 +94,58 @@ FALSEHOODS: dict[str, tuple[Callable[[Path], None], set[str]]] = {
 }
 
 
+# The rest shape that each is identified with; the nominal run determines it.
+SHAPES: dict[str, tuple[str, ...]] = {
+    "straight": (),
+    "uniform curvature": ("--free", "EI,curvature_1,curvature_2"),
+}
+
+
 def table(real: Path, out: Path) -> tuple[str, dict[str, Any]]:
     """Each falsehood on each recording, with what the same rope told truly as nominal."""
     folder, data = out / "real", {}
     lines = [
         "Real recordings of which one thing is told falsely, each diagnosed with the true run of",
-        "the same recording as `--nominal`; written by `python -m benchmarks.discovery`.",
+        "the same recording as `--nominal`, identified as straight at rest or with a uniform",
+        "curvature; written by `python -m benchmarks.discovery`.",
         "",
-        "| recording | told falsely | right | verdict | called | held out before, after [mm] | |",
-        "|---|---|---|---|---|---|---|",
+        "| recording | rest shape | told falsely | right | verdict | called "
+        "| held out before, after [mm] | |",
+        "|---" * 8 + "|",
     ]
     for name in QUASI_STATIC:
         if not (real / name).is_dir():
             continue
-        plain = folder / "runs" / name
-        found = kept(folder / f"{name}.json", lambda s=real / name, p=plain: diagnose(s, p))
-        data[name] = found
-        lines.append(_line(name, "nothing", set(), found))
-        for number, (what, (change, right)) in enumerate(FALSEHOODS.items()):
-            case = f"{name}-{number}"
-            source = folder / "recordings" / case
-            copied(real / name, source, case)
-            change(source)
-            run = folder / "runs" / case
+        for number, (change, _) in enumerate(FALSEHOODS.values()):
+            copied(real / name, folder / "recordings" / f"{name}-{number}", f"{name}-{number}")
+            change(folder / "recordings" / f"{name}-{number}")
+        for shape, free in SHAPES.items():
+            case = f"{name}-{shape.split()[0]}"
+            plain = folder / "runs" / case
             found = kept(
                 folder / f"{case}.json",
-                lambda s=source, r=run, p=plain: diagnose(s, r, nominal=p),
+                lambda s=real / name, r=plain, f=free: diagnose(s, r, identify=f),
             )
-            data[f"{name}: {what}"] = found
-            lines.append(_line(name, what, right, found))
+            data[f"{name}, {shape}"] = found
+            lines.append(_line(f"{name} | {shape} | nothing", set(), found))
+            for number, (what, (_, right)) in enumerate(FALSEHOODS.items()):
+                source = folder / "recordings" / f"{name}-{number}"
+                found = kept(
+                    folder / f"{case}-{number}.json",
+                    lambda s=source, r=folder / "runs" / f"{case}-{number}", f=free, p=plain: (
+                        diagnose(s, r, nominal=p, identify=f)
+                    ),
+                )
+                data[f"{name}, {shape}: {what}"] = found
+                lines.append(_line(f"{name} | {shape} | {what}", right, found))
     return "\n".join(lines) + "\n", data
 
 
-def _line(name: str, what: str, right: set[str], found: dict[str, Any]) -> str:
+def _line(what: str, right: set[str], found: dict[str, Any]) -> str:
     answer = found["answer"]
     wanted = " / ".join(sorted(right)) or "-"
     if answer is None:
-        return f"| {name} | {what} | {wanted} | - | {found['error']} | - | |"
+        return f"| {what} | {wanted} | - | {found['error']} | - | |"
     sets = [names_of(effect) for effect in answer["effects"]]
     said = ", ".join("/".join(sorted(one)) for one in sets) or "-"
     held = answer.get("heldout") or {}
@@ -138,4 +153,4 @@ def _line(name: str, what: str, right: set[str], found: dict[str, Any]) -> str:
     numbers = ", ".join("-" if v is None else f"{1e3 * v:.2f}" for v in rms)
     hit = any(one & right for one in sets)
     mark = ("yes" if hit else "**no**") if right else ""
-    return f"| {name} | {what} | {wanted} | {answer['verdict']} | {said} | {numbers} | {mark} |"
+    return f"| {what} | {wanted} | {answer['verdict']} | {said} | {numbers} | {mark} |"

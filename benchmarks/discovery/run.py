@@ -35,12 +35,13 @@ def command(*arguments: str | Path, timeout: float = TIMEOUT) -> dict[str, Any]:
 
 
 def diagnose(
-    recording: Path, run: Path, preprocess: tuple[str, ...] = (), nominal: Path | None = None
-) -> dict[str, Any]:
-    """Answer, times [s] and error of the three stages on one recording."""
+    recording: Path, run: Path, preprocess: tuple[str, ...] = (), nominal: Path | None = None,
+    identify: tuple[str, ...] = (),
+) -> dict[str, Any]:  # fmt: skip
+    """Answer, times [s] and error of the three stages on one recording; with options for two."""
     return stages(
         ("preprocess", recording, "--run", run, *preprocess),
-        ("identify", "--run", run),
+        ("identify", "--run", run, *identify),
         ("diagnose", "--run", run, *(("--nominal", nominal) if nominal else ())),
     )
 

@@ -25,7 +25,8 @@ class Quantity:
 
     The size may depend on the rope: `scale` is then a multiple of its weight [N] per power of its
     weight and length: size = scale * weight**by_weight * length**by_length; and be one of times:
-    then it is a multiple of the recording's duration [s] as well.
+    then it is a multiple of the recording's duration [s] as well. `inexact` is the share of its
+    value by which it is off even where the noise is nothing: added to its standard error.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Quantity:
     by_weight: float = 0.0
     by_length: float = 0.0
     by_time: float = 0.0
+    inexact: float = 0.0
 
     def size(self, setup: Setup) -> float:
         """The usual size for this rope, in SI."""

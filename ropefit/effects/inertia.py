@@ -11,10 +11,14 @@ from ropefit.rod.setup import Setup
 
 class Inertia(Effect):
     """`share` of the rope's inertia that acts: the force -share ρ a on every length of it, with the
-    acceleration a as observed. It must come out as 1: a share far from it is another cause."""
+    acceleration a as observed. It must come out as 1: a share far from it is another cause.
+
+    Ten ropes filmed by another simulator came out 4 % off (rms) beyond their noise: accelerations
+    are as observed, in steps and through gaps.
+    """
 
     name = "inertia"
-    quantities = (Quantity("share", "1", 1.0, 0.0, 3.0),)
+    quantities = (Quantity("share", "1", 1.0, 0.0, 3.0, inexact=0.04),)
 
     def applies(self, setup: Setup) -> bool:
         return setup.motion is not None

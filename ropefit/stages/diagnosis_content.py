@@ -178,19 +178,14 @@ def _acting(rival: Rival, frames: np.ndarray) -> np.ndarray:
 
 def _sizes(rival: Rival, values: np.ndarray, sd: np.ndarray) -> dict[str, Size]:
     """The quantities with their intervals; a vector as its size first."""
-    effect, k = rival.family.effect, rival.family.size
-    t = rival.fit.quantile
+    effect, t = rival.family.effect, rival.fit.quantile
     out = {}
     if effect.vector:
         name, unit = effect.vector
-        size = float(np.linalg.norm(values[:k]))
-        place = slice(-rival.term.size, None)
-        slope = rival.term.slope(rival.fit.point.u[place])
-        covariance = rival.fit.covariance[place, place] * np.outer(slope, slope)
-        along = values[:k] / max(size, 1e-300)
-        spread = float(np.sqrt(max(along @ covariance[:k, :k] @ along, 0.0)))
+        size, spread = rival.sized()
         out[name] = Size(value=size, unit=unit, ci95=(max(size - t * spread, 0), size + t * spread))
     for q, v, s in zip(effect.quantities, values, sd, strict=False):
+        s = float(np.hypot(s, q.inexact * v))
         if q.name == "log_factor":
             sign = -1.0 if effect.name == "soft_section" else 1.0
             ends = sorted(float(np.exp(sign * (v + e * t * s))) for e in (-1, 1))

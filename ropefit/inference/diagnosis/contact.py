@@ -88,10 +88,12 @@ def _bars(found: Fit) -> list[list[Start]]:
         return []
     lifted = lift > 0.7 * lift.max()
     centre = np.average(data[lifted], axis=0, weights=lift[lifted])
+    away = np.average(move[lifted], axis=0, weights=lift[lifted])  # of a steep rope not upwards
+    away /= np.linalg.norm(away)
     span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
     across = np.cross(span, up)
     turn = float(np.arctan2(across @ second, across @ first))
     heading = (turn + np.pi / 2) % np.pi - np.pi / 2  # an axis has no direction
     family = Family(Obstacle(), NONE)
-    lower = [(r, r + d) for r in RADII for d in LOWER]
-    return [[(family, np.array([*(centre - origin - d * up), r, heading])) for r, d in lower]]
+    under = [(way, r, r + d) for way in (away, up) for r in RADII for d in LOWER]
+    return [[(family, np.array([*(centre - origin - d * way), r, heading])) for way, r, d in under]]

@@ -12,9 +12,10 @@ import numpy as np
 
 from ropefit.inference.diagnosis.found import Found, found
 from ropefit.inference.diagnosis.gates import winner_of
+from ropefit.inference.diagnosis.rivals import key_of
 from ropefit.inference.diagnosis.ties import SET_NATS
-from ropefit.inference.diagnosis.weigh import Rival, fit_rival
-from ropefit.inference.forward import Forward
+from ropefit.inference.diagnosis.weigh import Rival, fit_rival, weighed
+from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
@@ -27,7 +28,7 @@ def reconsidered(
     """The model and its effects, each weighed once more beside the others; the last one only if
     one of them changed, for it was found beside them."""
     out, changed = list(accepted), False
-    for one in accepted:
+    for index, one in enumerate(accepted):
         if one is accepted[-1] and not changed:
             break
         without = _without(current, one.rival, data, noise, bins)
@@ -38,8 +39,10 @@ def reconsidered(
         if held is None:
             continue
         fitted = [fit_rival(without, r.family, r.values(), data, noise, bins) for r in one.beaten]
-        rivals = [r for r in (held, *fitted) if r is not None]
-        rivals.sort(key=lambda r: -r.evidence)
+        later = [replace(f.rival, fit=current) for f in accepted[index + 1 :]]
+        if later:  # what the effect made of the rest is a bad beginning for another in its place
+            fitted += [_anew(r, later, without, data, noise, bins) for r in one.beaten]
+        rivals = _best_of([held, *fitted])
         better = [
             r for r in rivals
             if r.evidence > held.evidence + SET_NATS and r.fit.cost < current.cost
@@ -55,11 +58,40 @@ def reconsidered(
     return current, out
 
 
+def _anew(
+    rival: Rival, later: list[Rival], without: Fit, data: Data, noise: Noise, bins: int
+) -> Rival | None:
+    """A rival as it was when it was beaten, with later effects on top of that."""
+    parts = [*_parts(rival.fit), *(p for r in later for p in _parts(r.fit) if p[0] is r.term)]
+    parts.sort(key=lambda part: part[0] is rival.term)
+    found = _refitted(rival.fit, parts, data, noise, bins)
+    if found is None or len(found.z) != len(without.z):
+        return None
+    return weighed(rival.family, rival.term, without, found)
+
+
+def _best_of(fitted: list[Rival | None]) -> list[Rival]:
+    """Of each family the rival with the highest evidence, highest first."""
+    out: dict[tuple[str, int], Rival] = {}
+    for rival in sorted((r for r in fitted if r is not None), key=lambda r: -r.evidence):
+        out.setdefault(key_of(rival.family), rival)
+    return list(out.values())
+
+
 def _without(current: Fit, rival: Rival, data: Data, noise: Noise, bins: int) -> Fit | None:
     """The model without an effect."""
-    forward = current.forward
-    parts = zip(forward.terms, forward.split(current.point.u), strict=True)
-    rest = [(term, part) for term, part in parts if term is not rival.term]
-    smaller = Forward(forward.base, [term for term, _ in rest], current.point.solution)
-    begin = np.concatenate([part for _, part in rest])
-    return attempted(smaller, data, noise, bins, begin, 20, tolerance=1e-5)
+    rest = [part for part in _parts(current) if part[0] is not rival.term]
+    return _refitted(current, rest, data, noise, bins)
+
+
+def _parts(found: Fit) -> list[tuple[Term, np.ndarray]]:
+    return list(zip(found.forward.terms, found.forward.split(found.point.u), strict=True))
+
+
+def _refitted(
+    found: Fit, parts: list[tuple[Term, np.ndarray]], data: Data, noise: Noise, bins: int
+) -> Fit | None:
+    """A model of some terms of a fit, in that order, from their values there."""
+    forward = Forward(found.forward.base, [term for term, _ in parts], found.point.solution)
+    begin = np.concatenate([part for _, part in parts])
+    return attempted(forward, data, noise, bins, begin, 20, tolerance=1e-5)

@@ -43,14 +43,26 @@ class Rival:
         """(k + p,) in SI."""
         return self._mine(self.fit.sd()) * self.term.slope(self._mine(self.fit.point.u))
 
+    def covariance(self) -> np.ndarray:
+        """(k + p, k + p) of its values in search coordinates."""
+        mine = self._mine(np.arange(len(self.fit.point.u)))
+        return self.fit.covariance[np.ix_(mine, mine)]
+
     def clear(self) -> float:
-        """How many standard errors its sizes are from zero, together; as the effect added last."""
-        place = slice(len(self.fit.point.u) - self.term.size, None)
+        """How many standard errors its sizes are from zero, together."""
         mine, k = self._mine(self.fit.point.u), self.family.size
         nothing = self.term.search(np.zeros(self.term.size))[:k]
-        covariance = self.fit.covariance[place, place][:k, :k]
+        covariance = self.covariance()[:k, :k]
         off = mine[:k] - nothing
         return float(np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0)))
+
+    def sized(self) -> tuple[float, float]:
+        """Length of a vector of sizes, and its standard error, in SI."""
+        k = self.family.size
+        values, slope = self.values()[:k], self.term.slope(self._mine(self.fit.point.u))[:k]
+        size = float(np.linalg.norm(values))
+        along = slope * values / max(size, 1e-300)
+        return size, float(np.sqrt(max(along @ self.covariance()[:k, :k] @ along, 0.0)))
 
     def _mine(self, u: np.ndarray) -> np.ndarray:
         """The family's of the fit's values (P,), whatever was added after it."""
@@ -78,6 +90,8 @@ def fit_rival(
     if _distorted(smaller):
         begin[: -term.size] = _beside(smaller, first.seen)
     slow = isinstance(family.effect, SLOW)
+    if slow and np.array_equal(first.seen, smaller.point.seen):
+        return None  # nothing is touched: there nothing says where to go
     found = attempted(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
     if slow and found is not None and not found.converged and found.cost < smaller.cost:
         # Contact flickers: what is left to gain is soon less.
@@ -86,6 +100,11 @@ def fit_rival(
         return None
     if len(found.z) != len(smaller.z):  # a frame did not settle at the start: nothing to compare
         return None
+    return weighed(family, term, smaller, found)
+
+
+def weighed(family: Family, term: Term, smaller: Fit, found: Fit) -> Rival:
+    """A family that was fitted, its term the last one, against the smaller model."""
     spread = max(1.0, found.scale**2)
     evidence = 0.5 * (smaller.cost - found.cost) / spread - _flexibility(found, term)
     along = touches(found)
