@@ -15,7 +15,7 @@ LOWER = (0.0, 0.001, 0.002, 0.004, 0.006)  # m below where the data stop, until 
 UNEVEN, ODD = 5.0, 3.0  # standard errors: of a recording, of a frame in it
 LIFTED = 2.5  # standard errors
 SMOOTH = np.full(5, 0.2)  # of neighbouring stations
-RADII = (0.01, 0.03)  # m
+RADII = (0.03, 0.01)  # m: over a thick bar a rope comes to lie from farther away
 NONE = np.zeros((1, 0))
 
 

@@ -20,6 +20,7 @@ ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 SLOW, SOON = (*CONTACT, ContactFriction), 6  # to settle; steps in which they must gain something
+ROUNDS, WORTH = 4, 4.0  # of as many steps more; of cost
 FAR_OFF = 6.0  # prior sd
 UNSEEN = 1.0  # sd that all data move by, by a factor e of a parameter
 
@@ -93,14 +94,25 @@ def fit_rival(
     if slow and np.array_equal(first.seen, smaller.point.seen):
         return None  # nothing is touched: there nothing says where to go
     found = attempted(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
-    if slow and found is not None and not found.converged and found.cost < smaller.cost:
-        # Contact flickers: what is left to gain is soon less.
-        found = attempted(forward, data, noise, bins, found.point.u, SOON, tolerance=1e-4)
+    if slow and found is not None and found.cost < smaller.cost:
+        found = _gone_on(found, data, noise, bins)
     if found is None or not np.isfinite(found.cost) or not found.point.solution.converged.all():
         return None
     if len(found.z) != len(smaller.z):  # a frame did not settle at the start: nothing to compare
         return None
     return weighed(family, term, smaller, found)
+
+
+def _gone_on(found: Fit, data: Data, noise: Noise, bins: int) -> Fit:
+    """A fit of contact for as long as it gains: it flickers, and soon there is less to gain."""
+    for _ in range(ROUNDS):
+        if found.converged:
+            break
+        again = attempted(found.forward, data, noise, bins, found.point.u, SOON, tolerance=1e-4)
+        if again is None or again.cost > found.cost - WORTH:
+            break
+        found = again
+    return found
 
 
 def weighed(family: Family, term: Term, smaller: Fit, found: Fit) -> Rival:
