@@ -5,14 +5,21 @@ import pytest
 import torch
 
 from ropefit.effects import ContactFriction, SupportPlane
+from ropefit.inference.diagnosis.contact import NONE, proposals
+from ropefit.inference.diagnosis.families import Family
+from ropefit.inference.diagnosis.found import Found
+from ropefit.inference.diagnosis.reconsider import reconsidered
+from ropefit.inference.diagnosis.weigh import fit_rival
 from ropefit.inference.forward import Forward, Term
-from ropefit.inference.terms import set_bend
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.terms import rope_term, set_bend
 from ropefit.inference.walk import WalkedPoint
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Potential, Setup, bare
-from tests.concealed import EI, EYE
+from tests.concealed import BINS, EI, EYE, recorded
 from tests.test_memory import difference
 
 WEIGHT, ROUGH = 0.06 * 9.81, 0.4  # N/m, coefficient
@@ -128,3 +135,27 @@ def test_derivatives_through_friction_are_exact(coefficient, digits):
     for k in range(3):
         errors = [difference(forward, k, step, found[k]) for step in (1e-4, 3e-4, 1e-3, 3e-3)]
         assert min(errors) < digits  # nodes are settled to 1e-9 of the length only
+
+
+def test_friction_is_found_where_a_rope_lies():
+    """Proposed in full, for a small coefficient does not show what it does; and what it rests on
+    is not weighed without it."""
+    data, noise = recorded(rough(swept(120), ROUGH), seed=2), Noise()
+    setup = swept(60)._replace(potentials=())
+    bend = rope_term("EI", "N m^2", 3e-4, 3e-8, 3.0, set_bend)
+    nominal = fit(Forward(setup, [bend]), data, noise, BINS)
+    assert all(isinstance(c[0][0].effect, SupportPlane) for c in proposals(nominal)[:1])
+    family = Family(SupportPlane(), NONE)
+    plane = fit_rival(nominal, family, np.array([-0.15, 0.0, 0.0]), data, noise, BINS)
+    assert plane is not None
+    ((family, start), *_), *others = proposals(plane.fit)
+    assert isinstance(family.effect, ContactFriction)
+    assert not any(isinstance(c[0][0].effect, SupportPlane) for c in others)
+    drag = fit_rival(plane.fit, family, start, data, noise, BINS)
+    assert drag is not None
+    assert drag.evidence > 100
+    assert drag.values()[0] == pytest.approx(ROUGH, abs=0.05)
+    named = [Found(r, [], r.evidence, 0.0) for r in (plane, drag)]
+    kept, causes = reconsidered(drag.fit, named, 5.0, 20, data, noise, BINS)
+    assert [one.rival.family.name for one in causes] == ["support_plane", "contact_friction"]
+    assert kept.cost == drag.fit.cost

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ropefit.effects import Obstacle, SupportPlane
+from ropefit.effects import ContactFriction, Obstacle, SupportPlane
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.least_squares import Fit
@@ -16,6 +16,7 @@ UNEVEN, ODD = 5.0, 3.0  # standard errors: of a recording, of a frame in it
 LIFTED = 2.5  # standard errors
 SMOOTH = np.full(5, 0.2)  # of neighbouring stations
 RADII = (0.03, 0.01)  # m: over a thick bar a rope comes to lie from farther away
+ROUGH = 0.3  # coefficient of friction
 NONE = np.zeros((1, 0))
 
 
@@ -27,7 +28,18 @@ def proposals(found: Fit) -> list[list[Start]]:
     settle; ropes held at both ends only."""
     if bool(torch.isnan(found.point.setup.ends).any()):
         return []  # a cantilever that lies on something has no smooth path there
-    return [*_planes(found), *_bars(found)]
+    known = {term.name for term in found.forward.terms}
+    planes = [] if SupportPlane.name in known else _planes(found)
+    return [*_rough(found, known), *planes, *_bars(found)]
+
+
+def _rough(found: Fit, known: set[str]) -> list[list[Start]]:
+    """Friction on what is touched: it holds the rope back from the first frame on, and a small
+    coefficient does not show what a large one does."""
+    effect = ContactFriction()
+    if effect.name in known or not effect.applies(found.point.setup):
+        return []
+    return [[(Family(effect, NONE), np.array([ROUGH]))]]
 
 
 def uneven(found: Fit) -> bool:

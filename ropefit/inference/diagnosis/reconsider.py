@@ -32,14 +32,16 @@ def reconsidered(
         if one is accepted[-1] and not changed:
             break
         without = _without(current, one.rival, data, noise, bins)
-        if without is None:
+        after = [f.rival for f in accepted[index + 1 :]]
+        if without is None or not all(
+            r.family.effect.applies(without.point.setup) for r in after
+        ):  # what was found later rests on it, as friction does on what is touched
             continue
-        again = replace(one.rival, fit=current)
-        held = fit_rival(without, again.family, again.values(), data, noise, bins)
+        held = _anew(replace(one.rival, fit=current), [], without, data, noise, bins)
         if held is None:
             continue
         fitted = [fit_rival(without, r.family, r.values(), data, noise, bins) for r in one.beaten]
-        later = [replace(f.rival, fit=current) for f in accepted[index + 1 :]]
+        later = [replace(r, fit=current) for r in after]
         if later:  # what the effect made of the rest is a bad beginning for another in its place
             fitted += [_anew(r, later, without, data, noise, bins) for r in one.beaten]
         rivals = _best_of([held, *fitted])
@@ -61,7 +63,7 @@ def reconsidered(
 def _anew(
     rival: Rival, later: list[Rival], without: Fit, data: Data, noise: Noise, bins: int
 ) -> Rival | None:
-    """A rival as it was when it was beaten, with later effects on top of that."""
+    """A rival as it is in its own fit, with later effects on top of that."""
     parts = [*_parts(rival.fit), *(p for r in later for p in _parts(r.fit) if p[0] is r.term)]
     parts.sort(key=lambda part: part[0] is rival.term)
     found = _refitted(rival.fit, parts, data, noise, bins)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ropefit.effects import Inertia
+from ropefit.effects import ContactFriction, Inertia
 from ropefit.inference.diagnosis.absorbed import absorbed
 from ropefit.inference.diagnosis.background import measure
 from ropefit.inference.diagnosis.columns import Columns, Responses
@@ -129,10 +129,11 @@ def search(
         )
     assert latent is not None
     left, was = unexplained(current), max(unexplained(nominal), 1e-9)
-    moving = any(f.rival.family.name == Inertia.name for f in accepted)
-    # No motion is explained down to the noise of its markers.
+    names = {f.rival.family.name for f in accepted}
+    # No motion is explained down to the noise of its markers, no drag between frames followed.
+    moving, dragged = Inertia.name in names, ContactFriction.name in names
     explained = bool(accepted) and left <= (IN_MOTION if moving else NEGLIGIBLE) * was
-    crowded = crowded and not (moving and explained)
+    crowded = crowded and not ((moving or dragged) and explained)
     verdict = "unknown" if crowded else "found" if accepted else "none"
     if latent.evidence > latent.threshold and not explained:
         verdict = "unknown"
