@@ -26,7 +26,8 @@ class Quantity:
     The size may depend on the rope: `scale` is then a multiple of its weight [N] per power of its
     weight and length: size = scale * weight**by_weight * length**by_length; and be one of times:
     then it is a multiple of the recording's duration [s] as well. `inexact` is the share of its
-    value by which it is off even where the noise is nothing: added to its standard error.
+    value by which it is off even where the noise is nothing: added to its standard error in
+    quadrature.
     """
 
     name: str
