@@ -22,6 +22,7 @@ SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 SLOW, SOON = (*CONTACT, ContactFriction), 6  # to settle; steps in which they must gain something
 ROUNDS, WORTH = 4, 4.0  # of as many steps more; of cost
 FAR_OFF = 6.0  # prior sd
+UNMOVED = 1e-8  # m
 UNSEEN = 1.0  # sd that all data move by, by a factor e of a parameter
 
 
@@ -91,7 +92,7 @@ def fit_rival(
     if _distorted(smaller):
         begin[: -term.size] = _beside(smaller, first.seen)
     slow = isinstance(family.effect, SLOW)
-    if slow and np.array_equal(first.seen, smaller.point.seen):
+    if slow and np.allclose(first.seen, smaller.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there nothing says where to go
     found = attempted(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
     if slow and found is not None and found.cost < smaller.cost:
