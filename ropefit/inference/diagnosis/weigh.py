@@ -20,7 +20,7 @@ ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere
 BLOCKS = 5
 SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 SLOW, SOON = (*CONTACT, ContactFriction), 6  # to settle; steps in which they must gain something
-ROUNDS, WORTH = 4, 4.0  # of as many steps more; of cost
+ROUNDS, WORTH, SHARE = 4, 4.0, 0.05  # of as many steps more; cost they gain, of all gained so far
 FAR_OFF = 6.0  # prior sd
 UNMOVED = 1e-8  # m
 UNSEEN = 1.0  # sd that all data move by, by a factor e of a parameter
@@ -96,7 +96,7 @@ def fit_rival(
         return None  # nothing is touched: there nothing says where to go
     found = attempted(forward, data, noise, bins, begin, SOON if slow else 25, tolerance=1e-5)
     if slow and found is not None and found.cost < smaller.cost:
-        found = _gone_on(found, data, noise, bins)
+        found = _gone_on(smaller.cost, found, data, noise, bins)
     if found is None or not np.isfinite(found.cost) or not found.point.solution.converged.all():
         return None
     if len(found.z) != len(smaller.z):  # a frame did not settle at the start: nothing to compare
@@ -104,13 +104,14 @@ def fit_rival(
     return weighed(family, term, smaller, found)
 
 
-def _gone_on(found: Fit, data: Data, noise: Noise, bins: int) -> Fit:
+def _gone_on(before: float, found: Fit, data: Data, noise: Noise, bins: int) -> Fit:
     """A fit of contact for as long as it gains: it flickers, and soon there is less to gain."""
     for _ in range(ROUNDS):
         if found.converged:
             break
         again = attempted(found.forward, data, noise, bins, found.point.u, SOON, tolerance=1e-4)
-        if again is None or again.cost > found.cost - WORTH:
+        worth = max(WORTH, SHARE * (before - found.cost))
+        if again is None or again.cost > found.cost - worth:
             break
         found = again
     return found
