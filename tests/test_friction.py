@@ -144,7 +144,8 @@ def test_friction_is_found_where_a_rope_lies():
     setup = swept(60)._replace(potentials=())
     bend = rope_term("EI", "N m^2", 3e-4, 3e-8, 3.0, set_bend)
     nominal = fit(Forward(setup, [bend]), data, noise, BINS)
-    assert all(isinstance(c[0][0].effect, SupportPlane) for c in proposals(nominal)[:1])
+    assert not any(isinstance(c[0][0].effect, ContactFriction) for c in proposals(nominal))
+    assert any(isinstance(c[0][0].effect, SupportPlane) for c in proposals(nominal))
     family = Family(SupportPlane(), NONE)
     plane = fit_rival(nominal, family, np.array([-0.15, 0.0, 0.0]), data, noise, BINS)
     assert plane is not None

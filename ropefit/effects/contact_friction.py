@@ -15,8 +15,9 @@ class ContactFriction(Effect):
     """Coulomb's `coefficient` on every plane and bar that the rope touches already. What has only
     just touched down is not held yet.
 
-    Between two frames a rope may be dragged by more than from one to the other: concealed by
-    another simulator, coefficients came out up to half as large again.
+    Between two frames a rope may be dragged by more than from one to the other. In the one
+    recording of another simulator that was answered the coefficient came out half as large again;
+    that it is known to a quarter is a judgement.
     """
 
     name = "contact_friction"
