@@ -42,7 +42,9 @@ def reconsidered(
             continue
         fitted = [fit_rival(without, r.family, r.values(), data, noise, bins) for r in one.beaten]
         later = [replace(r, fit=current) for r in after]
-        if later:  # what the effect made of the rest is a bad beginning for another in its place
+        # What the effect made of the rest is a bad beginning for another in its place; but where
+        # it was beaten it stood beside effects that may have been changed since.
+        if later and not changed:
             fitted += [_anew(r, later, without, data, noise, bins) for r in one.beaten]
         rivals = _best_of([held, *fitted])
         better = [
