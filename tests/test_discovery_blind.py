@@ -3,6 +3,10 @@ answered by the command line, scored by the benchmark's own rules."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from benchmarks.discovery.__main__ import one
@@ -28,3 +32,13 @@ def test_what_is_concealed_is_told(name, verdict, tmp_path):
     assert answered["verdict"] == verdict
     assert all(answered["place"])
     assert all(answered["size"])
+
+
+def test_some_cases_can_be_asked_for_by_name(tmp_path):
+    command = [sys.executable, "-m", "benchmarks.discovery", "--score-only", "--out", tmp_path]
+    told = subprocess.run(
+        [*command, "--cases", "full", "--only", "clean-.*", "--real", tmp_path],
+        cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert "0 of 300 recordings" in told
+    assert "--cases full --seed 5 --only 'clean-.*'" in told

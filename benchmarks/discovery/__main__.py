@@ -1,15 +1,17 @@
 """Blind benchmark of `ropefit diagnose` on recordings with concealed effects.
 
-    python -m benchmarks.discovery [--cases small|standard|full] [--shard I/N] [--out DIR]
-                                   [--json FILE] [--write docs/results.md]
+    python -m benchmarks.discovery [--cases small|standard|full] [--only PATTERN] [--shard I/N]
+                                   [--out DIR] [--json FILE] [--write docs/results.md]
 
-Cases with an answer are kept in DIR and not run again; shards share DIR. `--make` only makes the
+`--only` takes the cases whose whole names match a regular expression, such as 'clean-.*'. Cases
+with an answer are kept in DIR and not run again; shards share DIR. `--make` only makes the
 recordings, `--score-only` scores what all shards have finished, `--real-only` falsifies real
 recordings and simulates none. `--section` is that of the document which the table replaces.
 """
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,7 @@ def main() -> None:
     arguments = parser(__doc__)
     root = Path(__file__).parents[2]
     arguments.add_argument("--cases", choices=["small", "standard", "full"], default="standard")
+    arguments.add_argument("--only", default=".*", metavar="PATTERN", help="whole names of cases")
     arguments.add_argument("--shard", default="1/1", help="I/N: every N-th case from the I-th")
     arguments.add_argument("--out", type=Path, default=Path("discovery"), help="results' folder")
     arguments.add_argument("--seed", type=int, default=5)
@@ -44,7 +47,8 @@ def main() -> None:
         return
     # What one seed makes is not another's.
     out = options.out / f"seed-{options.seed}"
-    cases = listed(options.cases, options.seed)[shard - 1 :: shards]
+    cases = [c for c in listed(options.cases, options.seed) if re.fullmatch(options.only, c.name)]
+    cases = cases[shard - 1 :: shards]
     judgements, impossible = [], {}
     for case in cases:
         found = one(case, out, options.make, options.score_only)
@@ -56,7 +60,11 @@ def main() -> None:
         for name, why in impossible.items():
             print(f"{name}: not made: {why}")
         return
-    chosen = f"--cases {options.cases} --seed {options.seed} --shard {options.shard}"
+    chosen = f"--cases {options.cases} --seed {options.seed}"
+    if options.only != ".*":
+        chosen += f" --only '{options.only}'"
+    if shards > 1:
+        chosen += f" --shard {options.shard}"
     answers = {
         j["case"]: falsified.read(out / "results" / f"{j['case']}.json")["answer"]
         for j in judgements

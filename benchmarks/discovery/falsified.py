@@ -98,6 +98,7 @@ FALSEHOODS: dict[str, tuple[Callable[[Path], None], set[str]]] = {
 SHAPES: dict[str, tuple[str, ...]] = {
     "straight": (),
     "uniform curvature": ("--free", "EI,curvature_1,curvature_2"),
+    "varying curvature": ("--free", "EI,rest_curve"),
 }
 
 

@@ -146,6 +146,8 @@ def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
          share([hit for j in effects for hit in j["size"]])),
         ("held-out rms at most 1.10 x noise", ">=", 0.90, share([fits(j) for j in effects])),
         ("two effects, both named", ">=", 0.80, share([all(j["in_set"]) for j in group["pair"]])),
+        ("of them where both score 6 or more", ">=", 0.80,
+         share([all(j["in_set"]) for j in group["pair"] if j["score"] > 0.9 * WEAK])),
         ("out of catalogue: `unknown`, or held-out frames predicted to noise", ">=", 0.90,
          share([j["verdict"] == "unknown" or fits(j) for j in group["unknown"]])),
         ("measurement decoys of score 6 or more called measurement (or a tie)", ">=", 0.95,

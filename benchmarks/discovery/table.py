@@ -26,6 +26,8 @@ def markdown(
     ]
     marks = {True: "yes", False: "**no**", None: ""}
     for r, t in zip(rows(judgements), rows(in_time), strict=True):
+        if not r["cases"]:
+            continue
         lines.append(
             f"| {r['what']} | {r['bar']} | {r['measured']} | {r['cases']} | {marks[r['passed']]} | "
             f"{t['measured']} | {t['cases'] or ''} | {marks[t['passed']]} |"

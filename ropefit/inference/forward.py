@@ -66,6 +66,16 @@ class Term:
         """(n,) derivative of the values in the search variables."""
         return self.value(u) if self.log else self.scale
 
+    def interval(
+        self, u: np.ndarray, covariance: np.ndarray, width: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(n,), (n,) values `width` standard deviations to either side, within the bounds;
+        covariance (n, n) of the search variables."""
+        half = width * np.sqrt(np.maximum(np.diag(covariance), 0))
+        least, most = self.search(self.lower), self.search(self.upper)
+        low, high = np.clip(u - half, least, most), np.clip(u + half, least, most)
+        return self.value(low), self.value(high)
+
 
 @dataclass
 class Forward:

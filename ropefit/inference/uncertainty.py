@@ -19,6 +19,7 @@ from scipy import stats
 
 Verdict = Literal["determined", "trade-off", "flat direction", "dead", "at bound"]
 NULL = 1e-9  # eigenvalue of the scaled curvature under which a direction counts as undetermined
+INTERVAL = 1.959964  # sd: half of a 95 % interval
 STRONG = 0.98  # correlation from which two parameters trade off
 
 

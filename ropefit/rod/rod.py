@@ -31,6 +31,9 @@ class Properties(NamedTuple):
     curvature: Tensor
 
 
+DIMS = (1, 2, 2, 2, 2, 2)  # of the fields of `Rod`, without that of several ropes
+
+
 class Rod(NamedTuple):
     """The discrete rod; N segments between N+1 nodes, with or without a dimension of R ropes.
 
@@ -54,13 +57,16 @@ class Rod(NamedTuple):
 
     def each(self, frames: int) -> Rod:
         """The rod once for each of `frames`, also what was the same in all."""
-        dims = (1, 2, 2, 2, 2, 2)
         return Rod(
             *(
                 t if t.ndim > d else t.expand(frames, *t.shape)
-                for t, d in zip(self, dims, strict=True)
+                for t, d in zip(self, DIMS, strict=True)
             )
         )
+
+    def frames(self, index: np.ndarray) -> Rod:
+        """The rod in some of the frames; what is the same in all stays as it is."""
+        return Rod(*(t[index] if t.ndim > d else t for t, d in zip(self, DIMS, strict=True)))
 
 
 def uniform(

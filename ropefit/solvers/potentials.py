@@ -27,29 +27,52 @@ SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
 STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arrived
 
 
-@torch.enable_grad()  # also where a caller wants no gradients of its own
 def force_and_stiffness(
     potentials: tuple[Potential, ...], x: Tensor, stiff: bool = True
 ) -> tuple[Tensor, Tensor]:
-    """-dV/dx (F, K, 3) [N] and d²V/dx² (F, K, 3, 3) [N/m] at nodes x (F, K, 3); the second only
-    where it is asked for."""
-    x = x.detach().requires_grad_()
-    total = torch.zeros((), dtype=x.dtype)
+    """-dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3); the second
+    only where it is asked for."""
+    x = x.detach()
+    force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if stiff else 0)
     for p in potentials:
-        total = total + (p.share.detach() * p.energy(x)).sum()
+        share = p.share.detach()[:, None].expand_as(x[..., :1])
+        if p.cornered:  # friction knows every node's past
+            slope, rows = _slopes(p, x, share, stiff)
+            force -= slope
+            stiffness += rows
+            continue
+        acting = _acting(p, x)
+        slope, rows = _slopes(p, x[acting], share[acting], stiff)
+        force[acting] -= slope
+        if stiff:
+            stiffness[acting] += rows
+    return force, stiffness
+
+
+def _acting(p: Potential, x: Tensor) -> Tensor:
+    """(..., K) nodes that a potential acts on: most ropes touch something with few of them."""
+    acting = (p.share != 0).expand(x.shape[:-1])
+    return acting if p.hardness is None else acting & (p.energy(x).detach() > 0)
+
+
+@torch.enable_grad()  # also where a caller wants no gradients of its own
+def _slopes(p: Potential, x: Tensor, share: Tensor, stiff: bool) -> tuple[Tensor, Tensor]:
+    """First (..., 3) and, if asked for, second derivatives (..., 3, 3) of a potential at nodes of
+    these shares (..., 1)."""
+    x = x.detach().requires_grad_()
+    total = (share[..., 0] * p.energy(x)).sum()
     (slope,) = torch.autograd.grad(total, x, create_graph=stiff)
     if not stiff:
-        return -slope, torch.empty(0)
+        return slope, x.new_zeros(0)
     rows = []
     for a in range(3):
+        row = None
         if slope.requires_grad:
             (row,) = torch.autograd.grad(
                 slope[..., a].sum(), x, retain_graph=True, allow_unused=True
             )
-        else:
-            row = None
         rows.append(torch.zeros_like(x) if row is None else row)
-    return -slope.detach(), torch.stack(rows, dim=-2).detach()
+    return slope.detach(), torch.stack(rows, dim=-2).detach()
 
 
 def solve_with_potentials(
@@ -66,8 +89,8 @@ def solve_with_potentials(
 
     Returns the states, and the conditions and rods with the supports and loads that stand for the
     potentials there (derivatives of the states need them). Frames that do not settle are marked.
-    If any does not, all begin anew from where they would hang alone, and are brought out of the
-    obstacle in steps, while it hardens.
+    Those that do not at first begin anew from where they would hang alone, and are brought out of
+    the obstacle in steps, while it hardens.
     """
     if start is None or not start.converged.all():
         start = solve(rod, conditions)
@@ -78,13 +101,17 @@ def solve_with_potentials(
         return marked, conditions, rod
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
     found = _settle(rod, conditions, potentials, start, STILL * length)
-    if found[0].converged.all():
+    late = np.flatnonzero(~found[0].converged)
+    if not len(late):
         return found
-    current = solve(rod, conditions)
+    few, ends = rod.frames(late), conditions.frames(late)
+    current = solve(few, ends)
     for share in SOFTER:
         scaled = tuple(p._replace(share=share * p.share) for p in potentials)
-        current = _settle(rod, conditions, scaled, current, SOFT_STILL * length)[0]
-    return _settle(rod, conditions, potentials, current, STILL * length)
+        current = _settle(few, ends, scaled, current, SOFT_STILL * length)[0]
+    start = found[0].copy()
+    start.put(late, current)
+    return _settle(rod, conditions, potentials, start, STILL * length)
 
 
 def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
@@ -101,78 +128,112 @@ def _settle(
     rod: Rod,
     conditions: Conditions,
     potentials: tuple[Potential, ...],
-    current: Solution,
+    start: Solution,
     still: float,
 ) -> tuple[Solution, Conditions, Rod]:
-    """Replace the potentials by supports until no node moves by more than `still` [m]. A frame that
-    goes astray stays where it began, marked, and stops no other.
+    """Replace the potentials by supports until no node moves by more than `still` [m], in every
+    frame by itself. A frame that goes astray stays where it began, marked.
 
     Where the slope of a potential has corners (friction), a step goes as far along as the forces
     drive it: that of the rod, which is known at both of its ends, and those of the potentials.
     """
-    held, rods, before, began = conditions, rod, current.x, current
-    moved, lost = np.full(len(current.x), np.inf), np.zeros(len(current.x), dtype=bool)
-    far = 3 if conditions.far_held else 0
-    cornered, own = any(p.cornered for p in potentials), None
-    near, bold = NEAR * float(rod.length.detach().sum(-1).max()), cornered
-    share = np.ones(len(before))
+    x, frames = start.x.copy(), len(start.x)
+    current, moved = start.copy(), np.full(frames, np.inf)
+    cornered = any(p.cornered for p in potentials)
+    own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
+    near = np.full(frames, NEAR * float(rod.length.detach().sum(-1).max()))
+    bold, share = np.full(frames, cornered), np.ones(frames)
+    going = np.ones(frames, dtype=bool)
     for _ in range(CORNERED_ROUNDS if cornered else ROUNDS):
-        x = torch.from_numpy(before)
-        force, stiffness = force_and_stiffness(potentials, x)
-        if not bold:
-            stiffness = _pulling_back(stiffness)
-        held, load, reaction = _supports(conditions, x, force, stiffness)
-        guess = Solution(
-            current.q, current.x, current.force,
-            np.concatenate([current.reaction[:, :far], reaction], axis=1),
-            current.base, current.status, current.iterations, current.residual,
-        )  # fmt: skip
-        rods = rod
-        if load is not None:
-            rods = rod.each(len(x))
-            rods = rods._replace(load=rods.load + load)
-        current = solve(rods, held, guess, limit=LIMIT)
-        step = current.x - before
-        earlier, moved = moved, np.abs(step).max(axis=(1, 2))
-        lost |= ~np.isfinite(moved)
-        current.put(lost, began, lost)
-        moved[lost], step[lost] = 0.0, 0.0
-        if bold and moved.max() < still:
+        mine = np.flatnonzero(going)
+        if not len(mine):
             break
+        few, ends = rod.frames(mine), conditions.frames(mine)
+        new, _, _, force, stiffness = _replaced(
+            few, ends, potentials, x[mine], current.frames(mine), bold[mine]
+        )
+        step = new.x - x[mine]
+        earlier, moved[mine] = moved[mine], np.abs(step).max(axis=(1, 2))
+        astray = ~np.isfinite(moved[mine])
+        going[mine] = ~astray & ~(bold[mine] & (moved[mine] < still))
+        x[mine[astray]] = start.x[mine[astray]]
+        mine, step, earlier = mine[~astray], step[~astray], earlier[~astray]
+        current.put(mine, new, np.flatnonzero(~astray))
         if cornered:
             # At the new nodes the rod balances the force as it was replaced.
-            new = np.einsum("fnab,fnb->fna", stiffness.numpy(), step) - force.numpy()
-            share = np.ones(len(step)) if own is None else _share(potentials, x, step, own, new)
-            part = share[:, None, None]
-            own = new if own is None else (1 - part) * own + part * new
+            force, stiffness = force[~astray], stiffness[~astray]
+            rods = np.einsum("fnab,fnb->fna", stiffness, step) - force
+            known = ~np.isnan(own[mine, 0, 0])
+            share[mine[known]] = _share(
+                potentials, x[mine[known]], step[known], own[mine[known]], rods[known]
+            )
+            part = share[mine, None, None]
+            own[mine] = np.where(known[:, None, None], (1 - part) * own[mine] + part * rods, rods)
         else:  # contact that opens and closes in turn: go a part of the way
-            share = np.clip(np.where(moved < SHRINKS * earlier, MORE, LESS) * share, LEAST, 1.0)
-            if bold and moved.max() > near:
-                near *= 0.1  # their own curvature led away
-            bold = bool(moved.max() < near)
-        before = before + share[:, None, None] * step
-    late = lost | (current.converged & ~(moved < 1e3 * still))
-    current.status[late] = kernels.LIMIT
-    return current, held, rods
+            more = np.where(moved[mine] < SHRINKS * earlier, MORE, LESS)
+            share[mine] = np.clip(more * share[mine], LEAST, 1.0)
+            led = bold[mine] & (moved[mine] > near[mine])
+            near[mine[led]] *= 0.1  # their own curvature led away
+            bold[mine] = moved[mine] < near[mine]
+        part = np.where(going[mine], share[mine], 1.0)
+        x[mine] += part[:, None, None] * step
+    astray = ~np.isfinite(moved)
+    found, held, rods, _, _ = _replaced(rod, conditions, potentials, x, current, bold)
+    gone = np.abs(found.x - x).max(axis=(1, 2))
+    late = found.converged & ~(gone < 1e3 * still)
+    found.status[astray | late] = kernels.LIMIT
+    return found, held, rods
+
+
+def _replaced(
+    rod: Rod,
+    conditions: Conditions,
+    potentials: tuple[Potential, ...],
+    x: np.ndarray,
+    near: Solution,
+    bold: np.ndarray,
+) -> tuple[Solution, Conditions, Rod, np.ndarray, np.ndarray]:
+    """Equilibria where supports stand for the potentials at nodes x (F, K, 3), found from states
+    near them; the conditions and rods with the supports; force and stiffness of the potentials.
+
+    bold (F,): frames in which potentials show their own curvature.
+    """
+    at = torch.from_numpy(x)
+    force, stiffness = force_and_stiffness(potentials, at)
+    timid = torch.from_numpy(~bold)
+    stiffness[timid] = _pulling_back(stiffness[timid])
+    held, load, reaction = _supports(conditions, at, force, stiffness)
+    far = 3 if conditions.far_held else 0
+    guess = replace(near, reaction=np.concatenate([near.reaction[:, :far], reaction], axis=1))
+    if load is not None:
+        rod = rod.each(len(x))
+        rod = rod._replace(load=rod.load + load)
+    found = solve(rod, held, guess, limit=LIMIT)
+    return found, held, rod, force.numpy(), stiffness.numpy()
 
 
 def _pulling_back(stiffness: Tensor) -> Tensor:
     """Stiffness (F, K, 3, 3) without what pushes away: from afar, a rope would slide off a bar."""
-    if not bool((stiffness != 0).any()):
-        return stiffness
-    values, vectors = torch.linalg.eigh(stiffness)
-    return (vectors * values.clamp_min(0.0)[..., None, :]) @ vectors.transpose(-1, -2)
+    some = (stiffness != 0).any(-1).any(-1)
+    values, vectors = torch.linalg.eigh(stiffness[some])
+    pulling = stiffness.clone()
+    pulling[some] = (vectors * values.clamp_min(0.0)[..., None, :]) @ vectors.transpose(-1, -2)
+    return pulling
 
 
 def _share(
-    potentials: tuple[Potential, ...], x: Tensor, step: np.ndarray, old: np.ndarray, new: np.ndarray
+    potentials: tuple[Potential, ...],
+    x: np.ndarray,
+    step: np.ndarray,
+    old: np.ndarray,
+    new: np.ndarray,
 ) -> np.ndarray:
     """(F,) of a step (F, K, 3) [m] from nodes x, at which nothing drives further along it.
 
     old, new (F, K, 3) [N]: the rod's own force at its ends.
     """
-    at = torch.linspace(0.0, 1.0, SHARES, dtype=x.dtype)
-    places = x + at[:, None, None, None] * torch.from_numpy(step)
+    at = torch.linspace(0.0, 1.0, SHARES, dtype=torch.float64)
+    places = torch.from_numpy(x) + at[:, None, None, None] * torch.from_numpy(step)
     force = force_and_stiffness(potentials, places, stiff=False)[0].numpy()
     along = np.einsum("sfna,fna->sf", force, step)
     first, last = (np.einsum("fna,fna->f", own, step) for own in (old, new))

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import rest_curve
+from ropefit.inference.correlated import correlated
 from ropefit.inference.diagnosis import search as engine
 from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.equilibrium_rope import ranges
@@ -20,12 +21,13 @@ from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.terms import ROPE, calibration, rope_term
+from ropefit.inference.uncertainty import INTERVAL
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import follow
-from ropefit.stages.diagnosis_content import INTERVAL, content
+from ropefit.stages.diagnosis_content import content
 from ropefit.stages.equilibrium_model import calibration_name
 from ropefit.stages.frames import spread_evenly
-from ropefit.stages.frozen import frozen_values
+from ropefit.stages.frozen import covariance_of, frozen_values
 from ropefit.stages.identify_equilibrium import (
     nearer_branch,
     noise_of,
@@ -121,7 +123,8 @@ def nominal_terms(
     """The rope's own parameters, starting where they were identified; at their usual values where
     the search ran to a bound.
 
-    prior: they are known from another run, within that run's intervals. GJ joins them where both
+    prior: they are known from another run, within that run's intervals, and the points of a rest
+    curve, which hang together, within its covariance. GJ joins them where both
     clamps hold twist.
     """
     scale = unit_scale(o)
@@ -153,13 +156,15 @@ def nominal_terms(
             sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
             term = _with_prior(term, sd)
         terms.append(term)
-    for name, value in curve.items():
-        term, p = rest_curve.term(name, setup), group.parameters[name]
-        term = replace(term, start=np.array([value]))
-        if prior and p.ci95 is not None:
-            term = _with_prior(term, 0.5 * (p.ci95[1] - p.ci95[0]) / INTERVAL)
-        terms.append(term)
-    return terms, setup
+    bends = {
+        name: replace(rest_curve.term(name, setup), start=np.array([value]))
+        for name, value in curve.items()
+    }
+    seen = [name for name in bends if prior and group.parameters[name].ci95 is not None]
+    if seen:
+        covariance = covariance_of(group, seen)
+        terms.append(correlated(rest_curve.SHORT, [bends.pop(n) for n in seen], covariance))
+    return [*terms, *bends.values()], setup
 
 
 def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:

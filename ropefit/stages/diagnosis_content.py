@@ -15,10 +15,9 @@ from ropefit.inference.diagnosis.regions import misfit, regions
 from ropefit.inference.diagnosis.weigh import Rival, heldout_rms, touches
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit
+from ropefit.inference.uncertainty import INTERVAL
 from ropefit.stages.equilibrium_model import calibration_of
 from ropefit.stages.identify_equilibrium import unit_scale
-
-INTERVAL = 1.959964  # sd: half of a 95 % interval
 
 
 def content(
@@ -111,17 +110,20 @@ def _sentence(rival: Rival) -> str:
 
 
 def _rope(o: Observations, found: Fit) -> dict[str, Size]:
-    """EI, GJ and length as fitted together with the causes, in the units of the model."""
-    scale, forward, spread = unit_scale(o), found.forward, found.quantile * found.sd()
-    u, (least, most) = found.point.u, forward.bounds()
-    # What the data do not show at all may be anything within its bounds.
-    low, high = np.clip(u - spread, least, most), np.clip(u + spread, least, most)
-    out = {}
-    for term, *parts in zip(forward.terms, *map(forward.split, (low, u, high)), strict=True):
-        if term.name in scale:
-            factor, unit = scale[term.name]
-            bottom, value, top = (factor * float(term.value(part)[0]) for part in parts)
-            out[term.name] = Size(value=value, unit=unit, ci95=(bottom, top))
+    """EI, GJ, length and rest curve as fitted together with the causes, in the units of the
+    model."""
+    scale, forward, out, place = unit_scale(o), found.forward, {}, 0
+    for term, u in zip(forward.terms, forward.split(found.point.u), strict=True):
+        mine = slice(place, place := place + term.size)
+        if not set(term.names) <= scale.keys():
+            continue
+        ends = term.interval(u, found.covariance[mine, mine], found.quantile)
+        for name, value, low, high in zip(term.names, term.value(u), *ends, strict=True):
+            factor, unit = scale[name]
+            out[name] = Size(
+                value=factor * float(value), unit=unit,
+                ci95=(factor * float(low), factor * float(high)),
+            )  # fmt: skip
     return out
 
 

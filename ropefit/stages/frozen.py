@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.artifacts import Model, Observations
+from ropefit.artifacts.model import ParameterGroup
 from ropefit.errors import WrongUsage
 from ropefit.inference import rest_curve
+from ropefit.inference.uncertainty import INTERVAL
 from ropefit.stages.shapes_only import shapes_only
 
 
@@ -37,3 +39,13 @@ def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]
     if known["length"].free or o.length_source == "estimated":
         out["length"] = known["length"].value
     return out
+
+
+def covariance_of(group: ParameterGroup, names: list[str]) -> np.ndarray:
+    """(n, n) covariance in SI of parameters that are no logarithms and have intervals."""
+    ends = np.array([group.parameters[name].ci95 for name in names])
+    sd = 0.5 * (ends[:, 1] - ends[:, 0]) / INTERVAL
+    place = [group.free_names.index(name) for name in names]
+    correlation = np.nan_to_num(group.correlation[np.ix_(place, place)])
+    np.fill_diagonal(correlation, 1.0)
+    return correlation * np.outer(sd, sd)

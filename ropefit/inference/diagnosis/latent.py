@@ -39,13 +39,14 @@ class Latent:
         """(R,) log Bayes factor of a force of this size for residuals z (M D, R).
 
         The noise's own size is taken from what no such force moves, so that noise a little larger
-        than thought is no force.
+        than thought is no force. Smaller it is not: what no force moves may be known better than
+        the rest, as what lies across the plane of a motion.
         """
         square = (self.modes.T @ z) ** 2
         s2 = (size * self.strength) ** 2
         outside = ((z**2).sum(0) - square.sum(0)) / max(len(z) - len(s2), 1)
         share = (s2 / (1 + s2))[:, None]
-        return 0.5 * (share * square).sum(0) / np.maximum(outside, 1e-12) - 0.5 * np.log1p(s2).sum()
+        return 0.5 * (share * square).sum(0) / np.maximum(outside, 1.0) - 0.5 * np.log1p(s2).sum()
 
 
 def latent_force(found: Fit, project: Projection) -> Latent:

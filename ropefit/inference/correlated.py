@@ -1,0 +1,59 @@
+"""Values that are known together from other data: better than each by itself says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from torch import Tensor
+
+from ropefit.inference.forward import Term
+from ropefit.rod.setup import Setup
+
+FARTHEST = 30.0  # standard deviations: how far a search may go
+JITTER = 1e-9  # of a variance: what rounding may take from a correlation
+
+
+@dataclass(frozen=True)
+class Correlated(Term):
+    """A term whose search variables are standard normal and independent of each other a priori:
+    values (n,) are start + root @ u, so that root @ root.T is their covariance."""
+
+    root: np.ndarray = field(kw_only=True)
+
+    def value(self, u: np.ndarray) -> np.ndarray:
+        return self.start + self.root @ u
+
+    def search(self, value: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(self.root, value - self.start)
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        raise NotImplementedError("every value depends on every search variable")
+
+    def interval(
+        self, u: np.ndarray, covariance: np.ndarray, width: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        half = width * np.sqrt(np.diag(self.root @ covariance @ self.root.T))
+        return self.value(u) - half, self.value(u) + half
+
+
+def correlated(name: str, terms: list[Term], covariance: np.ndarray) -> Correlated:
+    """The terms as one, about their starts, under a covariance (n, n) in SI."""
+    start = np.concatenate([term.start for term in terms])
+    sd = np.sqrt(np.diag(covariance))
+    root = sd[:, None] * np.linalg.cholesky(
+        covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd))
+    )
+    last = np.cumsum([term.size for term in terms])
+
+    def apply(setup: Setup, v: Tensor) -> Setup:
+        for term, end in zip(terms, last, strict=True):
+            setup = term.apply(setup, v[end - term.size : end])
+        return setup
+
+    one = np.ones(len(start))
+    return Correlated(
+        name, tuple(n for t in terms for n in t.names), tuple(u for t in terms for u in t.units),
+        apply, start, one, start - FARTHEST * root @ one, start + FARTHEST * root @ one, one,
+        root=root,
+    )  # fmt: skip

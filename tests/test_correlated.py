@@ -1,0 +1,80 @@
+"""What another run knows of values that hang together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.inference import rest_curve
+from ropefit.inference.correlated import correlated
+from ropefit.inference.diagnosis.latent import Latent
+from ropefit.inference.forward import Forward
+from ropefit.stages.frozen import covariance_of
+from tests.concealed import rope
+
+NAMES = ["curvature_1_at_25", "curvature_1_at_50", "curvature_2_at_0"]
+SD = np.array([2.0, 1.0, 0.5])
+TOGETHER = np.array([[1.0, -0.99, 0.0], [-0.99, 1.0, 0.1], [0.0, 0.1, 1.0]])
+START = np.array([0.3, -0.2, 0.1])
+
+
+def term_of(setup):
+    terms = [
+        replace(rest_curve.term(name, setup), start=START[k : k + 1])
+        for k, name in enumerate(NAMES)
+    ]
+    return terms, correlated("rest_curve", terms, TOGETHER * np.outer(SD, SD))
+
+
+def test_the_search_variables_are_independent_and_as_wide_as_their_prior():
+    setup = rope(24)
+    terms, one = term_of(setup)
+    u = np.array([0.4, -1.3, 0.7])
+    assert one.search(one.value(u)) == pytest.approx(u)
+    assert one.value(np.zeros(3)) == pytest.approx(START)
+    drawn = np.array([one.value(v) for v in np.random.default_rng(0).normal(size=(20000, 3))])
+    assert np.cov(drawn.T) == pytest.approx(TOGETHER * np.outer(SD, SD), abs=0.1)
+    forward = Forward(setup, [one])
+    assert forward.prior() == pytest.approx(np.ones(3))
+    low, high = forward.bounds()
+    assert (low < -9).all()
+    assert (high > 9).all()
+    low, high = one.interval(u, np.eye(3), 1.96)
+    assert high - low == pytest.approx(2 * 1.96 * SD)
+    assert 0.5 * (low + high) == pytest.approx(one.value(u))
+    # It does to the rope what its terms do one after another.
+    apart = setup
+    for term, value in zip(terms, one.value(u), strict=True):
+        apart = term.apply(apart, torch.tensor([value]))
+    together = one.apply(setup, torch.from_numpy(one.value(u)))
+    assert torch.allclose(together.properties.curvature, apart.properties.curvature)
+
+
+def test_what_a_run_knows_of_them():
+    parameters = {
+        name: SimpleNamespace(ci95=(v - 1.959964 * s, v + 1.959964 * s))
+        for name, v, s in zip(NAMES, START, SD, strict=True)
+    }
+    correlation = np.eye(4)
+    correlation[1:, 1:] = TOGETHER
+    correlation[1, 3] = correlation[3, 1] = np.nan  # of what the data do not determine
+    group = SimpleNamespace(
+        parameters=parameters, free_names=["EI", *NAMES], correlation=correlation
+    )
+    found = covariance_of(group, NAMES[::-1])  # pyright: ignore[reportArgumentType]
+    wanted = TOGETHER * np.outer(SD, SD)
+    assert found == pytest.approx(wanted[::-1, ::-1])
+
+
+def test_noise_is_not_smaller_than_it_was_measured():
+    """Of markers that move in a plane nothing is left across it, whatever is left in it."""
+    modes = np.eye(20)[:, :10]
+    latent = Latent(np.empty(0), np.empty(0), np.empty(0), 0, 0, modes, np.ones(10))
+    inside = np.concatenate([np.ones(10), np.zeros(10)])[:, None]
+    assert latent.at(inside, 1.0) == pytest.approx(0.25 * 10 - 5 * np.log(2))
+    loud = np.concatenate([2 * np.ones(10), 2 * np.ones(10)])[:, None]
+    assert latent.at(loud, 1.0) == pytest.approx(latent.at(inside, 1.0))
