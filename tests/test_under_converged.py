@@ -45,6 +45,23 @@ def test_all_of_it_is_the_shape_that_algorithm_1_stops_at():
     assert np.abs(found - wanted).max() < 3e-4
 
 
+def test_what_is_kept_is_of_the_same_rope_and_the_same_iterations():
+    setup, values = rope(76), torch.tensor([0.1, 0.01, 0.7], dtype=torch.float64)
+    drift = lambda s, v: UnderConverged().apply(s, v).seen.drift  # noqa: E731
+    first = drift(setup, values)
+    # What the iterations begin with, bring down, and how often.
+    others = [
+        drift(setup._replace(ends=0.9 * setup.ends), values),
+        drift(setup._replace(gravity=setup.gravity.flip(0)), values),
+        *(
+            drift(setup, values * torch.tensor(f, dtype=torch.float64))
+            for f in ([1, 2, 1], [1, 1, 2])
+        ),
+    ]
+    assert all(float((other - first).abs().max()) > 1e-4 for other in others)
+    assert torch.equal(drift(setup, values * torch.tensor([3.0, 1.0, 1.0])), first)
+
+
 def test_a_solver_that_stopped_early_is_named():
     shapes = papers(20, 100, 0.0127, (1.19, 0.8, 1.19, 0.8, 0.79))  # the paper's weights
     data = scanned(shapes, seed=4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import torch
@@ -20,6 +21,8 @@ from ropefit.solvers.start import frames_along
 from ropefit.solvers.xpbd import Eta, Settings, State
 
 NODES = 20  # of the chain that stands for the solver's own
+KEPT = 4  # results
+_latest: dict[tuple, tuple[Tensor, Tensor]] = {}
 
 
 class UnderConverged(Effect):
@@ -46,11 +49,7 @@ class UnderConverged(Effect):
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         amount, drop, reach = values
-        rod = setup._replace(potentials=()).rod()
-        held = Conditions(setup.ends.detach(), setup.clamp.detach())
-        start = _sampled(solve(rod, held, limit=0, continuation=False).x)
-        stopped = _stopped(setup, start, float(drop), iterations(float(reach)))
-        still, fallen = (_along(x, setup.segments) for x in stopped)
+        still, fallen = _remembered(setup, float(drop), float(reach))
         seen = setup.seen._replace(
             lag=setup.seen.lag + amount, toward=still, drift=setup.seen.drift + fallen - still
         )
@@ -67,6 +66,26 @@ class UnderConverged(Effect):
 def iterations(reach: float) -> float:
     """After how many a correction has travelled over a share of the length."""
     return (reach * (NODES - 1)) ** 2
+
+
+def _remembered(setup: Setup, drop: float, reach: float) -> tuple[Tensor, Tensor]:
+    """(F, N + 1, 3) [m] where the iterations leave the nodes, without the drop and with it.
+
+    Most of what a fit varies makes no difference here: the latest are kept.
+    """
+    rod = setup._replace(potentials=()).rod()
+    held = Conditions(setup.ends.detach(), setup.clamp.detach())
+    arrays = (*rod, held.ends, held.clamp, setup.gravity, setup.properties.length)
+    key = (drop, reach, setup.clamped, *(a.detach().numpy().tobytes() for a in arrays))
+    found = _latest.get(key)
+    if found is None:
+        start = _sampled(solve(rod, held, limit=0, continuation=False).x)
+        both = _stopped(setup, start, drop, iterations(reach))
+        found = (_along(both[0], setup.segments), _along(both[1], setup.segments))
+        while len(_latest) >= KEPT:
+            _latest.pop(next(iter(_latest)), None)
+        _latest[key] = found
+    return found
 
 
 def _sampled(x: np.ndarray) -> Tensor:
@@ -105,9 +124,16 @@ def _stopped(setup: Setup, x: Tensor, drop: float, count: float) -> tuple[Tensor
 
 def _along(few: Tensor, segments: int) -> Tensor:
     """(F, segments + 1, 3) a cubic through values (F, NODES, 3)."""
+    return torch.matmul(_cubic(segments), few)
+
+
+@cache
+def _cubic(segments: int) -> Tensor:
+    """(segments + 1, NODES) weights of the values."""
+    few = torch.eye(NODES, dtype=torch.float64)
     at = torch.linspace(0, NODES - 1, segments + 1, dtype=torch.float64)
     low = at.floor().clamp(max=NODES - 2).long()
     t = (at - low)[:, None]
-    wide = torch.cat([2 * few[:, :1] - few[:, 1:2], few, 2 * few[:, -1:] - few[:, -2:-1]], dim=1)
-    a, b, c, d = (wide[:, low + k] for k in range(4))
+    wide = torch.cat([2 * few[:1] - few[1:2], few, 2 * few[-1:] - few[-2:-1]])
+    a, b, c, d = (wide[low + k] for k in range(4))
     return b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)))
