@@ -63,7 +63,7 @@ def _planes(found: Fit) -> list[list[Start]]:
     s, setup = found.stations, found.point.setup
     up = -(setup.gravity / setup.gravity.norm()).numpy()
     origin = middle_of(setup).numpy()
-    place = found.point.seen
+    place = _nodes(found)
     model = np.einsum("fka,a->fk", place - origin, up)
     if len(s.frame) == 0:
         return []
@@ -78,6 +78,12 @@ def _planes(found: Fit) -> list[list[Start]]:
     return [[(Family(SupportPlane(), NONE), np.array([floor, 0.0, 0.0]))]]
 
 
+def _nodes(found: Fit) -> np.ndarray:
+    """(F, K, 3) [m] where the nodes are, not where a camera that is off sees them: a plane a few
+    millimetres lower is none."""
+    return np.where(np.isnan(found.point.seen), np.nan, found.point.solution.x)
+
+
 def _moves(found: Fit) -> np.ndarray:
     """(M, 3) [m] from the fitted rope to the data at the stations."""
     return np.einsum("md,mda->ma", found.stations.residual, found.stations.basis)
@@ -90,7 +96,7 @@ def _bars(found: Fit) -> list[list[Start]]:
     first, second = (v.numpy() for v in horizontal(setup.gravity))
     origin = middle_of(setup).numpy()
     move = _moves(found)
-    data, lift = s.places(found.point.seen) + move, np.zeros(len(s.frame))
+    data, lift = s.places(_nodes(found)) + move, np.zeros(len(s.frame))
     for t in np.flatnonzero(_excess(found) > ODD):
         mine = s.frame == t
         if mine.sum() >= len(SMOOTH):
