@@ -93,7 +93,6 @@ def _bars(found: Fit) -> list[list[Start]]:
     """A bar under the place in space where the data of the odd frames lie above the fitted rope."""
     s, setup = found.stations, found.point.setup
     up = -(setup.gravity / setup.gravity.norm()).numpy()
-    first, second = (v.numpy() for v in horizontal(setup.gravity))
     origin = middle_of(setup).numpy()
     move = _moves(found)
     data, lift = s.places(_nodes(found)) + move, np.zeros(len(s.frame))
@@ -108,10 +107,35 @@ def _bars(found: Fit) -> list[list[Start]]:
     centre = np.average(data[lifted], axis=0, weights=lift[lifted])
     away = np.average(move[lifted], axis=0, weights=lift[lifted])  # of a steep rope not upwards
     away /= np.linalg.norm(away)
+    family, heading = Family(Obstacle(), NONE), _heading(found)
+    under = [(way, r, r + d) for way in (away, up) for r in RADII for d in LOWER]
+    return [[(family, np.array([*(centre - origin - d * way), r, heading])) for way, r, d in under]]
+
+
+def bars_under(found: Fit, height: float, slopes: np.ndarray) -> list[list[Start]]:
+    """Bars that touch a fitted rope where the plane that it was fitted with does: what rests on a
+    bar in few frames rests as well, or nearly, on a slope."""
+    setup = found.point.setup
+    up = -(setup.gravity / setup.gravity.norm()).numpy()
+    normal = up - sum(
+        v * axis.numpy() for v, axis in zip(slopes, horizontal(setup.gravity), strict=True)
+    )
+    normal /= np.linalg.norm(normal)
+    place = _nodes(found) - middle_of(setup).numpy()
+    depth = np.maximum(-((place - height * up) @ normal), 0.0)
+    if not depth.any():
+        return []
+    centre = np.average(place.reshape(-1, 3), axis=0, weights=depth.ravel())
+    family, heading = Family(Obstacle(), NONE), _heading(found)
+    return [[(family, np.array([*(centre - r * normal), r, heading]))] for r in RADII]
+
+
+def _heading(found: Fit) -> float:
+    """[rad] of an axis across the line of the ends."""
+    setup = found.point.setup
+    up = -(setup.gravity / setup.gravity.norm()).numpy()
+    first, second = (v.numpy() for v in horizontal(setup.gravity))
     span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
     across = np.cross(span, up)
     turn = float(np.arctan2(across @ second, across @ first))
-    heading = (turn + np.pi / 2) % np.pi - np.pi / 2  # an axis has no direction
-    family = Family(Obstacle(), NONE)
-    under = [(way, r, r + d) for way in (away, up) for r in RADII for d in LOWER]
-    return [[(family, np.array([*(centre - origin - d * way), r, heading])) for way, r, d in under]]
+    return (turn + np.pi / 2) % np.pi - np.pi / 2  # an axis has no direction

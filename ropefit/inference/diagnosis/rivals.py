@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.effects import SupportPlane
 from ropefit.inference.diagnosis.branch_repair import repaired
-from ropefit.inference.diagnosis.contact import Start, uneven
+from ropefit.inference.diagnosis.contact import Start, bars_under, uneven
 from ropefit.inference.diagnosis.evidence import Scored
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.diagnosis.profile import profile
@@ -16,6 +17,7 @@ from ropefit.inference.noise import Noise
 from ropefit.inference.stations import Data
 
 LEADERS = 6
+PLANE = (SupportPlane.__name__, 0)
 NEGLIGIBLE = 0.15  # of the first misfit: what may stay unexplained once an effect is found
 
 
@@ -69,6 +71,11 @@ def fit_rivals(
     if first is None or wanting(first) or uneven(first.fit):
         for choices in touching:  # these cost the most
             weigh(choices)
+        plane = out.get(PLANE)
+        if plane and plane is best() and plane.evidence > threshold:
+            height, *slopes = plane.values()
+            for choices in bars_under(plane.fit, height, np.array(slopes)):
+                weigh(choices)
     return sorted(out.values(), key=lambda r: -r.evidence)
 
 
