@@ -113,8 +113,8 @@ def _bars(found: Fit) -> list[list[Start]]:
 
 
 def bars_under(found: Fit, height: float, slopes: np.ndarray) -> list[list[Start]]:
-    """Bars that touch a fitted rope where the plane that it was fitted with does: what rests on a
-    bar in few frames rests as well, or nearly, on a slope."""
+    """Bars that touch a fitted rope where the plane that it was fitted with bears most of it: what
+    rests on a bar in few frames rests as well, or nearly, on a slope."""
     setup = found.point.setup
     up = -(setup.gravity / setup.gravity.norm()).numpy()
     normal = up - sum(
@@ -123,9 +123,10 @@ def bars_under(found: Fit, height: float, slopes: np.ndarray) -> list[list[Start
     normal /= np.linalg.norm(normal)
     place = _nodes(found) - middle_of(setup).numpy()
     depth = np.maximum(-((place - height * up) @ normal), 0.0)
-    if not depth.any():
+    most = int(depth.sum(axis=1).argmax())
+    if not depth[most].any():
         return []
-    centre = np.average(place.reshape(-1, 3), axis=0, weights=depth.ravel())
+    centre = np.average(place[most], axis=0, weights=depth[most])
     family, heading = Family(Obstacle(), NONE), _heading(found)
     return [[(family, np.array([*(centre - r * normal), r, heading]))] for r in RADII]
 
