@@ -107,8 +107,8 @@ def table(real: Path, out: Path) -> tuple[str, dict[str, Any]]:
     folder, data = out / "real", {}
     lines = [
         "Real recordings of which one thing is told falsely, each diagnosed with the true run of",
-        "the same recording as `--nominal`, identified as straight at rest or with a uniform",
-        "curvature; written by `python -m benchmarks.discovery`.",
+        "the same recording as `--nominal`, identified as straight at rest, with a uniform or with",
+        "a varying curvature; written by `python -m benchmarks.discovery --real-only`.",
         "",
         "| recording | rest shape | told falsely | right | verdict | called "
         "| held out before, after [mm] | |",
