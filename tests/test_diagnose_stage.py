@@ -3,10 +3,13 @@
 import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from ropefit.effects import ContactFriction
 from ropefit.inference.noise import Noise
 from ropefit.stages.diagnose import with_what_is_missed
+from ropefit.stages.diagnosis_content import sizes_of
 from tests.conftest import ROOT
 
 
@@ -66,3 +69,13 @@ def test_what_another_runs_rope_misses_is_noise_here():
     assert told("markers", "changed", 0.001) == 1e-3
     assert told("markers", "was", 0.03) == 1e-3  # its own misfit is what is to be explained
     assert told("cloud", "changed", 0.03) == 1e-3
+
+
+def test_intervals_end_where_a_quantity_does():
+    rival = SimpleNamespace(
+        family=SimpleNamespace(effect=ContactFriction()), fit=SimpleNamespace(quantile=2.0)
+    )
+    sizes = sizes_of(rival, np.array([0.6]), np.array([0.5]))  # pyright: ignore[reportArgumentType]
+    low, high = sizes["coefficient"].ci95
+    assert low == 0.0
+    assert 1.6 < high < 1.7

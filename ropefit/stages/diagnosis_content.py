@@ -139,7 +139,7 @@ def _cause(item: engine.Found, last: Fit, frames: np.ndarray, length: float) -> 
         end=effect.end if effect.locus == "end" else None,
         arc_length=_stretch(rival, named, sd, length),
         frames=_acting(item.rival, frames),
-        parameters=_sizes(rival, values, sd),
+        parameters=sizes_of(rival, values, sd),
         values=values,
         value_names=list(effect.names),
         equivalent_to=sorted({r.family.name for r in item.equivalent}),
@@ -178,7 +178,7 @@ def _acting(rival: Rival, frames: np.ndarray) -> np.ndarray:
     return frames[acting]
 
 
-def _sizes(rival: Rival, values: np.ndarray, sd: np.ndarray) -> dict[str, Size]:
+def sizes_of(rival: Rival, values: np.ndarray, sd: np.ndarray) -> dict[str, Size]:
     """The quantities with their intervals; a vector as its size first."""
     effect, t = rival.family.effect, rival.fit.quantile
     out = {}
@@ -199,7 +199,8 @@ def _sizes(rival: Rival, values: np.ndarray, sd: np.ndarray) -> dict[str, Size]:
                 unit="N",
                 ci95=(float(1 / (v + t * s)), float(1 / high) if high > 0 else 1e300),
             )
-        out[q.name] = Size(value=float(v), unit=q.unit, ci95=(float(v - t * s), float(v + t * s)))
+        low, high = max(v - t * s, q.lower), min(v + t * s, q.upper)  # beyond there is nothing
+        out[q.name] = Size(value=float(v), unit=q.unit, ci95=(float(low), float(high)))
     return out
 
 
