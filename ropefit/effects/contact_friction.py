@@ -15,9 +15,9 @@ class ContactFriction(Effect):
     """Coulomb's `coefficient` on every plane and bar that the rope touches already. What has only
     just touched down is not held yet.
 
-    Between two frames a rope may be dragged by more than from one to the other. In the one
-    recording of another simulator that was answered the coefficient came out half as large again;
-    that it is known to a quarter is a judgement.
+    Between two frames a rope may be dragged by more than from one to the other. In the two
+    recordings of another simulator that were answered the coefficient came out half as large again
+    and 2.6 times as large; that it is known to a quarter is a judgement from the first.
     """
 
     name = "contact_friction"

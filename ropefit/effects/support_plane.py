@@ -25,10 +25,7 @@ class SupportPlane(Effect):
     linear = False
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        first, second = horizontal(setup.gravity)
-        up = -setup.gravity.detach() / setup.gravity.detach().norm()
-        normal = up - values[1] * first - values[2] * second
-        normal = normal / normal.norm()
+        up, normal = up_and_normal(setup, values[1], values[2])
         origin = middle_of(setup) + values[0] * up
         hardness = HARDNESS * setup.weight.detach()
 
@@ -44,6 +41,14 @@ class SupportPlane(Effect):
             f"in some frames the rope lies on a plane {abs(values['height']):.3f} m "
             f"{'below' if values['height'] < 0 else 'above'} the middle of its ends"
         )
+
+
+def up_and_normal(setup: Setup, slope_1: Tensor, slope_2: Tensor) -> tuple[Tensor, Tensor]:
+    """(3,), (3,) against gravity, and across a plane of these slopes along the horizontal axes."""
+    first, second = horizontal(setup.gravity)
+    up = -setup.gravity.detach() / setup.gravity.detach().norm()
+    normal = up - slope_1 * first - slope_2 * second
+    return up, normal / normal.norm()
 
 
 def touching(segments: int) -> Tensor:

@@ -181,6 +181,7 @@ def _settle(
     found, held, rods, _, _ = _replaced(rod, conditions, potentials, x, current, bold)
     gone = np.abs(found.x - x).max(axis=(1, 2))
     late = found.converged & ~(gone < 1e3 * still)
+    found.put(astray, start, astray)
     found.status[astray | late] = kernels.LIMIT
     return found, held, rods
 

@@ -124,8 +124,7 @@ def nominal_terms(
     the search ran to a bound.
 
     prior: they are known from another run, within that run's intervals, and the points of a rest
-    curve, which hang together, within its covariance. GJ joins them where both
-    clamps hold twist.
+    curve, which hang together, within its covariance. GJ joins them where both clamps hold twist.
     """
     scale = unit_scale(o)
     group = next(iter(source.nominal.groups.values()))

@@ -7,6 +7,7 @@ import torch
 
 from ropefit.effects import ContactFriction, Obstacle, SupportPlane
 from ropefit.effects.place import horizontal, middle_of
+from ropefit.effects.support_plane import up_and_normal
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.least_squares import Fit
 
@@ -116,11 +117,7 @@ def bars_under(found: Fit, height: float, slopes: np.ndarray) -> list[list[Start
     """Bars that touch a fitted rope where the plane that it was fitted with bears most of it: what
     rests on a bar in few frames rests as well, or nearly, on a slope."""
     setup = found.point.setup
-    up = -(setup.gravity / setup.gravity.norm()).numpy()
-    normal = up - sum(
-        v * axis.numpy() for v, axis in zip(slopes, horizontal(setup.gravity), strict=True)
-    )
-    normal /= np.linalg.norm(normal)
+    up, normal = (v.numpy() for v in up_and_normal(setup, *torch.from_numpy(slopes)))
     place = _nodes(found) - middle_of(setup).numpy()
     depth = np.maximum(-((place - height * up) @ normal), 0.0)
     most = int(depth.sum(axis=1).argmax())
