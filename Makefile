@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 RUN    ?= run
 
-.PHONY: demo test check install schemas results exporters wheel audit batch clean
+.PHONY: demo test bounds check install schemas results exporters wheel audit batch clean
 .DEFAULT_GOAL := demo
 
 install: $(STAMP)
@@ -26,6 +26,15 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n 2
+
+# Everything that calls compiled code, with index checks compiled in: a cache of its own, since
+# the compiler's does not tell the two apart.
+BOUNDED := test_kernel_bounds test_compiled test_start test_equilibrium_gradients test_dynamics_gradients \
+  test_equilibrium_robustness test_memory test_friction test_contact_proposals test_diagnosis \
+  test_diagnosis_motion test_diagnose_stage
+bounds: $(STAMP)
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(abspath build/bounds) \
+	  $(BIN)/python -m pytest -n 2 $(BOUNDED:%=tests/%.py)
 
 check: $(STAMP)
 	$(BIN)/ruff check .

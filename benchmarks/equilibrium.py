@@ -135,7 +135,7 @@ def robustness(clamped: bool) -> dict[str, float]:
     s = solve(p.rod, p.conditions)
     seconds = time.perf_counter() - start
     wrong = imbalance(p, s) > WRONG
-    stable = stability(p.rod, p.conditions, s) > 0
+    stable = stability(s) > 0
     return {
         "converged": int(s.converged.sum()),
         "marked": int((~s.converged).sum()),

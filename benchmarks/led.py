@@ -3,7 +3,6 @@ energy, by the boundary-value problem of the rope's differential equations, by w
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from ropefit.rod.quaternion import conjugate_product, multiply
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.branches import follow, turned_over
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.equilibrium import ARRAYS, Solution, States, solve
 
 DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)  # a rope of 1 m weighs 1 N
 TWIST = 2 / 3  # GJ over EI, that of `uniform`
@@ -53,11 +52,10 @@ def rope(bend: float | np.ndarray, segments: int, clamped: bool) -> Rod:
     return build(uniform(length=1.0, segments=segments, bend=value), DOWN, (clamped, clamped))
 
 
-def joined(states: list[Solution]) -> Solution:
-    """One solution of all frames."""
-    return Solution(
-        *(np.concatenate([getattr(s, f.name) for s in states]) for f in fields(Solution))
-    )
+def joined(states: list[Solution], rod: Rod, conditions: Conditions) -> Solution:
+    """Return one solution of all frames, each of a rope of its own."""
+    arrays = {name: np.concatenate([getattr(s, name) for s in states]) for name in ARRAYS}
+    return Solution(**arrays, rod=rod, conditions=conditions)
 
 
 def wound(m: Led) -> np.ndarray:
@@ -89,10 +87,8 @@ def from_reference(m: Led, index: int, frame: int, clamped: bool) -> tuple[float
     state = m.states[index].frames(np.array([frame]))
     bend, coarse = m.bend[index], state.q.shape[1]
     n = coarse * FINER
-    begun = Solution(
-        np.repeat(state.q, FINER, 1), np.zeros((1, n + 1, 3)), np.repeat(state.force, FINER, 1),
-        state.reaction, state.base, state.status, state.iterations, state.residual,
-    )  # fmt: skip
+    nodes = np.zeros((1, n + 1, 3))
+    begun = States(np.repeat(state.q, FINER, 1), nodes, state.base, state.reaction)
     fine = solve(rope(bend, n, clamped), held, begun)
     if not fine.converged[0]:
         return np.nan, np.nan

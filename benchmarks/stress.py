@@ -54,14 +54,14 @@ weight times their length and largest kinetic energy."""
 def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, Any]:
     """Counts over frames of ropes that are led, each frame from the one before."""
     m = led(count, clamped, nodes, FRAMES, seed)
-    s = joined(m.states)
     held = Conditions(
         torch.cat([c.ends for c in m.conditions]), torch.cat([c.clamp for c in m.conditions])
     )
     each = rope(np.repeat(m.bend, FRAMES), nodes - 1, clamped)
+    s = joined(m.states, each, held)
     bend, apart = np.repeat(m.bend, FRAMES), np.zeros(len(s.x))
     off = imbalance(Placements(each, held, bend, apart), s) > WRONG
-    unstable = ~(stability(each, held, s) > 0)
+    unstable = ~(stability(s) > 0)
     rng = np.random.default_rng(seed)
     drawn = rng.choice(np.flatnonzero(s.converged), min(COMPARED, int(s.converged.sum())), False)
     far = [from_reference(m, *divmod(int(k), FRAMES), clamped) for k in drawn]

@@ -18,7 +18,7 @@ from ropefit.rod.setup import bare
 from ropefit.solvers import batched
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.batched import solve_batched
-from ropefit.solvers.batched_implicit import settle_batched
+from ropefit.solvers.batched_implicit import settle_batched, settled_batched
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution, solve
 from ropefit.solvers.implicit import settle
@@ -110,7 +110,7 @@ def test_what_does_not_arrive_is_marked_or_finished(handed_over, monkeypatch):
     conditions.ends[1, 1, 0] = 1.2
     solution = solve_batched(short, conditions, CPU)
     assert solution.converged.tolist() == [True, False]
-    state, _ = settle_batched(short, conditions, CPU, solution=solution)
+    state = settled_batched(solution, CPU)
     assert torch.isfinite(state.x[0]).all()
     assert torch.isnan(state.x[1]).all()
     monkeypatch.setattr(batched, "STEPS", 3)

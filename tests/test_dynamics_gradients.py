@@ -145,7 +145,7 @@ def test_tangent_is_the_adjoint_turned_round(clamped, axial):
         if name in ("stiff", "loss"):
             step = step * (leaf.detach().numpy() != 0)
         wide = step[:, None] if by_clip else step[None, None]
-        dx, _ = tangent(rope_, drive, start, trajectory, Directions(**{name: wide}))
+        dx, _ = tangent(trajectory, Directions(**{name: wide}))
         moved = step
         if turn:
             q = leaf.detach()

@@ -135,8 +135,8 @@ def test_a_frame_that_cannot_settle_stops_no_other():
     ends = plane.ends.clone()
     ends[1, 0] *= 1.5 / ends[1, 0].norm()  # farther than the rope is long
     held, rod = Conditions(ends, plane.clamp), plane.rod()
-    every = solve_with_potentials(rod, held, plane.potentials)[0]
-    alone = solve_with_potentials(rod, held.frames(torch.tensor([0, 2])), plane.potentials)[0]
+    every = solve_with_potentials(rod, held, plane.potentials)
+    alone = solve_with_potentials(rod, held.frames(torch.tensor([0, 2])), plane.potentials)
     assert every.converged.tolist() == [True, False, True]
     assert np.abs(every.x[[0, 2]] - alone.x).max() < 1e-7
 
@@ -171,13 +171,14 @@ def test_states_a_turn_of_twist_away_are_told():
     plain = Forward(setup, []).at(np.empty(0))
     for turns in (-1.0, 1.0):
         every = np.full(len(setup.ends), turns)
-        turned = solve(plain.rod, plain.conditions, turns=every)
+        turned = solve(plain.solution.rod, plain.solution.conditions, turns=every)
         assert turned.converged.all()
-        assert wound(plain.conditions, turned, plain.solution).all()
-        assert not wound(plain.conditions, turned, turned).any()
-    soft = plain.rod._replace(stiff=plain.rod.stiff * torch.tensor([0.7, 0.7, 0.3]))
-    near = solve(soft, plain.conditions, plain.solution)
-    assert not wound(plain.conditions, near, plain.solution).any()
+        assert wound(turned, plain.solution).all()
+        assert not wound(turned, turned).any()
+    rod, held = plain.solution.rod, plain.solution.conditions
+    soft = rod._replace(stiff=rod.stiff * torch.tensor([0.7, 0.7, 0.3]))
+    near = solve(soft, held, plain.solution)
+    assert not wound(near, plain.solution).any()
 
 
 def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
@@ -191,5 +192,5 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
 
     monkeypatch.setattr("ropefit.inference.forward.solve", jumping)
     again = Forward(setup, []).at(np.empty(0), start=plain)
-    assert not wound(again.conditions, again.solution, plain).any()
+    assert not wound(again.solution, plain).any()
     assert np.abs(again.solution.x - plain.x).max() < 1e-6

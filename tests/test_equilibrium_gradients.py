@@ -14,7 +14,7 @@ from ropefit.rod.quaternion import from_rotation_vector, multiply, normalise
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import Solution
-from ropefit.solvers.implicit import Directions, settle, tangent
+from ropefit.solvers.implicit import Directions, settle, settled, tangent
 from tests.rods import DOWN, solved
 
 SEGMENTS = 12
@@ -202,10 +202,8 @@ def test_tangent_equals_adjoint(case):
             sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=torch.float64)
             given = torch.nan_to_num(2 * multiply(clamp * sign, given)[..., 1:])
         directions = Directions(**{name: given.numpy()})
-        dx, turn = (
-            torch.from_numpy(item) for item in tangent(rod, conditions, solution, directions)
-        )
-        state, _ = settle(rod, conditions, solution=solution)
+        dx, turn = (torch.from_numpy(item) for item in tangent(solution, directions))
+        state = settled(solution)
         x, q = (item.detach().requires_grad_() for item in state)
         by_x, by_q = torch.autograd.grad(loss_of(x, q), [x, q])
         half = torch.nn.functional.pad(0.5 * turn, (1, 0))

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import torch
 
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.solvers.conditions import Conditions, Sliders
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium import ARRAYS, Solution, States
 from ropefit.solvers.turns import rolled
 
 
-def vectors(rod: Rod, held: Conditions, solution: Solution) -> np.ndarray:
+def vectors(solution: Solution) -> np.ndarray:
     """(N+1, 2) the vector parts of one frame's bend elements; zero where there is none."""
-    return darboux(rod, held, solution)[:, 1:3]
+    return darboux(solution)[:, 1:3]
 
 
-def darboux(rod: Rod, held: Conditions, solution: Solution) -> np.ndarray:
+def darboux(solution: Solution) -> np.ndarray:
     """(N+1, 4) the Darboux quaternions of one frame; zero where nothing is bent."""
-    q, clamp = torch.from_numpy(solution.q[0]), torch.nan_to_num(held.clamp[0])
+    return _darboux(solution.rod, solution.conditions, solution)
+
+
+def _darboux(rod: Rod, held: Conditions, states: States) -> np.ndarray:
+    q, clamp = torch.from_numpy(states.q[0]), torch.nan_to_num(held.clamp[0])
     around = torch.cat([clamp[:1], q, clamp[1:]])
     p = conjugate_product(around[:-1], around[1:]).numpy()
     rest = rod.rest.reshape(len(p), 3).numpy()
@@ -40,22 +46,20 @@ def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) ->
     return moved[..., :2]
 
 
-def spun(rod: Rod, held: Conditions, start: Solution, toward: np.ndarray) -> Solution:
+def spun(rod: Rod, held: Conditions, start: States, toward: np.ndarray) -> States:
     """A start whose frames are all spun alike, for its bends to lie as `toward` (N+1, 2) does."""
     out = start.copy()
-    out.q[:] = rolled(start.q, vectors(rod, held, start)[None], toward[None])
+    out.q[:] = rolled(start.q, _darboux(rod, held, start)[None, :, 1:3], toward[None])
     return out
 
 
-def merged(
-    parts: list[tuple[Rod, Conditions, Solution]],
-) -> tuple[Rod, Conditions, Solution]:
-    """Frames that were settled one by one as one: a support stands in all where it does in any."""
-    rods = Rod(*(torch.cat(f) for f in zip(*(rod.each(1) for rod, _, _ in parts), strict=True)))
-    held = [c for _, c, _ in parts]
+def merged(parts: list[Solution]) -> Solution:
+    """Return solutions of one frame each as one: a support is there in all where it is in any."""
+    rods = Rod(*(torch.cat(f) for f in zip(*(s.rod.each(1) for s in parts), strict=True)))
+    held = [s.conditions for s in parts]
     sliders = Sliders(*(np.concatenate(f) for f in zip(*(c.sliders for c in held), strict=True)))
     ends, clamp = (torch.cat([getattr(c, n) for c in held]) for n in ("ends", "clamp"))
-    far = 3 if held[0].far_held else 0
+    far = held[0].far_supports
     keys = [_numbered(c.node) for c in held]
     every = sorted(set().union(*keys))
     place = {key: k for k, key in enumerate(every)}
@@ -66,8 +70,7 @@ def merged(
     active = np.zeros((frames, many), dtype=bool)
     reaction = np.zeros((frames, far + many))
     for t, (c, own) in enumerate(zip(held, keys, strict=True)):
-        solution = parts[t][2]
-        reaction[t, :far] = solution.reaction[0, :far]
+        reaction[t, :far] = parts[t].reaction[0, :far]
         if c.node is None or not own:
             continue
         assert c.direction is not None
@@ -77,15 +80,16 @@ def merged(
         direction[t, at], offset[t, at] = c.direction[0], c.offset[0]
         compliance[t, at] = c.compliance[0]
         active[t, at] = True if c.active is None else c.active[0]
-        known = min(solution.reaction.shape[1] - far, len(at))
-        reaction[t, [far + k for k in at[:known]]] = solution.reaction[0, far : far + known]
-    one = stacked([solution for _, _, solution in parts], reaction)
-    if not every:
-        return rods, Conditions(ends, clamp, sliders=sliders), one
-    node = np.array([key[0] for key in every])
-    return rods, Conditions(
-        ends, clamp, node, direction, offset, compliance, active, sliders
-    ), one  # fmt: skip
+        reaction[t, [far + k for k in at]] = parts[t].reaction[0, far:]
+    conditions = Conditions(ends, clamp, sliders=sliders)
+    if every:
+        node = np.array([key[0] for key in every])
+        conditions = Conditions(
+            ends, clamp, node, direction, offset, compliance, active, sliders
+        )  # fmt: skip
+    arrays = {name: np.concatenate([getattr(s, name) for s in parts])
+              for name in ARRAYS if name != "reaction"}  # fmt: skip
+    return Solution(**arrays, reaction=reaction, rod=rods, conditions=conditions)
 
 
 def _numbered(node: np.ndarray | None) -> list[tuple[int, int]]:
@@ -96,11 +100,9 @@ def _numbered(node: np.ndarray | None) -> list[tuple[int, int]]:
     return out
 
 
-def stacked(parts: list[Solution], reaction: np.ndarray) -> Solution:
-    """Solutions of one frame each as one, with these reactions."""
-    fields = {
-        name: np.concatenate([getattr(s, name) for s in parts])
-        for name in Solution.__dataclass_fields__
-        if name != "reaction"
-    }
-    return Solution(**fields, reaction=reaction)
+def stacked(parts: list[Solution]) -> States:
+    """Return the states of solutions of one frame each; q is NaN where one has not converged."""
+    every = [s.states for s in parts]
+    out = States(*(np.concatenate([getattr(s, f.name) for s in every]) for f in fields(States)))
+    out.q[[not s.converged[0] for s in parts]] = np.nan
+    return out

@@ -12,10 +12,10 @@ from torch import Tensor
 from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.batched import solve_batched
-from ropefit.solvers.batched_implicit import settle_batched
+from ropefit.solvers.batched_implicit import settled_batched
 from ropefit.solvers.conditions import Conditions, Sliders
-from ropefit.solvers.equilibrium import Solution, solve
-from ropefit.solvers.implicit import settle
+from ropefit.solvers.equilibrium import Solution, States, solve
+from ropefit.solvers.implicit import settled
 from ropefit.solvers.potentials import solve_with_potentials
 from ropefit.solvers.xpbd import State
 
@@ -135,16 +135,15 @@ class EquilibriumRope:
         q = q[:, self.every // 2 :: self.every].reshape(*shape, nodes - 1, 4)
         return State(x, q)
 
-    def _states(self, rod: Rod, held: Conditions, start: Solution | None) -> State:
+    def _states(self, rod: Rod, held: Conditions, start: States | None) -> State:
         """Nodes and frames of every segment, on the CPU: from `start`, or else from catenaries."""
         device, potentials = self.device, self.setup.potentials
         if held.sliders is not None:  # by the compiled path only, like all below
             device = None
         if potentials:  # contact and tethers: by the compiled path only
-            solution, held, rod = solve_with_potentials(rod, held, potentials, start)
-            return settle(rod, held, solution=solution)[0]
+            return settled(solve_with_potentials(rod, held, potentials, start))
 
-        def found(start: Solution | None) -> Solution:
+        def found(start: States | None) -> Solution:
             if device is None:
                 return solve(rod, held, start)
             return solve_batched(rod, held, device, start)
@@ -154,8 +153,8 @@ class EquilibriumRope:
         if start is not None and again.any():
             solution.put(again, found(None), again)
         if device is None:
-            return settle(rod, held, solution=solution)[0]
-        return State(*(t.cpu() for t in settle_batched(rod, held, device, solution=solution)[0]))
+            return settled(solution)
+        return State(*(t.cpu() for t in settled_batched(solution, device)))
 
 
 def ranges(setup: Setup) -> dict[str, tuple[float, float, float]]:

@@ -8,7 +8,7 @@ own scale, so that a step of one is a fair step.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import torch
@@ -22,7 +22,7 @@ from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import wound
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.equilibrium import ARRAYS, Solution, States, solve
 from ropefit.solvers.potentials import solve_with_potentials
 
 DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
@@ -84,8 +84,8 @@ class Forward:
 
     base: Setup
     terms: list[Term]
-    last: Solution | None = field(default=None, repr=False)
-    path: Solution | None = field(default=None, repr=False, init=False)
+    last: States | None = field(default=None, repr=False)
+    path: States | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
 
     @property
@@ -126,7 +126,7 @@ class Forward:
         setup = self.setup_at(u)
         return Conditions(setup.ends, setup.clamp)
 
-    def at(self, u: np.ndarray, start: Solution | None = None) -> Point:
+    def at(self, u: np.ndarray, start: States | None = None) -> Point:
         """Settle at u. Frames that do not converge are NaN in `seen`."""
         setup = self.setup_at(u)
         start = start or self.last
@@ -134,17 +134,9 @@ class Forward:
             point = walk(u, setup, start, self.path if start is self.last else None)
         else:
             deepest = DEEPEST if self.reached else np.inf
-            solution, conditions, rod = _settled(setup, start, deepest)
-            point = self._point(u, setup, rod, conditions, solution)
+            point = _point(u, setup, _settled(setup, start, deepest))
         self._remember(point)
         return point
-
-    def _point(
-        self, u: np.ndarray, setup: Setup, rod: Rod, conditions: Conditions, solution: Solution
-    ) -> Point:
-        seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
-        seen[~solution.converged] = np.nan
-        return Point(u, setup, rod, conditions, solution, seen)
 
     def _remember(self, point: Point) -> None:
         if point.solution.converged.all():
@@ -153,30 +145,34 @@ class Forward:
 
     def kept(self, point: Point) -> Arrays:
         """What of the point settled last, and of this model's memory, only settling gives."""
-        arrays = as_arrays(point.solution, "solution.")
+        solution = point.solution
         if isinstance(point, WalkedPoint):
-            arrays |= as_arrays(point.path, "path.")
-        elif point.setup.potentials:  # what stands for them comes out of settling
-            arrays |= as_arrays(point.rod, "rod.") | as_arrays(point.conditions, "conditions.")
-        if self.last is not None and self.last is not point.solution:
-            arrays |= as_arrays(self.last, "last.")
+            arrays = as_arrays(point.path, "path.")
+        else:
+            arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
+            if point.setup.potentials:  # what stands for them comes out of settling
+                arrays |= as_arrays(solution.rod, "rod.")
+                arrays |= as_arrays(solution.conditions, "conditions.")
+        if self.last is not None and self.last is not solution:
+            arrays |= {f"last.{f.name}": getattr(self.last, f.name) for f in fields(States)}
         return arrays
 
     def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
         """The point at u that was kept; the model remembers what it did then."""
-        setup, solution = self.setup_at(u), from_arrays(Solution, "solution.", arrays)
+        setup = self.setup_at(u)
         if setup.remembers:  # settled once more, from there: what friction held is not kept
-            point: Point = walk(u, setup, solution, from_arrays(Solution, "path.", arrays))
-        elif setup.potentials:
-            rod = from_arrays(Rod, "rod.", arrays)
-            conditions = from_arrays(Conditions, "conditions.", arrays)
-            point = self._point(u, setup, rod, conditions, solution)
+            point: Point = walk(u, setup, None, from_arrays(States, "path.", arrays))
         else:
-            held = Conditions(setup.ends, setup.clamp)
-            point = self._point(u, setup, _rod_of(setup), held, solution)
+            rod, held = _rod_of(setup), Conditions(setup.ends, setup.clamp)
+            if setup.potentials:
+                rod = from_arrays(Rod, "rod.", arrays)
+                held = from_arrays(Conditions, "conditions.", arrays)
+            # The journal's own arrays stay as they were.
+            known = {name: arrays[f"solution.{name}"].copy() for name in ARRAYS}
+            point = _point(u, setup, Solution(**known, rod=rod, conditions=held))
         self._remember(point)
         if "last.x" in arrays:
-            self.last = from_arrays(Solution, "last.", arrays)
+            self.last = from_arrays(States, "last.", arrays)
         return point
 
     def jacobian(self, point: Point) -> np.ndarray:
@@ -210,19 +206,23 @@ def _rod_of(setup: Setup) -> Rod:
     return rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
 
 
-def _settled(
-    setup: Setup, start: Solution | None, deepest: float
-) -> tuple[Solution, Conditions, Rod]:
-    """Equilibria of frames, each by itself, with conditions and rods as they stand there."""
+def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
+    seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+    seen[~solution.converged] = np.nan
+    return Point(u, setup, solution, seen)
+
+
+def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
+    """Return equilibria of frames, each by itself."""
     conditions, rod = Conditions(setup.ends, setup.clamp), _rod_of(setup)
     if setup.potentials:
         return solve_with_potentials(rod, conditions, setup.potentials, start, deepest)
     solution = solve(rod, conditions, start)
     if start is not None:
-        retry = ~solution.converged | wound(conditions, solution, start)
+        retry = ~solution.converged | wound(solution, start)
         if retry.any():  # from the catenaries
             solution.put(retry, solve(rod, conditions), retry)
-    return solution, conditions, rod
+    return solution
 
 
 def _applied(setup: Setup, term: Term, value: Tensor) -> Setup:

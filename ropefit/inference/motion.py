@@ -21,7 +21,7 @@ from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.dynamics import Directions, Drive, Start, Trajectory, solve, tangent
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium import Solution, States
 from ropefit.solvers.equilibrium import solve as settle
 from ropefit.solvers.turns import to_turn
 
@@ -60,7 +60,7 @@ class MotionForward(Forward):
     observed: np.ndarray = field(default_factory=lambda: np.empty(0))
     every: int = 1
 
-    def at(self, u: np.ndarray, start: Solution | None = None) -> MotionPoint:
+    def at(self, u: np.ndarray, start: States | None = None) -> MotionPoint:
         """Simulate at u. Frames that were not reached are NaN in `seen`, and marked."""
         setup = self.setup_at(u)
         rope = rope_of(setup)
@@ -78,11 +78,12 @@ class MotionForward(Forward):
             status[reached], iterations[clip] = 0, found.iterations[0, :: run.fine]
             runs.append(run)
         seen = setup.seen(torch.from_numpy(x)).numpy().copy()
-        solution = Solution(
-            q, x, force, np.zeros((frames, 0)), x[:, 0], status, iterations, np.zeros(frames)
-        )
         held = Conditions(setup.ends, setup.clamp)
-        return MotionPoint(u, setup, rope.rod, held, solution, seen, rope, runs)
+        unknown = np.full((frames, held.supports), np.nan)  # no rest: no reactions either
+        solution = Solution(
+            q, x, x[:, 0], unknown, force, status, iterations, np.zeros(frames), rope.rod, held
+        )
+        return MotionPoint(u, setup, solution, seen, rope, runs)
 
     def kept(self, point: Point) -> Arrays:
         """Nothing: a motion is simulated from its start again, and long."""
@@ -113,7 +114,7 @@ class MotionForward(Forward):
             first = [np.stack([s[number][k] for s in starts])[None] for k in range(3)]
             path = [finer(self.time[clip], v[:, clip], run.fine, 1)[None] for v in (moved, turned)]
             directions = Directions(*by_rod, *path, *first)
-            dx, _ = tangent(point.rope, run.drive, run.start, run.trajectory, directions)
+            dx, _ = tangent(run.trajectory, directions)
             out[:, clip] += dx[0][:, :: run.fine]
         return out
 

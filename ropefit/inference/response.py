@@ -17,8 +17,7 @@ from torch import Tensor
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Seen, Setup
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium import Solution, States
 from ropefit.solvers.implicit import Directions, tangent
 from ropefit.solvers.potentials import force_and_stiffness
 
@@ -33,8 +32,6 @@ class Point:
 
     u: np.ndarray
     setup: Setup
-    rod: Rod
-    conditions: Conditions
     solution: Solution
     seen: np.ndarray
 
@@ -43,20 +40,20 @@ class Point:
         if not changes:
             return np.zeros((0, *self.seen.shape))
         slopes = slopes_of(self.setup, changes, self.solution)
-        rods, directions = directions_of(self.rod, slopes, len(self.seen))
-        dx, _ = tangent(rods, self.conditions, self.solution, directions)
+        directions = directions_of(self.solution.rod, slopes, len(self.seen))
+        dx, _ = tangent(self.solution, directions)
         return add_sensor(dx, slopes, self.setup.seen)
 
 
-def slopes_of(setup: Setup, changes: list[Change], solution: Solution) -> list[Slopes]:
+def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
     """Of every change of a setup, with the rope in the states of a solution."""
     x = torch.from_numpy(solution.x)
     still = [np.zeros(tuple(field.shape)) for field in setup.rod()]
     return [_slopes(setup, changed, x, still) for changed in changes]
 
 
-def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> tuple[Rod, Directions]:
-    """All changes at once, and the rod with a row for each frame if one of them needs it."""
+def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
+    """All changes at once, with a row for each frame if one of them needs it."""
     # Loads that differ from frame to frame: of inertia, and the forces of potentials.
     if any(s.force is not None or s.rod[LOAD].ndim == 3 for s in slopes):
         rods = rods.each(frames)
@@ -70,12 +67,11 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> tuple[Rod, Di
         else:
             own = rods[k].shape[1:]
             fields.append(np.stack([np.broadcast_to(v, (frames, *own)) for v in values], axis=1))
-    directions = Directions(
+    return Directions(
         *fields,
         ends=np.stack([s.ends for s in slopes], axis=1),
         clamp=np.stack([s.clamp for s in slopes], axis=1),
     )
-    return rods, directions
 
 
 def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: Seen) -> np.ndarray:

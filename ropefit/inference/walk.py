@@ -27,20 +27,17 @@ from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Potential, Setup
-from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions, Sliders
-from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.equilibrium import Solution, States, solve, unsettled
 from ropefit.solvers.implicit import Directions, tangent
 from ropefit.solvers.potentials import solve_with_potentials
 
 
 @dataclass
 class Step:
-    """One frame of a walk: what held the rope, its state before and where each contact with
+    """One frame of a walk: how it settled, the state of its memory before, where each contact with
     friction held it, whether a clip begins with it."""
 
-    rod: Rod
-    conditions: Conditions
     solution: Solution
     before: State
     grips: list[Grip]
@@ -50,13 +47,14 @@ class Step:
 @dataclass
 class WalkedPoint(Point):
     """A `Point` of F frames of a rope that remembers, with all H frames that it has been through:
-    `whole` their setup, `path` their states, of which `shown` (F,) are those of the point."""
+    `whole` their setup, `path` their states (q is NaN where a frame did not settle), of which
+    `shown` (F,) are those of the point."""
 
     whole: Setup
     shown: np.ndarray
     laws: Laws
     steps: list[Step]
-    path: Solution
+    path: States
 
     def respond(self, changes: list[Change]) -> np.ndarray:
         """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
@@ -65,7 +63,7 @@ class WalkedPoint(Point):
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
         everywhere = [lambda size, c=change: c(size).whole()[0] for change in changes]
         slopes = slopes_of(self.whole, everywhere, self.path)
-        _, directions = directions_of(self.whole.rod(), slopes, frames)
+        directions = directions_of(self.whole.rod(), slopes, frames)
         law_slopes = _law_slopes(everywhere)
         rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
         rest, load = (in_frames(d, frames) for d in (directions.rest, directions.load))
@@ -80,12 +78,12 @@ class WalkedPoint(Point):
             if not step.solution.converged[0]:
                 out[t] = np.nan
                 continue
-            p = darboux(step.rod, step.conditions, step.solution)
+            p = darboux(step.solution)
             answer = memory.answer(
                 self.laws, law_slopes, t, step.first, step.before, change, p[:, 1:3]
             )
             # As a change of the rest shape: that is how the solver takes a change of moments.
-            stiff = step.rod.stiff.reshape(nodes, 3)[:, :2].numpy()
+            stiff = step.solution.rod.stiff.reshape(nodes, 3)[:, :2].numpy()
             rest[t, :, :, :2] -= answer.force / np.where(stiff > 0, stiff, np.inf)
             own = Directions(*(None if d is None else d[t : t + 1] if len(d) > 1 else d
                                for d in directions))  # fmt: skip
@@ -109,10 +107,7 @@ def _with_friction(
     with the normal force. The force from it is that for which the nodes that it acts on move as
     they must to cause it.
     """
-    dx, turns = (
-        a[0]
-        for a in tangent(step.rod, step.conditions, step.solution, own._replace(load=load[None]))
-    )
+    dx, turns = (a[0] for a in tangent(step.solution, own._replace(load=load[None])))
     stiff = sum(missed, np.zeros((load.shape[1], 3, 3)))
     at = np.flatnonzero(stiff.any((1, 2)))
     if not len(at):
@@ -120,16 +115,14 @@ def _with_friction(
     unit = np.zeros((len(at), 3, load.shape[1], 3))
     unit[np.arange(len(at)), :, at] = np.eye(3)
     unit = unit.reshape(1, -1, *load.shape[1:])
-    by, turning = (
-        a[0] for a in tangent(step.rod, step.conditions, step.solution, Directions(load=unit))
-    )
+    by, turning = (a[0] for a in tangent(step.solution, Directions(load=unit)))
     loop = np.einsum("iab,fib->iaf", stiff[at], by[:, at]).reshape(len(by), len(by))
     begun = np.einsum("iab,pib->iap", stiff[at], dx[:, at]).reshape(len(by), -1)
     force = np.linalg.solve(np.eye(len(by)) - loop, begun).T
     return dx + np.tensordot(force, by, 1), turns + np.tensordot(force, turning, 1)
 
 
-def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | None) -> WalkedPoint:
+def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) -> WalkedPoint:
     """Settle a setup with memory, frame after frame, at search variables u (P,).
 
     near: states of its frames, path: of all that it has been through, to start from. A frame that
@@ -162,62 +155,58 @@ def walk(u: np.ndarray, setup: Setup, near: Solution | None, path: Solution | No
         toward = state.vector if spins else None
         rubbing = (friction.potential(p, g) for p, g in zip(rough, grips, strict=True))
         if lost:
-            solution, conditions, rods = unknown(steps[-1].solution), held, one
+            solution = unsettled(one, held, steps[-1].solution.states)
         else:
-            solution, conditions, rods = _settle_one(
-                one, held, (*whole.potentials, *rubbing), [known, last], toward
-            )
-        steps.append(Step(rods, conditions, solution, state, grips, first))
+            solution = _settle_one(one, held, (*whole.potentials, *rubbing), [known, last], toward)
+        steps.append(Step(solution, state, grips, first))
         lost = not solution.converged[0]
         if not lost:
             last, x = solution, torch.from_numpy(solution.x[0])
-            state = memory.after(law, t, first, state, vectors(rods, conditions, solution))
+            state = memory.after(law, t, first, state, vectors(solution))
             grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
-    mine = [(steps[t].rod, steps[t].conditions, steps[t].solution) for t in picked]
-    rods, held, solution = merged(mine)
+    solution = merged([steps[t].solution for t in picked])
     seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
     seen[~solution.converged] = np.nan
-    far = solution.reaction[:, : 3 if held.far_held else 0]
-    states = [step.solution for step in steps]
-    ways = stacked(states, np.concatenate([s.reaction[:, : far.shape[1]] for s in states]))
-    return WalkedPoint(u, setup, rods, held, solution, seen, whole, picked, law, steps, ways)
+    path = stacked([step.solution for step in steps])
+    return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, path)
 
 
 def _settle_one(
     rod: Rod,
     held: Conditions,
     potentials: tuple[Potential, ...],
-    starts: list[Solution | None],
+    starts: list[States | None],
     toward: np.ndarray | None,
-) -> tuple[Solution, Conditions, Rod]:
+) -> Solution:
     """A frame's equilibrium from the first start that leads to one, in the end from that of a rope
     without a past.
 
     toward (N+1, 2): where a rope that is free to spin has its bends, as near as it can.
     """
-    for start in [*(s for s in starts if s is not None and s.converged[0]), None]:
+    for start in [*(s for s in starts if s is not None and _arrived(s)), None]:
         if start is None:
             start = solve(rod, replace(held, sliders=None), continuation=False)
-        if toward is not None and start.converged[0]:
+        if toward is not None and _arrived(start):
             start = spun(rod, held, start, toward)
         if potentials:
             found = solve_with_potentials(rod, held, potentials, start)
         else:
-            found = solve(rod, held, start), held, rod
-        if found[0].converged[0]:
+            found = solve(rod, held, start)
+        if found.converged[0]:
             break
     return found
+
+
+def _arrived(states: States) -> bool:
+    """Return whether the one frame of some states had settled."""
+    settled = states.converged[0] if isinstance(states, Solution) else np.isfinite(states.q).all()
+    return bool(settled)
 
 
 def in_frames(values: np.ndarray | None, frames: int) -> np.ndarray:
     """(H, ...) a copy of values (H, ...) or (1, ...)."""
     assert values is not None
     return np.array(np.broadcast_to(values, (frames, *values.shape[1:])))
-
-
-def unknown(other: Solution) -> Solution:
-    """The states of another frame, marked as not settled."""
-    return replace(other, status=np.full(1, kernels.LIMIT))
 
 
 def _law_slopes(changes: list[Change]) -> Laws:

@@ -66,7 +66,9 @@ class Rod(NamedTuple):
 
     def frames(self, index: np.ndarray) -> Rod:
         """The rod in some of the frames; what is the same in all stays as it is."""
-        return Rod(*(t[index] if t.ndim > d else t for t, d in zip(self, DIMS, strict=True)))
+        return Rod(
+            *(t[index] if t.ndim > d and len(t) > 1 else t for t, d in zip(self, DIMS, strict=True))
+        )
 
 
 def uniform(

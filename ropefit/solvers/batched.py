@@ -30,7 +30,7 @@ from ropefit.solvers.batched_rods import (
     turned,
 )
 from ropefit.solvers.conditions import Conditions, problem_of
-from ropefit.solvers.equilibrium import TOLERANCE, Solution, solve, starting
+from ropefit.solvers.equilibrium import TOLERANCE, Solution, States, solve, starting
 
 STEPS = 40  # Newton steps of the batch; what takes longer is left to the compiled path
 HALVINGS = 40
@@ -41,22 +41,23 @@ def solve_batched(
     rod: Rod,
     conditions: Conditions,
     device: torch.device | str,
-    start: Solution | None = None,
+    start: States | None = None,
     member: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
 ) -> Solution:
     """As `equilibrium.solve`, with the work done on `device`."""
     problem = problem_of(rod, conditions, member)
-    first = starting(problem, conditions, start)
     ropes = ropes_of(problem, torch.device(device))
-    q, lam, x0 = (torch.tensor(a, device=device) for a in (first.q, first.reaction, first.base))
+    first = starting(problem, conditions, start)
+    q, lam, x0 = (torch.tensor(a, device=device) for a in first)
     with torch.no_grad():
         how = _newton(ropes, q, lam, x0, tolerance)
         s = bent(ropes, q, lam, x0)
-    found = Solution(*(t.cpu().numpy() for t in (q, s.x, s.force, lam, x0, *how)))
+    arrays = (t.cpu().numpy() for t in (q, s.x, x0, lam, s.force, *how))
+    found = Solution(*arrays, rod=rod, conditions=conditions, member=member)
     left = np.flatnonzero(~found.converged)
     if len(left):
-        again = None if start is None else first.frames(left)
+        again = None if start is None else start.frames(left)
         of = problem.rods.of[left]
         found.put(left, solve(rod, conditions.frames(left), again, of, tolerance=tolerance))
     return found

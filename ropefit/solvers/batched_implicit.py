@@ -19,8 +19,8 @@ from ropefit.solvers.batched_rods import (
     transposed,
     turned,
 )
-from ropefit.solvers.conditions import Conditions, problem_of
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import Solution, States
 from ropefit.solvers.xpbd import State
 
 
@@ -28,26 +28,32 @@ def settle_batched(
     rod: Rod,
     conditions: Conditions,
     device: torch.device | str,
-    start: Solution | None = None,
+    start: States | None = None,
     member: np.ndarray | None = None,
-    solution: Solution | None = None,
 ) -> tuple[State, Solution]:
-    """As `implicit.settle`, with the work done on `device`, where the states stay.
+    """Solve, as a differentiable function, like `implicit.settle`, with the work done on `device`,
+    where the states stay."""
+    solution = solve_batched(rod, conditions, device, start, member)
+    return settled_batched(solution, device), solution
+
+
+def settled_batched(solution: Solution, device: torch.device | str) -> State:
+    """Return a solution's states on `device`, differentiable in its own rod and conditions.
 
     Without gradients (`torch.no_grad`) they are the solution's own.
 
     One more Newton step with the Hessian held is the implicit function theorem: the step is zero,
     its derivative in every input is that of the state.
     """
-    if solution is None:
-        solution = solve_batched(rod, conditions, device, start, member)
     device, frames = torch.device(device), len(solution.q)
     good = torch.from_numpy(np.flatnonzero(solution.converged)).to(device)
     if not torch.is_grad_enabled():
         plain = (torch.from_numpy(item).to(device)[good] for item in (solution.x, solution.q))
-        return State(*(_spread(item, good, frames) for item in plain)), solution
-    problem = problem_of(rod, conditions, member)
-    ropes, x0 = _differentiable(ropes_of(problem, device), rod, conditions, problem.rods.of)
+        return State(*(_spread(item, good, frames) for item in plain))
+    problem = solution.problem
+    ropes, x0 = _differentiable(
+        ropes_of(problem, device), solution.rod, solution.conditions, problem.rods.of
+    )
     ropes = some(ropes, good)
     known = (solution.q, solution.reaction, solution.base)
     q, lam, base = (torch.from_numpy(a).to(device)[good] for a in known)
@@ -59,7 +65,7 @@ def settle_batched(
     q, lam = turned(q, -turn), lam - change[:, :-3]
     x0 = x0 - torch.where(ropes.free[:, None], change[:, -3:], 0.0)
     x = bent(ropes, q, lam, x0).x
-    return State(_spread(x, good, frames), _spread(q, good, frames)), solution
+    return State(_spread(x, good, frames), _spread(q, good, frames))
 
 
 def _spread(item: Tensor, good: Tensor, frames: int) -> Tensor:

@@ -10,42 +10,41 @@ import torch
 from ropefit.rod.quaternion import conjugate_product, multiply, normalise
 from ropefit.rod.rod import Rod
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.equilibrium import Solution, States, solve
 
 DIFFERENT = 1e-3  # of the length: states that lie nearer are the same
 WHOLE = 1.5 * np.pi  # rad: twist that differs by more differs by a turn
 HALVINGS = 4  # of a step from frame to frame
 
 
-def other_states(
-    rod: Rod, conditions: Conditions, solution: Solution
-) -> tuple[Solution, np.ndarray]:
+def other_states(solution: Solution) -> tuple[Solution, np.ndarray]:
     """A second stable equilibrium of each frame, and how far it is (F,) [m], NaN where none was
     found.
 
     Looked for from the catenary and from the state turned half way about the clamp's tangent (a
     cantilever that may fall to either side). A rope that is wound by whole turns is another rope.
     """
+    rod, conditions = solution.rod, solution.conditions
     best, far = solution.copy(), np.full(len(solution.x), np.nan)
-    starts: list[Solution | None] = [None]
+    starts: list[States | None] = [None]
     for end in range(2):
         if not bool(torch.isnan(conditions.clamp[:, end]).any()):
-            starts.append(_turned(conditions, solution, end))
+            starts.append(_turned(solution, end))
     least = DIFFERENT * float(rod.length.reshape(-1, rod.length.shape[-1])[0].sum())
     for start in starts:
         found = solve(rod, conditions, start)
         apart = np.abs(found.x - solution.x).max(axis=(1, 2))
         new = found.converged & (apart > least) & ~(apart <= np.nan_to_num(far, nan=0.0))
-        new &= ~wound(conditions, found, solution)
+        new &= ~wound(found, solution)
         best.put(new, found, new)
         far[new] = apart[new]
     return best, far
 
 
-def wound(conditions: Conditions, solution: Solution, before: Solution) -> np.ndarray:
+def wound(solution: Solution, before: States) -> np.ndarray:
     """(F,) bool: frames between two clamps that are a whole turn of twist or more from `before`. No
     small change of anything does that: such a state was jumped to."""
-    clamp = conditions.clamp
+    clamp = solution.conditions.clamp
     if bool(torch.isnan(clamp).any()):
         return np.zeros(len(solution.q), dtype=bool)
     return np.abs(_twist(clamp, solution.q) - _twist(clamp, before.q)) > WHOLE
@@ -60,13 +59,13 @@ def _twist(clamp: torch.Tensor, q: np.ndarray) -> np.ndarray:
     return torch.remainder(angle + np.pi, 2 * np.pi).sub(np.pi).sum(-1).numpy()
 
 
-def _turned(conditions: Conditions, solution: Solution, end: int) -> Solution:
+def _turned(solution: Solution, end: int) -> States:
     """The states turned by half a turn about the tangent of a clamp, its frame left as it is."""
-    clamp = conditions.clamp[:, end : end + 1]
+    clamp = solution.conditions.clamp[:, end : end + 1]
     spin = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
     inside = conjugate_product(clamp, torch.from_numpy(solution.q))
     turned = multiply(multiply(spin, inside), spin * torch.tensor([1.0, -1.0, -1.0, -1.0]))
-    start = solution.copy()
+    start = solution.states
     start.q[:] = multiply(clamp, turned).numpy()
     start.reaction[:] = 0.0
     return start

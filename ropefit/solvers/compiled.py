@@ -18,6 +18,7 @@ from torch import Tensor
 
 from ropefit.rod.strains import TINY, Rest
 from ropefit.solvers.chain import Chain
+from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.thomas import RIDGE
 from ropefit.solvers.xpbd import DistanceSolver, Eta, Settings, State
 
@@ -137,6 +138,7 @@ class _Ropes(torch.autograd.Function):
         ctx.save_for_backward(x, q, gravity, eta)
         ctx.constants = rod, options
         state = _pack(x, q)
+        _check(state, gravity, eta, rod)
         _in_threads(
             lambda state, gravity, eta: kernels.run_ropes(state, gravity, eta, rod, options),
             state, _array(gravity), _array(eta),
@@ -160,6 +162,17 @@ class _Ropes(torch.autograd.Function):
         )  # fmt: skip
         g_x, g_q = _unpack(g_state)
         return g_x, g_q, torch.from_numpy(g_gravity), torch.from_numpy(g_eta), None, None
+
+
+def _check(state: np.ndarray, gravity: Tensor, eta: Tensor, rod: np.ndarray) -> None:
+    """Check what the compiled loops are given, once a call. Raises ShapeError."""
+    ropes, nodes = len(state), len(rod)
+    check_shapes(
+        state=(state, (ropes, nodes, kernels.STATE_COLUMNS)),
+        gravity=(gravity, (ropes, nodes)),
+        eta=(eta, (ropes, 5)),
+        rod=(rod, (nodes, kernels.ROD_COLUMNS)),
+    )
 
 
 def _in_threads(work: Callable[..., None], *arrays: np.ndarray) -> None:

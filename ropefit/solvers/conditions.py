@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ropefit.rod.rod import Rod
 from ropefit.solvers import newton_kernels as kernels
+from ropefit.solvers.shapes import check_problem
 
 
 class Sliders(NamedTuple):
@@ -56,6 +57,16 @@ class Conditions:
     @property
     def far_held(self) -> bool:
         return not bool(torch.isnan(self.ends[:, 1]).any())
+
+    @property
+    def far_supports(self) -> int:
+        """How many of the supports hold the far end: 3, or 0 where it is free. They come first."""
+        return 3 if self.far_held else 0
+
+    @property
+    def supports(self) -> int:
+        """S, the far end's included."""
+        return self.far_supports + (0 if self.node is None else len(self.node))
 
     def frames(self, index: Tensor | np.ndarray) -> Conditions:
         """The same for some of the frames."""
@@ -145,6 +156,7 @@ def problem_of(rod: Rod, c: Conditions, member: np.ndarray | None) -> Problem:
         centre,
         slip,
     )
+    check_problem(rods, held)
     return Problem(rods, held)
 
 

@@ -10,7 +10,7 @@ states only; `tangent` gives forward derivatives for least squares.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from torch import Tensor
 from ropefit.rod.moving import Moving
 from ropefit.solvers import dynamics_kernels as kernels
 from ropefit.solvers.conditions import as_numpy
+from ropefit.solvers.shapes import check_clips, check_shapes
 from ropefit.solvers.turns import from_turn, to_turn
 
 LIMIT = 50  # iterations in one step
@@ -53,10 +54,20 @@ class Start(NamedTuple):
     v: Tensor
 
 
-@dataclass
+class Problem(NamedTuple):
+    """R ropes, which of them each of C clips shows (C,), and how their ends are driven."""
+
+    rods: kernels.Rod
+    of: np.ndarray
+    drives: kernels.Drive
+
+
+@dataclass(frozen=True)
 class Trajectory:
     """What came back: x (C, T, N+1, 3) [m], q (C, T, N, 4), force (C, T, N, 3) [N] in the segments,
-    iterations (C, T), status (C,) and the steps done (C,); NaN after a step that failed."""
+    iterations (C, T), status (C,) and the steps done (C,); NaN after a step that failed. problem
+    and v0 (C, N+1, 3) [m/s] are what was simulated: derivatives are those of a trajectory alone.
+    Raises ShapeError where the arrays do not belong together."""
 
     x: np.ndarray
     q: np.ndarray
@@ -64,6 +75,22 @@ class Trajectory:
     iterations: np.ndarray
     status: np.ndarray
     done: np.ndarray
+    problem: Problem = field(repr=False)
+    v0: np.ndarray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        check_clips(*self.problem)
+        clips, steps = self.problem.drives.time.shape
+        n = self.problem.rods.length.shape[1]
+        check_shapes(
+            x=(self.x, (clips, steps, n + 1, 3)),
+            q=(self.q, (clips, steps, n, 4)),
+            force=(self.force, (clips, steps, n, 3)),
+            iterations=(self.iterations, (clips, steps)),
+            status=(self.status, (clips,)),
+            done=(self.done, (clips,)),
+            v0=(self.v0, (clips, n + 1, 3)),
+        )
 
     @property
     def converged(self) -> np.ndarray:
@@ -75,12 +102,6 @@ class Trajectory:
         if not bad.size:
             return WORDS[kernels.CONVERGED]
         return f"clip {bad[0]}, step {self.done[bad[0]]}: {WORDS[int(self.status[bad[0]])]}"
-
-
-class Problem(NamedTuple):
-    rods: kernels.Rod
-    of: np.ndarray
-    drives: kernels.Drive
 
 
 def problem_of(rope: Moving, drive: Drive, member: np.ndarray | None) -> Problem:
@@ -130,14 +151,13 @@ def solve(
     x, q = np.full((clips, steps, n + 1, 3), np.nan), np.full((clips, steps, n, 4), np.nan)
     force, iterations = np.full((clips, steps, n, 3), np.nan), np.zeros((clips, steps), np.int64)
     x[:, 0], q[:, 0], force[:, 0] = as_numpy(start.x), as_numpy(start.q), 0.0
-    status, done = np.zeros(clips, np.int64), np.zeros(clips, np.int64)
-    kernels.simulate_clips(
-        *problem, as_numpy(start.v), limit, x, q, force, iterations, status, done
-    )
+    status, done, v0 = np.zeros(clips, np.int64), np.zeros(clips, np.int64), as_numpy(start.v)
+    out = Trajectory(x, q, force, iterations, status, done, problem, v0)
+    kernels.simulate_clips(*problem, v0, limit, x, q, force, iterations, status, done)
     for clip, last in enumerate(done):  # the step that failed holds numbers of no meaning
         q[clip, last:], force[clip, last:] = np.nan, np.nan
     force[:, 0] = np.nan
-    return Trajectory(x, q, force, iterations, status, done)
+    return out
 
 
 def simulate(
@@ -156,8 +176,7 @@ def simulate(
         rod.length, rod.supple, rope.viscous, rod.stiff, rope.loss, rod.rest, rod.load, rope.mass,
         rope.air, drive.ends, drive.clamp, start.x, start.v, start.q,
     ]  # fmt: skip
-    problem = problem_of(rope, drive, member)
-    x, q = _Simulate.apply(problem, trajectory, as_numpy(start.v), *inputs)  # type: ignore[misc]
+    x, q = _Simulate.apply(trajectory, *inputs)  # type: ignore[misc]
     return x, q, trajectory
 
 
@@ -165,21 +184,21 @@ class _Simulate(torch.autograd.Function):
     """The states of a trajectory already found; backward is the discrete adjoint."""
 
     @staticmethod
-    def forward(ctx, problem, trajectory, v0, *inputs):
-        ctx.problem, ctx.trajectory, ctx.v0 = problem, trajectory, v0
+    def forward(ctx, trajectory, *inputs):
+        ctx.trajectory = trajectory
         ctx.shapes = [tuple(t.shape) for t in inputs]
         return torch.from_numpy(trajectory.x.copy()), torch.from_numpy(trajectory.q.copy())
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, *grads):
-        problem: Problem = ctx.problem
         s: Trajectory = ctx.trajectory
+        problem = s.problem
         clips, steps, n = s.q.shape[:3]
         out = _changes(clips, clips, steps, n)
         force = np.nan_to_num(s.force)
         turns = to_turn(s.q, as_numpy(grads[1]), 0.5)
-        arguments = (*problem, ctx.v0, s.x, s.q, force, as_numpy(grads[0]).copy(), turns, out)
+        arguments = (*problem, s.v0, s.x, s.q, force, as_numpy(grads[0]).copy(), turns, out)
         kernels.adjoint_clips(*arguments)  # pyright: ignore[reportCallIssue]
         ropes = len(problem.rods.length)
         gradients = []
@@ -194,7 +213,7 @@ class _Simulate(torch.autograd.Function):
             elif name == "q0":
                 value = from_turn(s.q[:, 0], value, 2.0)
             gradients.append(torch.from_numpy(np.ascontiguousarray(value)).reshape(shape))
-        return None, None, None, *gradients
+        return None, *gradients
 
 
 class Directions(NamedTuple):
@@ -222,17 +241,10 @@ class Directions(NamedTuple):
     q0: np.ndarray | None = None
 
 
-def tangent(
-    rope: Moving,
-    drive: Drive,
-    start: Start,
-    trajectory: Trajectory,
-    directions: Directions,
-    member: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forward derivatives of a converged trajectory: dx (C, P, T, N+1, 3) [m] and turns
+def tangent(trajectory: Trajectory, directions: Directions) -> tuple[np.ndarray, np.ndarray]:
+    """Return forward derivatives of a converged trajectory: dx (C, P, T, N+1, 3) [m] and turns
     (C, P, T, N, 3) [rad] of the frames about their own directors, per unit step."""
-    problem = problem_of(rope, drive, member)
+    problem = trajectory.problem
     clips, steps, n = trajectory.q.shape[:3]
     ropes = len(problem.rods.length)
     many = next(item.shape[1] for item in directions if item is not None)
@@ -244,7 +256,7 @@ def tangent(
         change.append(np.array(wide, dtype=np.float64))
     dx, turn = np.zeros((clips, many, steps, n + 1, 3)), np.zeros((clips, many, steps, n, 3))
     kernels.tangent_clips(
-        *problem, as_numpy(start.v), trajectory.x, trajectory.q, np.nan_to_num(trajectory.force),
+        *problem, trajectory.v0, trajectory.x, trajectory.q, np.nan_to_num(trajectory.force),
         kernels.Change(*change), dx, turn,
     )  # fmt: skip
     return dx, turn

@@ -6,7 +6,8 @@ The compiled work is in `newton_kernels.py`. All arrays float64 on the CPU.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ import torch
 from ropefit.rod.rod import Rod
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions, Problem, as_numpy, cut, in_threads, problem_of
+from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.start import start_ropes
 from ropefit.solvers.turns import rolled
 
@@ -33,50 +35,147 @@ ADVICE = {
 
 
 @dataclass(frozen=True)
-class Solution:
-    """States of F frames and how they were found.
+class States:
+    """States of F frames to start a solve from, whatever they were solved under.
 
-    q (F, N, 4), x (F, N+1, 3) [m], force (F, N, 3) [N] in the segments, reaction (F, S) [N] of the
-    supports, base (F, 3) [m] of node 0, status (F,) see ADVICE, iterations (F,), residual (F,).
+    q (F, N, 4), x (F, N+1, 3) [m], base (F, 3) [m] of node 0, reaction (F, E) [N] of the far end's
+    supports: E is 3 where that end is held, else 0.
     """
 
     q: np.ndarray
     x: np.ndarray
-    force: np.ndarray
-    reaction: np.ndarray
     base: np.ndarray
+    reaction: np.ndarray
+
+    def frames(self, index: np.ndarray) -> States:
+        """Return the states of some of the frames."""
+        return States(*(getattr(self, name)[index] for name in _STATES))
+
+    def copy(self) -> States:
+        """Return states whose arrays may be changed."""
+        return States(*(getattr(self, name).copy() for name in _STATES))
+
+    def put(self, mine: Index, other: States, theirs: Index = slice(None)) -> None:
+        """Replace frames `mine` by the frames `theirs` of other states."""
+        for name in ("q", "x", "base"):
+            getattr(self, name)[mine] = getattr(other, name)[theirs]
+        known = self.reaction.shape[1]
+        self.reaction[mine] = other.reaction[theirs][..., :known]
+
+
+_STATES = tuple(field.name for field in fields(States))
+
+
+@dataclass(frozen=True)
+class Solution(States):
+    """States of F frames, the rod and the conditions that they were solved under, and how it went.
+
+    reaction (F, S) [N] of all supports, the far end's first; force (F, N, 3) [N] in the segments;
+    status (F,) see ADVICE, iterations (F,), residual (F,); member (F,): which of the rod's R ropes
+    each frame shows. Derivatives and stability are computed from a solution alone, so that no state
+    meets conditions which are not its own. Raises ShapeError where the arrays do not belong
+    together.
+    """
+
+    force: np.ndarray
     status: np.ndarray
     iterations: np.ndarray
     residual: np.ndarray
+    rod: Rod = field(repr=False)
+    conditions: Conditions = field(repr=False)
+    member: np.ndarray | None = field(repr=False, default=None)
+
+    def __post_init__(self) -> None:
+        frames, segments = len(self.conditions.ends), self.rod.length.shape[-1]
+        supports = self.conditions.supports
+        check_shapes(
+            q=(self.q, (frames, segments, 4)),
+            x=(self.x, (frames, segments + 1, 3)),
+            base=(self.base, (frames, 3)),
+            reaction=(self.reaction, (frames, supports)),
+            force=(self.force, (frames, segments, 3)),
+            status=(self.status, (frames,)),
+            iterations=(self.iterations, (frames,)),
+            residual=(self.residual, (frames,)),
+        )
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Return the rod and the conditions as the compiled solver takes them."""
+        return problem_of(self.rod, self.conditions, self.member)
 
     @property
     def converged(self) -> np.ndarray:
         """(F,) bool."""
         return self.status == kernels.CONVERGED
 
+    @property
+    def states(self) -> States:
+        """Return a copy of the states alone, to start another solve from."""
+        ends = self.conditions.far_supports
+        return States(
+            self.q.copy(), self.x.copy(), self.base.copy(), self.reaction[:, :ends].copy()
+        )
+
     def frames(self, index: np.ndarray) -> Solution:
-        return Solution(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+        """Return the solution of some of the frames."""
+        index = np.atleast_1d(np.arange(len(self.q))[index])
+        arrays = {name: getattr(self, name)[index] for name in ARRAYS}
+        member = None if self.member is None else self.member[index]
+        rod = self.rod if member is not None else self.rod.frames(index)
+        return Solution(**arrays, rod=rod, conditions=self.conditions.frames(index), member=member)
 
     def put(self, mine: Index, other: Solution, theirs: Index = slice(None)) -> None:
-        """Frames `mine` become the frames `theirs` of another solution. Reactions of supports that
-        only one of them has are lost."""
-        for name in self.__dataclass_fields__:
-            to, value = getattr(self, name), getattr(other, name)[theirs]
-            if name == "reaction":
-                known = min(to.shape[1], value.shape[-1])
-                to[mine] = 0.0
-                to[mine, :known] = value[..., :known]
-            else:
-                to[mine] = value
+        """Replace frames `mine` by the frames `theirs` of another solution of the same frames.
+
+        Raises ValueError where the two were not held by the same supports.
+        """
+        if not _same(self.conditions.node, other.conditions.node):
+            raise ValueError("the solutions were not held by the same supports")
+        for name in ARRAYS:
+            getattr(self, name)[mine] = getattr(other, name)[theirs]
+
+    def unsettle(self, mine: Index, states: States) -> None:
+        """Put frames `mine` back to their states in `states`, marked as not converged."""
+        ends = self.conditions.far_supports
+        for name in ("q", "x", "base"):
+            getattr(self, name)[mine] = getattr(states, name)[mine]
+        self.reaction[mine] = 0.0
+        self.reaction[mine, :ends] = states.reaction[mine, :ends]
+        self.force[mine], self.status[mine] = 0.0, kernels.LIMIT
 
     def copy(self) -> Solution:
-        return Solution(*(getattr(self, name).copy() for name in self.__dataclass_fields__))
+        """Return a solution whose arrays may be changed."""
+        return replace(self, **{name: getattr(self, name).copy() for name in ARRAYS})
+
+
+# Of a solution: its arrays, frame by frame.
+ARRAYS = (*_STATES, "force", "status", "iterations", "residual")
+
+
+def unsettled(rod: Rod, conditions: Conditions, states: States) -> Solution:
+    """Return states as a solution in which no frame has converged."""
+    frames, segments = states.q.shape[:2]
+    reaction = np.zeros((frames, conditions.supports))
+    ends = conditions.far_supports  # states may be those of a solution with more supports
+    reaction[:, :ends] = states.reaction[:, :ends]
+    return Solution(
+        states.q.copy(), states.x.copy(), states.base.copy(), reaction,
+        np.zeros((frames, segments, 3)), np.full(frames, kernels.LIMIT),
+        np.zeros(frames, dtype=np.int64), np.full(frames, np.inf), rod, conditions,
+    )  # fmt: skip
+
+
+def _same(a: np.ndarray | None, b: np.ndarray | None) -> bool:
+    """Return whether two solutions have the same nodes supported."""
+    none = np.empty(0, dtype=np.int64)
+    return np.array_equal(none if a is None else a, none if b is None else b)
 
 
 def solve(
     rod: Rod,
     conditions: Conditions,
-    start: Solution | None = None,
+    start: States | None = None,
     member: np.ndarray | None = None,
     turns: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
@@ -96,8 +195,7 @@ def solve(
     """
     problem = problem or problem_of(rod, conditions, member)
     frames, segments = len(conditions.ends), problem.rods.length.shape[1]
-    first = starting(problem, conditions, start, turns)
-    q, lam, base = first.q, first.reaction, first.base
+    q, lam, base = starting(problem, conditions, start, turns)
     status, iterations = np.zeros(frames, dtype=np.int64), np.zeros(frames, dtype=np.int64)
     residual = np.empty(frames)
     x, force = np.empty((frames, segments + 1, 3)), np.empty((frames, segments, 3))
@@ -109,7 +207,8 @@ def solve(
         )  # fmt: skip
 
     in_threads(work, frames)
-    found = Solution(q, x, force, lam, base, status, iterations, residual)
+    found = Solution(q, x, base, lam, force, status, iterations, residual, rod, conditions, member)
+    found.__dict__["problem"] = problem
     lost = ~found.converged & (status != kernels.NOT_FINITE)
     if start is None and continuation and lost.any():
         _continue(rod, conditions, problem.rods.of, turns, tolerance, limit, found, lost)
@@ -132,7 +231,7 @@ def _continue(
     owner = of if len(stiff) > 1 else np.zeros_like(of)
     fixed = [t if t.ndim == own else t[of] for t, own in zip(rod, (1, 2, 2, 2, 2, 2), strict=True)]
 
-    def at(factor: np.ndarray, index: np.ndarray, start: Solution | None) -> Solution:
+    def at(factor: np.ndarray, index: np.ndarray, start: States | None) -> Solution:
         """Equilibria of some frames with their stiffness times factor (n,)."""
         few = [t if t.ndim == own else t[index] for t, own in
                zip(fixed, (1, 2, 2, 2, 2, 2), strict=True)]  # fmt: skip
@@ -145,6 +244,8 @@ def _continue(
 
     for easier in EASIER:
         index = np.flatnonzero(lost & ~found.converged)
+        if not len(index):
+            return
         here = np.full(len(index), np.log(easier))
         stride = np.full(len(index), np.log(STRIDE))
         state = at(np.exp(here), index, None)
@@ -165,26 +266,36 @@ def _continue(
 def starting(
     problem: Problem,
     conditions: Conditions,
-    start: Solution | None = None,
+    start: States | None = None,
     turns: np.ndarray | None = None,
-) -> Solution:
-    """Where a solve begins: catenaries, or a copy of `start` with a reaction for every support."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where a solve begins: frames q (F, N, 4), reactions (F, S) [N], base (F, 3) [m].
+
+    Catenaries, or copies of `start`. Reactions of supports other than the far end's are known from
+    a solution with the same supports only, else zero.
+    """
+    frames, segments = len(conditions.ends), problem.rods.length.shape[1]
     if start is None:
         with np.errstate(invalid="ignore"):  # NaN and infinite loads: the status will say so
-            first = _catenaries(problem, conditions, turns)
+            q, reaction, base = _catenaries(problem, conditions, turns)
     else:
-        first = start.copy()
-        lam = np.zeros((len(first.q), problem.frames.node.size))
-        known = min(lam.shape[1], first.reaction.shape[1])
-        lam[:, :known] = first.reaction[:, :known]
-        first = replace(first, reaction=lam)
+        check_shapes(start=(start.q, (frames, segments, 4)))
+        q, base = start.q.copy(), start.base.copy()
+        reaction = np.zeros((frames, problem.frames.node.size))
+        known = conditions.far_supports
+        if isinstance(start, Solution) and _same(start.conditions.node, conditions.node):
+            known = min(start.reaction.shape[1], reaction.shape[1])
+        known = min(known, start.reaction.shape[1])
+        reaction[:, :known] = start.reaction[:, :known]
     if not conditions.free:
-        first = replace(first, base=as_numpy(conditions.ends[:, 0]).copy())
-    return first
+        base = as_numpy(conditions.ends[:, 0]).copy()
+    return q, reaction, base
 
 
-def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | None) -> Solution:
-    """Catenaries, with the tension they have at the far end."""
+def _catenaries(
+    problem: Problem, conditions: Conditions, turns: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return catenaries, with the tension they have at the far end."""
     rods, held = problem
     frames, segments = len(conditions.ends), rods.length.shape[1]
     arc = np.zeros((len(rods.length), segments + 1))
@@ -197,6 +308,10 @@ def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | No
         np.empty(frames),
     )
     turns = np.zeros(frames) if turns is None else np.asarray(turns, dtype=np.float64)
+    check_shapes(
+        arc=(arc, (len(weight), segments + 1)), weight=(weight, (len(arc), 3)),
+        ends=(ends, (frames, 2, 3)), clamp=(clamp, (frames, 2, 4)), turns=(turns, (frames,)),
+    )  # fmt: skip
 
     def work(index: slice) -> None:
         start_ropes(
@@ -221,9 +336,7 @@ def _catenaries(problem: Problem, conditions: Conditions, turns: np.ndarray | No
         reaction[:, :3] = per_length * pull[:, None] / across * last - rods.load[rods.of, -1]
         if not conditions.free:
             reaction[:, :3] = np.clip(reaction[:, :3], -1e6, 1e6)
-    base = x[:, 0].copy()
-    empty = np.zeros(frames, dtype=np.int64)
-    return Solution(q, x, np.zeros_like(q[..., :3]), reaction, base, empty, empty, np.zeros(frames))
+    return q, reaction, x[:, 0].copy()
 
 
 def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
@@ -243,17 +356,14 @@ def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return rolled(q, np.stack(bent, axis=-1)[:, None], wanted)
 
 
-def stability(
-    rod: Rod, conditions: Conditions, solution: Solution, member: np.ndarray | None = None
-) -> np.ndarray:
-    """(F,) [N] smallest eigenvalue of the energy's second derivative in the turns of the segments
-    (per length), along what the supports allow. Positive: stable.
+def stability(solution: Solution) -> np.ndarray:
+    """Return the smallest eigenvalue (F,) [N] of the energy's second derivative in the turns of the
+    segments (per length), along what the supports allow. Positive: stable.
 
     The spin of a rope whose ends hold no twist costs nothing: segment 0 is held against it, so that
     a small twist rigidity may set the value.
     """
-    problem = problem_of(rod, conditions, member)
-    out = np.empty(len(solution.q))
+    problem, out = solution.problem, np.empty(len(solution.q))
 
     def work(index: slice) -> None:
         kernels.stability_ropes(

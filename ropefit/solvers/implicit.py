@@ -13,50 +13,53 @@ import torch
 
 from ropefit.rod.rod import Rod
 from ropefit.solvers import newton_kernels as kernels
-from ropefit.solvers.conditions import Conditions, Problem, as_numpy, cut, in_threads, problem_of
-from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.conditions import Conditions, Problem, as_numpy, cut, in_threads
+from ropefit.solvers.equilibrium import Solution, States, solve
+from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.xpbd import State
 
 
 def settle(
     rod: Rod,
     conditions: Conditions,
-    start: Solution | None = None,
+    start: States | None = None,
     member: np.ndarray | None = None,
-    solution: Solution | None = None,
 ) -> tuple[State, Solution]:
-    """`solve`, as a differentiable function: x (F, N+1, 3) [m] and q (F, N, 4), and how it went.
+    """Solve, as a differentiable function: x (F, N+1, 3) [m] and q (F, N, 4), and how it went.
 
     Gradients reach every tensor of the rod and of the conditions, at the price of one more linear
-    solve. Frames that did not converge are NaN. `solution`: of these very arguments, if known.
+    solve. Frames that did not converge are NaN.
     """
-    problem = problem_of(rod, conditions, member)
-    if solution is None:
-        solution = solve(rod, conditions, start, member, problem=problem)
-    c = conditions
-    inputs = [*rod, c.ends, c.clamp, c.direction, c.offset, c.compliance]
-    far = 3 if c.far_held else 0
-    x, q = _Settle.apply(problem, solution, far, *inputs)  # type: ignore[misc]
+    solution = solve(rod, conditions, start, member)
+    return settled(solution), solution
+
+
+def settled(solution: Solution) -> State:
+    """Return a solution's states as a differentiable function of its own rod and conditions."""
+    c = solution.conditions
+    inputs = [*solution.rod, c.ends, c.clamp, c.direction, c.offset, c.compliance]
+    far = c.far_supports
+    x, q = _Settle.apply(solution, far, *inputs)  # type: ignore[misc]
     if not solution.converged.all():
         bad = torch.from_numpy(~solution.converged)[:, None, None]
         x, q = torch.where(bad, torch.nan, x), torch.where(bad, torch.nan, q)
-    return State(x, q), solution
+    return State(x, q)
 
 
 class _Settle(torch.autograd.Function):
     """(rod, conditions) -> x, q of a solution already found; backward is one adjoint solve."""
 
     @staticmethod
-    def forward(ctx, problem, solution, far, *inputs):
-        ctx.problem, ctx.solution, ctx.far = problem, solution, far
+    def forward(ctx, solution, far, *inputs):
+        ctx.solution, ctx.far = solution, far
         ctx.shapes = [None if t is None else t.shape for t in inputs]
         return torch.from_numpy(solution.x.copy()), torch.from_numpy(solution.q.copy())
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, *grads):
-        problem, far = ctx.problem, ctx.far
-        g = _adjoint(problem, ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
+        problem, far = ctx.solution.problem, ctx.far
+        g = _adjoint(ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
         rods = problem.rods
         by_rod = [g.length, g.supple, g.stiff, g.rest, g.load, g.moment]
         summed = [_sum_of_ropes(item, rods.of, len(rods.length)) for item in by_rod]
@@ -74,7 +77,7 @@ class _Settle(torch.autograd.Function):
             None if shape is None else torch.from_numpy(item.copy()).reshape(shape)
             for shape, item in zip(ctx.shapes, [*summed, *rest], strict=True)
         ]
-        return None, None, None, *out
+        return None, None, *out
 
 
 def _sum_of_ropes(item: np.ndarray, of: np.ndarray, ropes: int) -> np.ndarray:
@@ -86,8 +89,9 @@ def _sum_of_ropes(item: np.ndarray, of: np.ndarray, ropes: int) -> np.ndarray:
     return total
 
 
-def _adjoint(problem: Problem, s: Solution, gx: np.ndarray, gq: np.ndarray) -> kernels.Pull:
-    frames, segments = s.q.shape[:2]
+def _adjoint(s: Solution, gx: np.ndarray, gq: np.ndarray) -> kernels.Pull:
+    problem, (frames, segments) = s.problem, s.q.shape[:2]
+    check_shapes(gx=(gx, (frames, segments + 1, 3)), gq=(gq, (frames, segments, 4)))
     count = problem.frames.node.size
     pulls = kernels.Pull(
         *(
@@ -128,17 +132,18 @@ class Directions(NamedTuple):
     offset: np.ndarray | None = None
 
 
-def tangent(
-    rod: Rod,
-    conditions: Conditions,
-    solution: Solution,
-    directions: Directions,
-    member: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the states: dx (F, P, N+1, 3) [m] and turns of the frames (F, P, N, 3) [rad],
-    about their own directors, for a unit step in each of P directions."""
-    problem = problem_of(rod, conditions, member)
+def tangent(solution: Solution, directions: Directions) -> tuple[np.ndarray, np.ndarray]:
+    """Return derivatives of a solution's states for a unit step in each of P directions: dx
+    (F, P, N+1, 3) [m] and turns of the frames (F, P, N, 3) [rad], about their own directors.
+
+    Directions of F ropes may be given for the one rope of a solution's F frames. Raises ShapeError
+    where a direction is not of the solution's shape.
+    """
     frames, segments = solution.q.shape[:2]
+    problem = solution.problem
+    if any(item is not None and len(item) not in (1, len(problem.rods.length))
+           for item in directions[:6]):  # fmt: skip
+        problem = _one_rope_each(problem)
     count, ropes = problem.frames.node.size, len(problem.rods.length)
     many = next(item.shape[1] for item in directions if item is not None)
     shapes = [
@@ -156,7 +161,7 @@ def tangent(
     ends = _or_zero(directions.ends, (frames, many, 2, 3))
     clamp = _or_zero(directions.clamp, (frames, many, 2, 3))
     offset = np.zeros((frames, many, count))
-    far = 3 if conditions.far_held else 0
+    far = solution.conditions.far_supports
     if far:
         offset[:, :, :3] = ends[:, :, 1]
     if directions.offset is not None:
@@ -174,6 +179,13 @@ def tangent(
 
     in_threads(work, frames)
     return dx, turn
+
+
+def _one_rope_each(problem: Problem) -> Problem:
+    """Return the problem with a row of the rods' arrays for every frame."""
+    rods, of = problem.rods, problem.rods.of
+    own = {name: np.ascontiguousarray(getattr(rods, name)[of]) for name in rods._fields}
+    return Problem(kernels.Rods(**(own | {"of": np.arange(len(of))})), problem.frames)
 
 
 def _or_zero(given: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:

@@ -586,34 +586,15 @@ def _schur(w, count, out):
 
 
 @helper
-def _gauss(matrix, right):
-    """Solve matrix y = right in place (partial pivoting); False when singular."""
-    n = matrix.shape[0]
-    for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
-                pivot = i
-        if not abs(matrix[pivot, k]) > 1e-300:
-            return False
-        if pivot != k:
-            for c in range(n):
-                matrix[k, c], matrix[pivot, c] = matrix[pivot, c], matrix[k, c]
-            for c in range(right.shape[1]):
-                right[k, c], right[pivot, c] = right[pivot, c], right[k, c]
-        for i in range(k + 1, n):
-            f = matrix[i, k] / matrix[k, k]
-            if f != 0.0:
-                for c in range(k + 1, n):
-                    matrix[i, c] -= f * matrix[k, c]
-                for c in range(right.shape[1]):
-                    right[i, c] -= f * right[k, c]
-    for k in range(n - 1, -1, -1):
-        for c in range(right.shape[1]):
-            total = right[k, c]
-            for j in range(k + 1, n):
-                total -= matrix[k, j] * right[j, c]
-            right[k, c] = total / matrix[k, k]
+def _solve_border(matrix, right):
+    """Solve matrix y = right, y in the place of right; False when singular."""
+    try:
+        y = np.linalg.solve(matrix, right)
+    except (
+        Exception
+    ):  # the compiler knows no narrower one; it can only be that of a singular matrix
+        return False
+    right[:] = y
     return True
 
 
@@ -736,7 +717,7 @@ def _solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
                     for a in range(3):
                         total += w.border[i, a, s] * w.solved[i, a, count]
             right[s, 0] = total
-        if not _gauss(schur, right):
+        if not _solve_border(schur, right):
             return STUCK, iteration, worst
         largest = 0.0
         for i in range(n):
@@ -878,21 +859,19 @@ def _kick(rod, held, q, w, schur):
     for i in range(n):
         for a in range(3):
             vector[i, a] = math.sin(1.7 * i + 2.3 * a + 0.5)
-    copy = np.empty((count + 3, count + 3))
     right = np.empty((count + 3, 1))
     for _ in range(12):
         for i in range(n):
             for a in range(3):
                 w.border[i, a, count] = rod.length[i] * vector[i, a]
         _solve(w, count + 1, False)
-        copy[:] = schur
         for s in range(count + 3):
             right[s, 0] = 0.0
             if s < count:
                 for i in range(n):
                     for a in range(3):
                         right[s, 0] -= w.border[i, a, s] * w.solved[i, a, count]
-        _gauss(copy, right)
+        _solve_border(schur, right)
         largest = 0.0
         for i in range(n):
             for a in range(3):
@@ -1018,7 +997,7 @@ def _tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur
             for i in range(n):
                 for a in range(3):
                     right[s, c] += b[i, a, s] * w.solved[i, a, count + c]
-    if not _gauss(schur, right):
+    if not _solve_border(schur, right):
         dx[:] = np.nan
         return
     for c in range(many):
@@ -1133,7 +1112,7 @@ def _adjoint_rope(rod, held, q, lam, x0, gx, gq, w, schur, out):
         for i in range(n):
             for a in range(3):
                 right[s, 0] -= b[i, a, s] * w.solved[i, a, count]
-    if not _gauss(schur, right):
+    if not _solve_border(schur, right):
         out.length[:] = np.nan
         return
     y = np.empty((n, 3))

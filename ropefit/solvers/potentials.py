@@ -16,7 +16,7 @@ from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Potential
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.equilibrium import Solution, States, solve, unsettled
 
 ROUNDS, CORNERED_ROUNDS = 40, 120
 SHARES, SHORTEST = 17, 0.01  # of a step: how many are tried, and the least
@@ -79,39 +79,37 @@ def solve_with_potentials(
     rod: Rod,
     conditions: Conditions,
     potentials: tuple[Potential, ...],
-    start: Solution | None = None,
+    start: States | None = None,
     deepest: float = np.inf,
-) -> tuple[Solution, Conditions, Rod]:
-    """Equilibria of F frames of one rope, or of F ropes, with energies of their nodes.
+) -> Solution:
+    """Return equilibria of F frames of one rope, or of F ropes, with energies of their nodes.
 
     deepest: of the length; where a node of `start` is deeper than that in what the rope touches,
     nothing is tried, and all frames are marked.
 
-    Returns the states, and the conditions and rods with the supports and loads that stand for the
-    potentials there (derivatives of the states need them). Frames that do not settle are marked.
+    The solution's own conditions and rods are those with the supports and loads that stand for the
+    potentials there: derivatives of the states need them. Frames that do not settle are marked.
     Those that do not at first begin anew from where they would hang alone, and are brought out of
     the obstacle in steps, while it hardens.
     """
-    if start is None or not start.converged.all():
+    if start is None or (isinstance(start, Solution) and not start.converged.all()):
         start = solve(rod, conditions)
     length = float(rod.length.detach().sum(-1).max())
     if deepest < np.inf and _depth(potentials, start.x) > deepest * length:
-        marked = start.copy()
-        marked.status[:] = kernels.LIMIT
-        return marked, conditions, rod
+        return unsettled(rod, conditions, start)
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
     found = _settle(rod, conditions, potentials, start, STILL * length)
-    late = np.flatnonzero(~found[0].converged)
+    late = np.flatnonzero(~found.converged)
     if not len(late):
         return found
     few, ends = rod.frames(late), conditions.frames(late)
-    current = solve(few, ends)
+    current: States = solve(few, ends)
     for share in SOFTER:
         scaled = tuple(p._replace(share=share * p.share) for p in potentials)
-        current = _settle(few, ends, scaled, current, SOFT_STILL * length)[0]
-    start = found[0].copy()
-    start.put(late, current)
-    return _settle(rod, conditions, potentials, start, STILL * length)
+        current = _settle(few, ends, scaled, current, SOFT_STILL * length)
+    again = found.states
+    again.put(late, current)
+    return _settle(rod, conditions, potentials, again, STILL * length)
 
 
 def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
@@ -128,9 +126,9 @@ def _settle(
     rod: Rod,
     conditions: Conditions,
     potentials: tuple[Potential, ...],
-    start: Solution,
+    start: States,
     still: float,
-) -> tuple[Solution, Conditions, Rod]:
+) -> Solution:
     """Replace the potentials by supports until no node moves by more than `still` [m], in every
     frame by itself. A frame that goes astray stays where it began, marked.
 
@@ -138,7 +136,9 @@ def _settle(
     drive it: that of the rod, which is known at both of its ends, and those of the potentials.
     """
     x, frames = start.x.copy(), len(start.x)
-    current, moved = start.copy(), np.full(frames, np.inf)
+    far = conditions.far_supports
+    current = States(start.q.copy(), x.copy(), start.base.copy(), start.reaction[:, :far].copy())
+    moved = np.full(frames, np.inf)
     cornered = any(p.cornered for p in potentials)
     own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
     near = np.full(frames, NEAR * float(rod.length.detach().sum(-1).max()))
@@ -149,7 +149,7 @@ def _settle(
         if not len(mine):
             break
         few, ends = rod.frames(mine), conditions.frames(mine)
-        new, _, _, force, stiffness = _replaced(
+        new, force, stiffness = _replaced(
             few, ends, potentials, x[mine], current.frames(mine), bold[mine]
         )
         step = new.x - x[mine]
@@ -178,12 +178,12 @@ def _settle(
         part = np.where(going[mine], share[mine], 1.0)
         x[mine] += part[:, None, None] * step
     astray = ~np.isfinite(moved)
-    found, held, rods, _, _ = _replaced(rod, conditions, potentials, x, current, bold)
+    found, _, _ = _replaced(rod, conditions, potentials, x, current, bold)
     gone = np.abs(found.x - x).max(axis=(1, 2))
     late = found.converged & ~(gone < 1e3 * still)
-    found.put(astray, start, astray)
-    found.status[astray | late] = kernels.LIMIT
-    return found, held, rods
+    found.unsettle(astray, start)
+    found.status[late] = kernels.LIMIT
+    return found
 
 
 def _replaced(
@@ -191,11 +191,11 @@ def _replaced(
     conditions: Conditions,
     potentials: tuple[Potential, ...],
     x: np.ndarray,
-    near: Solution,
+    near: States,
     bold: np.ndarray,
-) -> tuple[Solution, Conditions, Rod, np.ndarray, np.ndarray]:
-    """Equilibria where supports stand for the potentials at nodes x (F, K, 3), found from states
-    near them; the conditions and rods with the supports; force and stiffness of the potentials.
+) -> tuple[Solution, np.ndarray, np.ndarray]:
+    """Return equilibria where supports stand for the potentials at nodes x (F, K, 3), found from
+    states near them; force (F, K, 3) [N] and stiffness (F, K, 3, 3) [N/m] of the potentials.
 
     bold (F,): frames in which potentials show their own curvature.
     """
@@ -203,14 +203,13 @@ def _replaced(
     force, stiffness = force_and_stiffness(potentials, at)
     timid = torch.from_numpy(~bold)
     stiffness[timid] = _pulling_back(stiffness[timid])
-    held, load, reaction = _supports(conditions, at, force, stiffness)
-    far = 3 if conditions.far_held else 0
-    guess = replace(near, reaction=np.concatenate([near.reaction[:, :far], reaction], axis=1))
+    held, load = _supports(conditions, at, force, stiffness)
     if load is not None:
         rod = rod.each(len(x))
         rod = rod._replace(load=rod.load + load)
-    found = solve(rod, held, guess, limit=LIMIT)
-    return found, held, rod, force.numpy(), stiffness.numpy()
+    # Supports that are at rest at x push with nothing: only the ends' reactions are known.
+    found = solve(rod, held, near, limit=LIMIT)
+    return found, force.numpy(), stiffness.numpy()
 
 
 def _pulling_back(stiffness: Tensor) -> Tensor:
@@ -251,7 +250,7 @@ def _share(
 
 def _supports(
     conditions: Conditions, x: Tensor, force: Tensor, stiffness: Tensor
-) -> tuple[Conditions, Tensor | None, np.ndarray]:
+) -> tuple[Conditions, Tensor | None]:
     """Elastic supports with the potentials' stiffness that are at rest at x; the force at x is a
     load. (As one, a force and a stiffness near zero would be a support from far away.)
 
@@ -261,7 +260,7 @@ def _supports(
     frames = len(x)
     load = force if bool((force != 0).any()) else None
     if len(touched) == 0:
-        return conditions, load, np.zeros((frames, 0))
+        return conditions, load
     values, vectors = torch.linalg.eigh(stiffness[:, touched])  # (F, T, 3), (F, T, 3, 3)
     order = values.abs().argsort(-1, descending=True)
     values = torch.gather(values, -1, order)
@@ -283,4 +282,4 @@ def _supports(
         compliance=flat(1 / safe)[:, used],
         active=active[:, used],
     )
-    return held, load, np.zeros((frames, len(used)))
+    return held, load

@@ -207,8 +207,8 @@ def model_of(
         mine_data = data.frames(mine)
         rms[mine] = _rms(mine_data, seen)
         rms_initial[mine] = _rms(mine_data, np.nan_to_num(before.solution.x))
-        stable[mine] = stability(point.rod, point.conditions, solution)
-        other[mine] = other_states(point.rod, point.conditions, solution)[1]
+        stable[mine] = stability(solution)
+        other[mine] = other_states(solution)[1]
         residual[mine] = _at_nodes(mine_data, seen, nodes - 1)
     stable[~ok] = np.nan
     setup = points[0][1].setup

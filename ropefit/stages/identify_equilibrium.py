@@ -252,7 +252,7 @@ def calibrated_fit(
 def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
     """Of two stable states of a frame, the one that the data show."""
     point = result.point
-    found, apart = other_states(point.rod, point.conditions, point.solution)
+    found, apart = other_states(point.solution)
     last = point.solution.copy()
     for t in np.flatnonzero(np.isfinite(apart)):
         one = np.array([t])
@@ -280,6 +280,6 @@ def _fit_group(
     progress(0.9, "intervals")
     told = limits(found, seen, noise, len(o.node_arc) - 1)
     whole = Forward(setup, found.forward.terms)
-    start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u))
+    start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u)).states
     start.put(inside, found.point.solution)
     return found, noise, whole.at(found.point.u, start), told

@@ -73,7 +73,7 @@ def restored_rope(
     if setup.memory:
         # A rope that remembers comes into every frame as the recorded ends have brought it there.
         walked = Forward(setup, []).at(np.empty(0))
-        near, past = walked.solution, walked.conditions.sliders
+        near, past = walked.solution, walked.solution.conditions.sliders
         setup = setup._replace(memory=())
     rope = EquilibriumRope(
         setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
@@ -112,7 +112,7 @@ def effect_of(cause: Cause) -> Effect:
 def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) -> EquilibriumRope:
     """The rope near those of its states that the model is in."""
     point = Forward(with_values(rope.setup, values[0]), []).at(np.empty(0))
-    found, apart = other_states(point.rod, point.conditions, point.solution)
+    found, apart = other_states(point.solution)
     near = point.solution.copy()
     for t in np.flatnonzero(np.isfinite(apart)):
         gap = [np.abs(s.x[t, :: rope.every] - model.x[t]).max() for s in (near, found)]

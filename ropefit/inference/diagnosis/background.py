@@ -50,7 +50,7 @@ def end_noise(found: Fit) -> EndNoise:
     """What the fitted rope does when an end of one frame is off."""
     point, s = found.point, found.stations
     frames = len(point.seen)
-    held = [end for end in range(2) if not bool(torch.isnan(point.conditions.ends[:, end]).any())]
+    held = [end for end in range(2) if not bool(torch.isnan(point.setup.ends[:, end]).any())]
     clamps = [end for end in range(2) if point.setup.clamped[end]]
     places = [(end, axis) for end in held for axis in range(3)]
     turns = [(end, axis) for end in clamps for axis in range(2)]  # about the tangent: twist
@@ -60,7 +60,7 @@ def end_noise(found: Fit) -> EndNoise:
         ends[:, k, end, axis] = 1.0
     for k, (end, axis) in enumerate(turns, len(places)):
         clamp[:, k, end, axis] = 1.0
-    dx, _ = tangent(point.rod, point.conditions, point.solution, Directions(ends=ends, clamp=clamp))
+    dx, _ = tangent(point.solution, Directions(ends=ends, clamp=clamp))
     values = s.project(np.moveaxis(dx, 1, 0))
     return EndNoise(s, values[..., : len(places)], values[..., len(places) :])
 

@@ -8,12 +8,12 @@ import torch
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.stations import Data, match
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium import States
 
 FAR = 4.0  # times the usual residual of a frame
 
 
-def repaired(found: Fit, data: Data, bins: int) -> Solution | None:
+def repaired(found: Fit, data: Data, bins: int) -> States | None:
     """States in which such frames start from their neighbours' side, None if nothing is gained."""
     point, frame = found.point, found.stations.frame
     if point.setup.remembers:  # each frame's states follow from the ones before
@@ -26,7 +26,7 @@ def repaired(found: Fit, data: Data, bins: int) -> Solution | None:
     far = np.flatnonzero(size > FAR * max(float(np.median(size)), 1.0))
     if len(far) == 0 or len(far) > frames // 3:
         return None
-    out, gained = point.solution.copy(), False
+    out, gained = point.solution.states, False
     for t in far:
         best = _misfit(data, point.seen, int(t), int(t), bins)
         for near in (t - 1, t + 1):

@@ -95,8 +95,5 @@ class Responses:
 
 def loads_to_nodes(point: Point, load: np.ndarray) -> np.ndarray:
     """(P, F, K, 3) [m] changes of the nodes for loads (F, P, K, 3) [N] on them."""
-    rod, frames = point.rod, len(load)
-    if rod.length.ndim == 1:
-        rod = type(rod)(*(t.expand(frames, *t.shape) for t in rod))
-    dx, _ = tangent(rod, point.conditions, point.solution, Directions(load=load))
+    dx, _ = tangent(point.solution, Directions(load=load))
     return np.moveaxis(dx, 1, 0)

@@ -1,0 +1,252 @@
+"""Compiled code never reads or writes past its arrays: what does not belong together is refused
+before it, and what does is taken whatever its values are.
+
+`make bounds` runs these tests, and those of everything that calls compiled code, with index checks
+compiled in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ropefit.inference.forward import Forward
+from ropefit.rod.moving import moving, undamped
+from ropefit.rod.rod import build, uniform
+from ropefit.rod.setup import Potential, bare
+from ropefit.solvers import dynamics
+from ropefit.solvers import newton_kernels as kernels
+from ropefit.solvers.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium import ARRAYS, Solution, States, solve, stability, unsettled
+from ropefit.solvers.implicit import Directions, settled, tangent
+from ropefit.solvers.potentials import solve_with_potentials
+from ropefit.solvers.shapes import ShapeError
+from tests.rods import DOWN
+
+STATUSES = (kernels.CONVERGED, kernels.LIMIT, kernels.STUCK, kernels.NOT_FINITE, kernels.UNSTABLE)
+STRANGE = (0.0, 1.0, -1e3, 1e-300, 1e300, np.inf, np.nan)
+ENDS = torch.tensor([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]], dtype=torch.float64)
+
+
+def random_problem(draw) -> tuple:
+    """A rod and conditions of random sizes and kinds."""
+    seed = draw(st.integers(0, 2**32 - 1))
+    rng = np.random.default_rng(seed)
+    frames, segments = draw(st.integers(1, 4)), draw(st.integers(2, 9))
+    ends = ENDS.repeat(frames, 1, 1).clone()
+    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    clamped = (draw(st.booleans()), draw(st.booleans()))
+    for end in range(2):
+        if clamped[end]:
+            clamp[:, end] = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0])
+    loose = draw(st.sampled_from([None, 0, 1]))
+    if loose is not None:
+        ends[:, loose] = torch.nan
+    many = draw(st.integers(0, 4))
+    more: dict = {}
+    if many:
+        direction = torch.from_numpy(rng.normal(size=(frames, many, 3)))
+        more = {
+            "node": rng.integers(0, segments + 1, many),
+            "direction": direction / direction.norm(dim=-1, keepdim=True),
+            "offset": torch.from_numpy(0.1 * rng.normal(size=(frames, many))),
+            "compliance": torch.from_numpy(10.0 ** rng.uniform(-3, 1, (frames, many))),
+            "active": rng.random((frames, many)) < 0.7,
+        }
+    if draw(st.booleans()):
+        count = draw(st.integers(1, 2))
+        more["sliders"] = Sliders(
+            rng.random((frames, count, segments + 1)),
+            0.1 * rng.normal(size=(frames, count, segments + 1, 2)),
+            0.1 * rng.random((frames, count, segments + 1)),
+        )
+    bend = 10.0 ** rng.uniform(-4, 0)
+    rod = build(
+        uniform(length=1.0, segments=segments, bend=bend, density=0.1), 9.81 * DOWN, clamped
+    )
+    if draw(st.booleans()):
+        rod = rod.each(frames)
+    return rod, Conditions(ends, clamp, **more), seed
+
+
+@st.composite
+def problems(draw) -> tuple:
+    return random_problem(draw)
+
+
+@settings(max_examples=60, deadline=None)
+@given(problems(), st.sampled_from(STRANGE), st.sampled_from(STATUSES))
+def test_every_solution_can_be_differentiated(problem, value, status):
+    """Whatever came out, converged or not, finite or not."""
+    rod, conditions, seed = problem
+    rng = np.random.default_rng(seed)
+    solution = solve(rod, conditions, limit=int(rng.integers(0, 30)))
+    frames, segments = solution.q.shape[:2]
+    for name in rng.choice(ARRAYS, 2):
+        array = getattr(solution, name)
+        if array.dtype == np.float64 and array.size:
+            array.ravel()[rng.integers(array.size)] = value
+    solution.status[rng.integers(frames)] = status
+    with np.errstate(all="ignore"):
+        dx, turn = tangent(solution, Directions(load=rng.normal(size=(1, 3, segments + 1, 3))))
+        assert dx.shape == (frames, 3, segments + 1, 3)
+        assert turn.shape == (frames, 3, segments, 3)
+        assert stability(solution).shape == (frames,)
+        rod = rod._replace(load=rod.load.clone().requires_grad_())
+        state = settled(replace(solution, rod=rod))
+        (state.x.sum() + state.q.sum()).backward()
+    assert rod.load.grad is not None
+    assert rod.load.grad.shape == rod.load.shape
+
+
+@settings(max_examples=60, deadline=None)
+@given(problems(), st.sampled_from([f.name for f in fields(Solution)][:8]), st.integers(0, 2))
+def test_arrays_of_other_shapes_are_refused(problem, name, axis):
+    rod, conditions, _ = problem
+    solution = solve(rod, conditions, limit=1)
+    array = getattr(solution, name)
+    axis = min(axis, array.ndim - 1)
+    with pytest.raises(ShapeError, match=name):
+        replace(solution, **{name: np.concatenate([array, array[..., -1:]], -1) if axis else
+                             np.concatenate([array, array[-1:]])})  # fmt: skip
+
+
+@settings(max_examples=40, deadline=None)
+@given(problems(), problems())
+def test_a_solution_meets_no_other_conditions(one, other):
+    """Supports, frames or nodes that differ are told, for a solution and for every start."""
+    (rod, conditions, _), (rod_2, conditions_2, _) = one, other
+    solution = solve(rod, conditions, limit=1)
+    frames, segments = solution.q.shape[:2]
+    same = (frames, segments) == (len(conditions_2.ends), rod_2.length.shape[-1])
+    if not (same and conditions.supports == conditions_2.supports):
+        with pytest.raises(ShapeError):
+            replace(solution, rod=rod_2, conditions=conditions_2)
+    if not same:
+        with pytest.raises(ShapeError):
+            solve(rod_2, conditions_2, solution)
+    else:
+        found = solve(rod_2, conditions_2, solution, limit=2)
+        assert found.reaction.shape == (frames, conditions_2.supports)
+
+
+def test_directions_of_other_shapes_are_refused():
+    rod, held = hanging(2, 5)
+    solution = solve(rod, held)
+    for name, shape in [("load", (1, 2, 5, 3)), ("length", (1, 2, 6)), ("ends", (3, 2, 2, 3))]:
+        with pytest.raises(ValueError, match="broadcast"):
+            tangent(solution, Directions(**{name: np.zeros(shape)}))
+
+
+def test_nodes_and_ropes_that_are_not_there_are_refused():
+    rod, held = hanging(2, 5)
+    across = torch.zeros(2, 1, 3, dtype=torch.float64)
+    one = torch.zeros(2, 1, dtype=torch.float64)
+    for node in (-1, 6):
+        with pytest.raises(ShapeError, match="node"):
+            solve(rod, replace(held, node=np.array([node]), direction=across, offset=one,
+                               compliance=one))  # fmt: skip
+    with pytest.raises(ShapeError, match="of"):
+        solve(rod, held, member=np.array([0, 1]))
+
+
+def hanging(frames: int, segments: int):
+    rod = build(uniform(length=1.0, segments=segments, bend=1e-3, density=0.1), 9.81 * DOWN,
+                (False, False))  # fmt: skip
+    none = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    return rod, Conditions(ENDS.repeat(frames, 1, 1), none)
+
+
+def test_a_start_deep_in_an_obstacle_has_its_own_conditions():
+    """A rope that was settled on a plane, and starts far below a higher one, is not tried. What
+    comes back belongs to the conditions without supports, and so do its derivatives."""
+    rod, held = hanging(3, 20)
+
+    def plane(height: float) -> Potential:
+        hardness = torch.tensor(200.0, dtype=torch.float64)
+        energy = lambda x: 0.5 * hardness * torch.clamp(height - x[..., 2], min=0.0) ** 2  # noqa: E731
+        return Potential(energy, torch.ones(21, dtype=torch.float64), hardness)
+
+    low = solve_with_potentials(rod, held, (plane(-0.2),))
+    assert low.converged.all()
+    assert low.reaction.shape[1] == low.conditions.supports > 3
+    deep = solve_with_potentials(rod, held, (plane(0.4),), low, deepest=0.05)
+    assert not deep.converged.any()
+    assert deep.reaction.shape == (3, 3)
+    assert np.array_equal(deep.x, low.x)
+    dx, _ = tangent(deep, Directions(load=np.ones((1, 1, 21, 3))))
+    assert dx.shape == (3, 1, 21, 3)
+
+
+def test_a_fit_that_goes_too_deep_has_derivatives_of_its_own():
+    """The same through a model: a point that did not settle can still be asked for its response."""
+    setup = bare(
+        uniform(length=1.0, segments=20, bend=1e-3, density=0.1), 9.81 * DOWN,
+        ENDS.repeat(3, 1, 1), torch.full((3, 2, 4), torch.nan, dtype=torch.float64),
+        torch.zeros(3, dtype=torch.float64),
+    )  # fmt: skip
+    from ropefit.effects import SupportPlane
+
+    first = Forward(SupportPlane().apply(setup, torch.tensor([-0.2, 0.0, 0.0]).double()), [])
+    point = first.at(np.empty(0))
+    assert point.solution.converged.all()
+    higher = SupportPlane().apply(setup, torch.tensor([0.4, 0.0, 0.0]).double())
+    model = Forward(higher, [], point.solution)
+    model.reached = True  # as in the middle of a fit
+    marked = model.at(np.empty(0))
+    assert np.isnan(marked.seen).all()
+    change = lambda step: higher._replace(gravity=higher.gravity * (1 + step))  # noqa: E731
+    assert marked.respond([change]).shape == (1, 3, 21, 3)
+
+
+def test_unsettled_states_are_marked():
+    rod, held = hanging(2, 5)
+    found = solve(rod, held)
+    marked = unsettled(rod, held, found.states)
+    assert not marked.converged.any()
+    assert isinstance(found.states, States)
+    with pytest.raises(ValueError, match="supports"):
+        found.put(0, replace_supports(found))
+
+
+def replace_supports(solution: Solution) -> Solution:
+    """The same states with one support more."""
+    frames = len(solution.q)
+    one = torch.ones(frames, 1, dtype=torch.float64)
+    more = replace(
+        solution.conditions, node=np.array([2]), direction=torch.ones(frames, 1, 3).double(),
+        offset=one, compliance=one,
+    )  # fmt: skip
+    reaction = np.concatenate([solution.reaction, np.zeros((frames, 1))], axis=1)
+    return replace(solution, conditions=more, reaction=reaction)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 3), st.integers(2, 6), st.integers(2, 6), st.sampled_from(STRANGE))
+def test_motions_of_any_size(clips, segments, steps, value):
+    """Every motion can be simulated and differentiated, finished or not; a trajectory with arrays
+    of another shape is refused."""
+    p = uniform(length=1.0, segments=segments, bend=1e-2, density=0.1)
+    rod = build(p, 9.81 * DOWN, (False, False))
+    rope = moving(p, rod, undamped(p))
+    time = torch.arange(steps, dtype=torch.float64).repeat(clips, 1) * 0.01
+    ends = ENDS.repeat(clips, steps, 1, 1).clone()
+    ends[0, -1, 1, 0] += value if np.isfinite(value) else 0.5
+    none = torch.full((clips, steps, 2, 4), torch.nan, dtype=torch.float64)
+    still = solve(rod, Conditions(ends[:, 0], none[:, 0]))
+    start = dynamics.Start(*(torch.from_numpy(a) for a in (still.x, still.q, 0 * still.x)))
+    drive = dynamics.Drive(time, ends, none)
+    found = dynamics.solve(rope, drive, start, limit=3)
+    with np.errstate(all="ignore"):
+        change = dynamics.Directions(load=np.ones((1, 2, segments + 1, 3)))
+        dx, _ = dynamics.tangent(found, change)
+    assert dx.shape == (clips, 2, steps, segments + 1, 3)
+    for name in ("x", "q", "force", "v0", "status"):
+        array = getattr(found, name)
+        with pytest.raises(ShapeError, match=name):
+            replace(found, **{name: np.concatenate([array, array[-1:]])})
