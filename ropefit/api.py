@@ -27,9 +27,10 @@ from ropefit.errors import BadInput, WrongUsage
 from ropefit.exporters import ExportResult
 from ropefit.recordings import Masks, Recording, fingerprint, open_recording, sample_path
 from ropefit.reporting.contents import RunContents as Run
+from ropefit.runs.execute import made
+from ropefit.runs.protocol import Context, Stage, StageSettings
+from ropefit.runs.run_directory import existing_run, new_run
 from ropefit.stages.contents import read_run
-from ropefit.stages.run_directory import existing_run, new_run
-from ropefit.stages.stage import Context, Stage, StageSettings, made
 
 __all__ = [
     "Run",

@@ -14,9 +14,11 @@ from ropefit.commands_show import report, tell_answer
 from ropefit.console import Session
 from ropefit.errors import BadInput, StageFailed, WrongUsage
 from ropefit.reporting.words import unit_text
+from ropefit.runs.execute import execute
+from ropefit.runs.loading import load
+from ropefit.runs.protocol import Context, Outcome, Stage, StageSettings
+from ropefit.runs.run_directory import existing_run, new_run
 from ropefit.solvers.compiling import telling
-from ropefit.stages.run_directory import existing_run, new_run
-from ropefit.stages.stage import Context, Outcome, Stage, StageSettings, execute, load
 
 
 def _stage(

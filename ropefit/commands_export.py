@@ -15,9 +15,9 @@ from ropefit.console import Session
 from ropefit.exporters import exporter
 from ropefit.exporters.resimulate import version
 from ropefit.reporting.sections.exports import settled, told
+from ropefit.runs.loading import load, load_if_there
+from ropefit.runs.run_directory import existing_run
 from ropefit.solvers.compiling import telling
-from ropefit.stages.run_directory import existing_run
-from ropefit.stages.stage import load, load_if_there
 
 
 def export(

@@ -7,7 +7,7 @@ from typing import Any
 
 from ropefit.console import Session
 from ropefit.errors import WrongUsage
-from ropefit.stages.run_directory import existing_run
+from ropefit.runs.run_directory import existing_run
 
 
 def report(

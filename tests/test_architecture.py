@@ -29,6 +29,7 @@ FLOORS = [
     {"perception"},
     {"importers"},
     {"recordings"},
+    {"runs"},
     {"artifacts"},
     {"plugins"},
     {"errors"},

@@ -15,14 +15,16 @@ from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference.identify import Task
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.runs import checkpoint
+from ropefit.runs.execute import execute
+from ropefit.runs.protocol import Context
 from ropefit.solvers.xpbd import Settings
-from ropefit.stages import checkpoint, control, identify, preprocess
+from ropefit.stages import control, identify, preprocess
 from ropefit.stages.control import ControlSettings
 from ropefit.stages.identify import IdentifySettings
 from ropefit.stages.preprocess import PreprocessSettings
 from ropefit.stages.scene import rope_of
 from ropefit.stages.simulate import simulate_recording
-from ropefit.stages.stage import Context, execute
 from ropefit.stages.targets import read_targets
 
 TRUE = {"eta_x_G": 0.12, "eta_q_B": 0.35}

@@ -14,8 +14,8 @@ from benchmarks.paper.pipeline import Experiment
 from benchmarks.paper.recordings import load_truth
 from benchmarks.paper.runner import Place
 from ropefit.artifacts import Control, FittedModel, Model, Observations
+from ropefit.runs.loading import load
 from ropefit.stages.scene import pinhole
-from ropefit.stages.stage import load
 
 PAPER_WEIGHTS = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")
 SYMBOL = {

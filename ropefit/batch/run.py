@@ -76,7 +76,7 @@ def run_batch(
 
 
 def _tasks(found: dict[str, Path], runs: Path, settings: Settings, until: str) -> list[Task]:
-    from ropefit.stages.stage import code_sha256
+    from ropefit.runs.code import code_sha256
 
     code = code_sha256()
     text = json.dumps([settings, until, code], sort_keys=True)

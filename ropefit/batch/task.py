@@ -41,7 +41,7 @@ def run_task(task: Task) -> tuple[str, State, str]:
     Nothing it does can fail the batch; what happened is in its record. A run that another process
     works on is left alone, its record too.
     """
-    from ropefit.stages.lock import Busy, working_on
+    from ropefit.runs.lock import Busy, working_on
 
     try:
         with working_on(Path(task.runs) / task.name), warnings.catch_warnings(action="ignore"):
@@ -76,7 +76,7 @@ class _Progress:
 
     def compute(self) -> Record:
         """Every stage; the record that is left."""
-        from ropefit.stages.stage import code_sha256
+        from ropefit.runs.code import code_sha256
 
         fresh: list[str] = []
         try:
@@ -148,7 +148,7 @@ def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[st
 
 def _report(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[str, Any] | None:
     from ropefit.commands_show import report
-    from ropefit.stages.run_directory import REPORT
+    from ropefit.runs.run_directory import REPORT
 
     last = record.computed[-1] if record.computed else ""
     if not fresh and last == "report" and (run / REPORT).exists():

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ropefit.artifacts import Control, Diagnosis, Model, Observations
 from ropefit.reporting.contents import RunContents
+from ropefit.runs.loading import load, load_if_there
 from ropefit.stages.export_check import current_exports
-from ropefit.stages.stage import load, load_if_there
 
 
 def read_run(directory: Path) -> RunContents:

@@ -17,10 +17,10 @@ from ropefit.inference.control import Gripper, interpolate, to_observations, to_
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.minimise import Search
 from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
+from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.stages.control_rope import control_guess, rope_at
 from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole
 from ropefit.stages.shapes_only import shapes_only
-from ropefit.stages.stage import Context, Stage, StageSettings
 from ropefit.stages.targets import Targets
 
 STARTS = 6  # recorded poses from which shape control tries to set out

@@ -23,6 +23,7 @@ from ropefit.inference.noise import Noise
 from ropefit.inference.terms import ROPE, calibration, rope_term
 from ropefit.inference.uncertainty import INTERVAL
 from ropefit.rod.setup import Setup
+from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.solvers.branches import follow
 from ropefit.stages.diagnosis_content import content
 from ropefit.stages.equilibrium_model import calibration_name
@@ -37,7 +38,6 @@ from ropefit.stages.identify_equilibrium import (
 )
 from ropefit.stages.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
 from ropefit.stages.shapes_only import shapes_only
-from ropefit.stages.stage import Context, Stage, StageSettings
 
 FEWEST = 4  # frames
 GJ_SD = 0.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section

@@ -13,9 +13,11 @@ from ropefit.artifacts import Diagnosis, Exports, Model, Observations, Provenanc
 from ropefit.artifacts.exports import Check, Export
 from ropefit.errors import BadInput, StageFailed
 from ropefit.exporters import resimulate
+from ropefit.runs.code import code_sha256
+from ropefit.runs.loading import load
+from ropefit.runs.lock import working_on
+from ropefit.runs.protocol import Progress
 from ropefit.stages.export import Exported
-from ropefit.stages.lock import working_on
-from ropefit.stages.stage import Progress, code_sha256, load
 
 
 def check(exported: Exported, target: str, text: Path, python: Path, progress: Progress) -> Check:

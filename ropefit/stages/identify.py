@@ -16,13 +16,13 @@ from ropefit.inference.identify import Task
 from ropefit.inference.parameters import Space
 from ropefit.inference.rope import MEANING, bounds, eta_names
 from ropefit.losses.objectives import OBJECTIVES
+from ropefit.runs.protocol import Context, Stage
 from ropefit.solvers.xpbd import Settings
 from ropefit.stages import identify_equilibrium, identify_motion, identify_searched
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.scene import build_scene, check_loss, control_positions, node_at, rope_of
 from ropefit.stages.search import describe, run_search
-from ropefit.stages.stage import Context, Stage
 
 DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this has not converged
 

@@ -19,6 +19,7 @@ from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.stations import Data, match
 from ropefit.inference.terms import PAIR, ROPE, Priors, calibration, rope_term
 from ropefit.rod.setup import Setup
+from ropefit.runs.protocol import Context, Progress
 from ropefit.solvers.branches import follow, other_states
 from ropefit.solvers.equilibrium import Solution
 from ropefit.stages.equilibrium_model import Part, describe_group, fitted_model
@@ -27,7 +28,6 @@ from ropefit.stages.frozen import frozen_values
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.stages.scene import node_at
-from ropefit.stages.stage import Context, Progress
 
 CALM = 0.05  # of the frames of a rope in motion
 LIVELY = 0.05  # of gravity: where a rope accelerates less, any frame is calm

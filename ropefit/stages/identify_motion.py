@@ -17,12 +17,12 @@ from ropefit.inference.motion_spread import BLOCK, spread_of
 from ropefit.inference.motion_terms import grips, unknowns
 from ropefit.inference.stations import Data
 from ropefit.rod.setup import Setup
+from ropefit.runs.protocol import Context
 from ropefit.stages.identify_equilibrium import held_node, priors_of
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.motion_model import motion_model, told_units
 from ropefit.stages.motion_of import clips_of
 from ropefit.stages.motion_setup import EVERY, Span, span_of
-from ropefit.stages.stage import Context
 
 SHORTEST = 20  # frames of a clip
 OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes

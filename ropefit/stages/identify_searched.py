@@ -16,6 +16,7 @@ from ropefit.inference.forward import Forward
 from ropefit.inference.identify import Task
 from ropefit.inference.parameters import Space
 from ropefit.losses.objectives import OBJECTIVES
+from ropefit.runs.protocol import Context
 from ropefit.stages.equilibrium_model import meanings, model_of
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
 from ropefit.stages.identify_equilibrium import (
@@ -30,7 +31,6 @@ from ropefit.stages.restore import with_values
 from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.stages.scene import build_scene
 from ropefit.stages.search import describe, run_search
-from ropefit.stages.stage import Context
 
 
 def _accelerator(name: str) -> torch.device | None:

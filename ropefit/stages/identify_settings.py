@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from ropefit.errors import WrongUsage
 from ropefit.losses.objectives import LossName
-from ropefit.stages.stage import StageSettings
+from ropefit.runs.protocol import StageSettings
 
 
 class IdentifySettings(StageSettings):
