@@ -167,8 +167,8 @@ def control(
     session: Session, run: Path, settings: dict[str, Any], target: Path | None, force: bool
 ) -> dict[str, Any]:
     """observations.h5, model.h5, and diagnosis.h5 if there is one -> control.h5."""
+    from ropefit.adapters.targets import read_targets
     from ropefit.stages import control as stage
-    from ropefit.stages.targets import read_targets
 
     chosen = stage.ControlSettings(**settings)
     existing_run(run)

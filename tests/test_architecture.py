@@ -19,6 +19,8 @@ FLOORS = [
     {"api", "differentiable"},
     {"system"},
     {"stages"},
+    {"fitting"},
+    {"adapters"},
     {"viewing"},
     {"reporting"},
     {"exporters"},

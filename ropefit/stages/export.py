@@ -9,6 +9,12 @@ from typing import Any
 import numpy as np
 import torch
 
+from ropefit.adapters.frames import spread_evenly
+from ropefit.adapters.restore import effect_of
+from ropefit.adapters.rope_setup import base_setup
+from ropefit.adapters.shapes_only import shapes_only
+from ropefit.adapters.start_values import started_setup
+from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects.place import horizontal, middle_of
@@ -17,11 +23,6 @@ from ropefit.exporters import ExportResult, RopeDescription, export
 from ropefit.exporters import effects as records
 from ropefit.inference.forward import Forward
 from ropefit.rod.setup import Setup
-from ropefit.stages.frames import spread_evenly
-from ropefit.stages.identify_equilibrium import started_setup, unit_scale
-from ropefit.stages.restore import effect_of
-from ropefit.stages.rope_setup import base_setup
-from ropefit.stages.shapes_only import shapes_only
 
 POSES = 6
 BAR = 2.0  # m: length of a bar that the model takes as endless

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ropefit import __version__
+from ropefit.adapters.contents import current_exports
 from ropefit.artifacts import Diagnosis, Exports, Model, Observations, Provenance, write
 from ropefit.artifacts.exports import Check, Export
-from ropefit.errors import BadInput, StageFailed
+from ropefit.errors import BadInput
 from ropefit.exporters import resimulate
 from ropefit.runs.code import code_sha256
 from ropefit.runs.loading import load
@@ -78,17 +79,6 @@ def record(
         )
         write(run / Exports.file_name, made)
     return export
-
-
-def current_exports(run: Path) -> Exports | None:
-    """exports.h5 of the rope as it is now; None where there is none, or an earlier rope's."""
-    path = run / Exports.file_name
-    try:
-        made = load(run, Exports)[0] if path.exists() else None
-    except StageFailed:  # the rope was identified again since
-        return None
-    diagnosed = (run / Diagnosis.file_name).exists()
-    return made if made and (Diagnosis.file_name in made.provenance.inputs) == diagnosed else None
 
 
 def _others(run: Path, inputs: dict[str, str]) -> dict[str, Export]:
