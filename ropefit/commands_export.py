@@ -30,8 +30,7 @@ def export(
     python: Path | None,
 ) -> dict[str, Any]:
     """observations.h5, model.h5, diagnosis.h5 if there -> text for a simulator, exports.h5."""
-    from ropefit.stages.export import export_run, write_export
-    from ropefit.stages.export_check import check, record
+    from ropefit.stages.export import check, export_run, record, write_export
 
     python = python or Path(sys.executable)
     if checks:  # before anything is written
