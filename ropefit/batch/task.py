@@ -35,6 +35,13 @@ class Task:
     session: str
 
 
+def code_of_stages() -> str:
+    """Return the hash of the code of every stage that computes; the report only shows."""
+    from ropefit.runs.code import code_sha256
+
+    return code_sha256(*(f"ropefit.stages.{stage}" for stage in STAGES if stage != "report"))
+
+
 def run_task(task: Task) -> tuple[str, State, str]:
     """Compute one recording as far as it is not up to date: (name, state, message).
 
@@ -76,11 +83,9 @@ class _Progress:
 
     def compute(self) -> Record:
         """Every stage; the record that is left."""
-        from ropefit.runs.code import code_sha256
-
         fresh: list[str] = []
         try:
-            if code_sha256() != self.task.code:
+            if code_of_stages() != self.task.code:
                 raise RuntimeError("this worker has other code than the one that started the batch")
             for stage in STAGES[: STAGES.index(self.task.until) + 1]:
                 if self._stage(stage, fresh):

@@ -36,6 +36,14 @@ class ControlSettings(StageSettings):
     evaluations: int = Field(default=200, ge=1)
     target: bool = False
 
+    def used(self) -> dict[str, Any]:
+        """Return the settings that the output depends on: a target replaces loss and key points."""
+        return {
+            name: value
+            for name, value in super().used().items()
+            if not (self.target and name in ("loss", "key"))
+        }
+
 
 def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context) -> dict[str, Any]:
     """The contents of control.h5. Raises BadInput, NotConverged."""

@@ -117,7 +117,7 @@ def record(
             provenance=Provenance(
                 stage="export",
                 package_version=__version__,
-                code_sha256=code_sha256(),
+                code_sha256=code_sha256(__name__),
                 inputs=inputs,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
                 seconds=seconds,
