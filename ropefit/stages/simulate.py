@@ -7,9 +7,6 @@ to such a recording says nothing about real ropes: proofs use recordings made by
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +16,8 @@ from pydantic import ValidationError
 
 from ropefit.adapters.synthetic_sensor import write_recording
 from ropefit.adapters.synthetic_spec import Point, SimulationSpec
-from ropefit.errors import BadInput, NotConverged, StageFailed
+from ropefit.artifacts.atomic import new_folder, refuse_filled
+from ropefit.errors import BadInput, NotConverged
 from ropefit.inference.rope import Ends, build_rope, initial
 from ropefit.perception.trace import resample
 from ropefit.recordings.ends import quaternion_along
@@ -31,23 +29,12 @@ from ropefit.solvers.xpbd import Settings
 def simulate_recording(spec: Path, out: Path, progress: Progress, say: Any) -> dict[str, Any]:
     """Write the recording that SPEC.toml describes. Raises BadInput, NotConverged, StageFailed."""
     parsed = _read_spec(spec)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise StageFailed(f"{out}: exists already; give a new directory as --out")
+    refuse_filled(out)  # before the rope is solved
     progress(0.1, "solving")
     x, ends = _states(parsed, spec)
     progress(0.8, "writing")
-    temporary = None
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    with new_folder(out) as temporary:
         write_recording(parsed, x, ends, temporary)
-        os.chmod(temporary, 0o755)
-        os.replace(temporary, out)
-    except OSError as error:
-        raise StageFailed(f"cannot write {out}: {error.strerror}")
-    finally:
-        if temporary is not None:
-            shutil.rmtree(temporary, ignore_errors=True)
     say("made by ropefit's own model: good for trying a set-up, not as evidence for it")
     return {"stage": "simulate", "recording": str(out), "frames": len(x), "name": parsed.name}
 
