@@ -35,9 +35,9 @@ from ropefit.artifacts.store import identity, read
 from ropefit.console import Session
 from ropefit.inference.diagnosis import search
 from ropefit.inference.diagnosis.families import families
-from ropefit.inference.journal import Entries
-from ropefit.stages import checkpoint
-from ropefit.stages.run_directory import CHECKPOINTS, REPORT
+from ropefit.runs import checkpoint
+from ropefit.runs.journal import Entries
+from ropefit.runs.run_directory import CHECKPOINTS, REPORT
 from tests.factories import marker_recording
 
 KILLED = -signal.SIGKILL

@@ -27,7 +27,7 @@ from ropefit.batch.names import find_recordings
 from ropefit.batch.records import FOLDER, read_record
 from ropefit.batch.run import _tasks
 from ropefit.console import Session
-from ropefit.stages.threads import processors
+from ropefit.runs.threads import processors
 from tests.factories import marker_recording
 
 SETTINGS = {

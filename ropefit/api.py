@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ropefit.adapters.contents import read_run
 from ropefit.artifacts import (
     Artifact,
     Control,
@@ -27,9 +28,9 @@ from ropefit.errors import BadInput, WrongUsage
 from ropefit.exporters import ExportResult
 from ropefit.recordings import Masks, Recording, fingerprint, open_recording, sample_path
 from ropefit.reporting.contents import RunContents as Run
-from ropefit.stages.contents import read_run
-from ropefit.stages.run_directory import existing_run, new_run
-from ropefit.stages.stage import Context, Stage, StageSettings, made
+from ropefit.runs.execute import made
+from ropefit.runs.protocol import Context, Stage, StageSettings
+from ropefit.runs.run_directory import existing_run, new_run
 
 __all__ = [
     "Run",
@@ -265,7 +266,7 @@ def _of(*artifacts: Artifact) -> dict[str, str]:
 
 
 def _targets(points: np.ndarray, arc: np.ndarray | None, length: float) -> Any:
-    from ropefit.stages.targets import Targets
+    from ropefit.adapters.targets import Targets
 
     points = np.asarray(points, dtype=float)
     points = points[None] if points.ndim == 2 else points

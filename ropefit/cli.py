@@ -87,8 +87,8 @@ def run(
 ) -> None:
     """Every stage, then the report."""
     with _session(json, quiet, debug) as session:
+        from ropefit.adapters.picture_options import picture_settings
         from ropefit.commands import run_all
-        from ropefit.stages.picture_options import picture_settings
 
         session.result(
             run_all(
@@ -131,8 +131,8 @@ def preprocess(
 ) -> None:
     """Order, segment and project the recorded points; measure their noise."""
     with _session(json, quiet, debug) as session:
+        from ropefit.adapters.picture_options import picture_settings
         from ropefit.commands import preprocess
-        from ropefit.stages.picture_options import picture_settings
 
         settings = {"nodes": nodes, "project": project.value, "most_points": most_points}
         settings |= picture_settings(color, roi, mask)

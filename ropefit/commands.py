@@ -14,9 +14,11 @@ from ropefit.commands_show import report, tell_answer
 from ropefit.console import Session
 from ropefit.errors import BadInput, StageFailed, WrongUsage
 from ropefit.reporting.words import unit_text
+from ropefit.runs.execute import execute
+from ropefit.runs.loading import load
+from ropefit.runs.protocol import Context, Outcome, Stage, StageSettings
+from ropefit.runs.run_directory import existing_run, new_run
 from ropefit.solvers.compiling import telling
-from ropefit.stages.run_directory import existing_run, new_run
-from ropefit.stages.stage import Context, Outcome, Stage, StageSettings, execute, load
 
 
 def _stage(
@@ -165,8 +167,8 @@ def control(
     session: Session, run: Path, settings: dict[str, Any], target: Path | None, force: bool
 ) -> dict[str, Any]:
     """observations.h5, model.h5, and diagnosis.h5 if there is one -> control.h5."""
+    from ropefit.adapters.targets import read_targets
     from ropefit.stages import control as stage
-    from ropefit.stages.targets import read_targets
 
     chosen = stage.ControlSettings(**settings)
     existing_run(run)

@@ -7,7 +7,7 @@ from typing import Any
 from ropefit.artifacts import Diagnosis
 from ropefit.artifacts.diagnosis import Size
 from ropefit.console import Session
-from ropefit.stages.stage import Outcome
+from ropefit.runs.protocol import Outcome
 
 
 def tell_diagnosed(session: Session, outcome: Outcome[Any]) -> dict[str, Any]:

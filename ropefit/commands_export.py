@@ -15,9 +15,9 @@ from ropefit.console import Session
 from ropefit.exporters import exporter
 from ropefit.exporters.resimulate import version
 from ropefit.reporting.sections.exports import settled, told
+from ropefit.runs.loading import load, load_if_there
+from ropefit.runs.run_directory import existing_run
 from ropefit.solvers.compiling import telling
-from ropefit.stages.run_directory import existing_run
-from ropefit.stages.stage import load, load_if_there
 
 
 def export(
@@ -30,8 +30,7 @@ def export(
     python: Path | None,
 ) -> dict[str, Any]:
     """observations.h5, model.h5, diagnosis.h5 if there -> text for a simulator, exports.h5."""
-    from ropefit.stages.export import export_run, write_export
-    from ropefit.stages.export_check import check, record
+    from ropefit.stages.export import check, export_run, record, write_export
 
     python = python or Path(sys.executable)
     if checks:  # before anything is written

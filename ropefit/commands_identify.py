@@ -8,7 +8,7 @@ import numpy as np
 
 from ropefit.artifacts import FittedModel, Model, Stepped
 from ropefit.console import Session
-from ropefit.stages.stage import Outcome
+from ropefit.runs.protocol import Outcome
 
 
 def tell_identified(session: Session, outcome: Outcome[Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from ropefit.console import Session
 from ropefit.errors import WrongUsage
-from ropefit.stages.run_directory import existing_run
+from ropefit.runs.run_directory import existing_run
 
 
 def report(
@@ -39,8 +39,8 @@ def report(
 
 def tell_answer(session: Session, run: Path) -> list[str]:
     """The answer in three sentences, at the end of a run."""
+    from ropefit.adapters.contents import read_run
     from ropefit.reporting.answer import answer
-    from ropefit.stages.contents import read_run
 
     sentences = answer(read_run(run))
     session.answer(sentences)
@@ -49,7 +49,7 @@ def tell_answer(session: Session, run: Path) -> list[str]:
 
 def view(session: Session, run: Path, out: Path | None, serve: bool, port: int) -> dict[str, Any]:
     """A run as a rerun recording file, or served by viser until it is stopped."""
-    from ropefit.stages.contents import read_run
+    from ropefit.adapters.contents import read_run
 
     contents = read_run(existing_run(run))
     if serve:

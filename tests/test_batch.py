@@ -139,7 +139,7 @@ def test_a_task_that_kills_its_process_is_found_out(tmp_path: Path, here: Here) 
 def test_a_run_that_another_process_holds_is_left_alone(tmp_path: Path, here: Here) -> None:
     given, runs = recordings(tmp_path / "in", 2), tmp_path / "runs"
     code = (
-        "import sys, pathlib\nfrom ropefit.stages.lock import working_on\n"
+        "import sys, pathlib\nfrom ropefit.runs.lock import working_on\n"
         "with working_on(pathlib.Path(sys.argv[1])):\n print('held', flush=True)\n input()\n"
     )
     holder = subprocess.Popen(

@@ -13,14 +13,16 @@ import pytest
 from ropefit.artifacts import Checkpoint, content_sha256, read, write
 from ropefit.artifacts.packing import packed, unpacked
 from ropefit.errors import StageFailed
-from ropefit.inference import journal as journals
 from ropefit.inference.diagnosis import search
 from ropefit.inference.diagnosis.families import Family, families
-from ropefit.inference.journal import Entries, Journal, journal, keeping
 from ropefit.recordings import fingerprint, open_recording
-from ropefit.stages import checkpoint, control, diagnose, identify, preprocess
-from ropefit.stages.checkpoint import checkpoint_name
-from ropefit.stages.stage import Context, Outcome, execute
+from ropefit.runs import checkpoint
+from ropefit.runs import journal as journals
+from ropefit.runs.checkpoint import checkpoint_name
+from ropefit.runs.execute import execute
+from ropefit.runs.journal import Entries, Journal, journal, keeping
+from ropefit.runs.protocol import Context, Outcome
+from ropefit.stages import control, diagnose, identify, preprocess
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 

@@ -13,8 +13,8 @@ import pytest
 from ropefit.artifacts import Observations, Provenance
 from ropefit.errors import RopefitError
 from ropefit.recordings import open_recording
+from ropefit.runs.protocol import Context
 from ropefit.stages import preprocess
-from ropefit.stages.stage import Context
 from tests.factories import cloud_recording, edit, marker_recording
 from tests.test_parsers_property import _is_number, _split
 

@@ -12,7 +12,7 @@ import pytest
 
 from ropefit.artifacts import Observations, read
 from ropefit.errors import StageFailed
-from ropefit.stages.lock import Busy, working_on
+from ropefit.runs.lock import Busy, working_on
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 
@@ -65,7 +65,7 @@ def test_a_lock_is_for_one_process_and_leaves_nothing(tmp_path: Path) -> None:
     run = tmp_path / "a" / "run"
     code = (
         "import sys, pathlib\nfrom ropefit.errors import StageFailed\n"
-        "from ropefit.stages.lock import working_on\n"
+        "from ropefit.runs.lock import working_on\n"
         "try:\n with working_on(pathlib.Path(sys.argv[1])): print('free')\n"
         "except StageFailed as error: print(error)\n"
     )

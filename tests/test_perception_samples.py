@@ -16,9 +16,10 @@ from ropefit.perception.camera import Camera
 from ropefit.perception.tracing import Tracer
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.recordings.clouds import read_cloud
+from ropefit.runs.execute import execute
+from ropefit.runs.protocol import Context
 from ropefit.stages import preprocess
 from ropefit.stages.preprocess import PreprocessSettings
-from ropefit.stages.stage import Context, execute
 from tests.conftest import SAMPLES
 from tests.factories import FRAMES, cloud_recording, edit, marker_recording
 from tests.ropecloud import nearest

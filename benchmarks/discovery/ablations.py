@@ -26,8 +26,9 @@ from benchmarks.discovery.score import judged
 from benchmarks.document import parser, publish
 from ropefit.artifacts import Model, Observations
 from ropefit.errors import RopefitError
+from ropefit.runs.loading import load
+from ropefit.runs.protocol import Context
 from ropefit.stages import diagnose
-from ropefit.stages.stage import Context, load
 
 # Each first one in an exact set-up (the effect of score 12), the second in one with errors (30).
 CASES = (

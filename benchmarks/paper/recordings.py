@@ -16,7 +16,7 @@ from benchmarks.paper.rendering import baxter_gripper, frame, looking, needle_dr
 from benchmarks.paper.worlds import Truth, shapes
 from ropefit.artifacts import Model, Observations
 from ropefit.perception.camera import Camera
-from ropefit.stages.stage import load
+from ropefit.runs.loading import load
 
 Array = np.ndarray
 END_NOISE = 0.0005  # m, sd per axis and frame of a measured end

@@ -9,7 +9,7 @@ from typing import Protocol
 from ropefit.batch.records import State
 from ropefit.batch.task import Task, run_task
 from ropefit.errors import RopefitError, StageFailed, WrongUsage
-from ropefit.stages.threads import processors
+from ropefit.runs.threads import processors
 
 Result = tuple[str, State, str]
 

@@ -35,13 +35,20 @@ class Task:
     session: str
 
 
+def code_of_stages() -> str:
+    """Return the hash of the code of every stage that computes; the report only shows."""
+    from ropefit.runs.code import code_sha256
+
+    return code_sha256(*(f"ropefit.stages.{stage}" for stage in STAGES if stage != "report"))
+
+
 def run_task(task: Task) -> tuple[str, State, str]:
     """Compute one recording as far as it is not up to date: (name, state, message).
 
     Nothing it does can fail the batch; what happened is in its record. A run that another process
     works on is left alone, its record too.
     """
-    from ropefit.stages.lock import Busy, working_on
+    from ropefit.runs.lock import Busy, working_on
 
     try:
         with working_on(Path(task.runs) / task.name), warnings.catch_warnings(action="ignore"):
@@ -76,11 +83,9 @@ class _Progress:
 
     def compute(self) -> Record:
         """Every stage; the record that is left."""
-        from ropefit.stages.stage import code_sha256
-
         fresh: list[str] = []
         try:
-            if code_sha256() != self.task.code:
+            if code_of_stages() != self.task.code:
                 raise RuntimeError("this worker has other code than the one that started the batch")
             for stage in STAGES[: STAGES.index(self.task.until) + 1]:
                 if self._stage(stage, fresh):
@@ -148,7 +153,7 @@ def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[st
 
 def _report(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[str, Any] | None:
     from ropefit.commands_show import report
-    from ropefit.stages.run_directory import REPORT
+    from ropefit.runs.run_directory import REPORT
 
     last = record.computed[-1] if record.computed else ""
     if not fresh and last == "report" and (run / REPORT).exists():

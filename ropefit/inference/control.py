@@ -12,13 +12,13 @@ from torch import Tensor
 
 from ropefit.inference import minimise
 from ropefit.inference.equilibrium_rope import EquilibriumRope
-from ropefit.inference.journal import journal
 from ropefit.inference.minimise import Search
 from ropefit.inference.rope import Rope
 from ropefit.inference.uncertainty import sandwich
 from ropefit.losses.objectives import Objective, Scene
 from ropefit.losses.primary import Observed, Residual, point_to_line
 from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.runs.journal import journal
 from ropefit.solvers.xpbd import State
 
 Compare = Callable[[Tensor, Tensor], list[Residual]]  # (x (b, K, 3), rows (b,)) -> residuals

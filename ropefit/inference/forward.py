@@ -14,12 +14,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.arrays import as_arrays, from_arrays
-from ropefit.inference.journal import Arrays
 from ropefit.inference.response import Change, Point
 from ropefit.inference.walk import WalkedPoint, walk
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
+from ropefit.runs.arrays import as_arrays, from_arrays
+from ropefit.runs.journal import Arrays
 from ropefit.solvers.branches import wound
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import ARRAYS, Solution, States, solve

@@ -13,12 +13,12 @@ from torch import Tensor
 
 from ropefit.inference import minimise
 from ropefit.inference.equilibrium_rope import EquilibriumRope
-from ropefit.inference.journal import journal
 from ropefit.inference.minimise import Search
 from ropefit.inference.parameters import Space
 from ropefit.inference.rope import Rope
 from ropefit.inference.uncertainty import Uncertainty, sandwich
 from ropefit.losses.objectives import Objective, Scene
+from ropefit.runs.journal import journal
 
 SCREEN, SCREEN_FRAMES = 128, 6
 STARTS = 3

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ropefit.inference.arrays import within
 from ropefit.inference.forward import Forward
-from ropefit.inference.journal import Arrays, journal
 from ropefit.inference.response import Point
+from ropefit.runs.arrays import within
+from ropefit.runs.journal import Arrays, journal
 
 
 def settled(forward: Forward, u: np.ndarray, name: str = "") -> Point:

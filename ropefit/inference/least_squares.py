@@ -10,11 +10,11 @@ from scipy import optimize, stats
 from threadpoolctl import threadpool_limits
 
 from ropefit.inference.forward import Forward
-from ropefit.inference.journal import Arrays
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Noise, Whitener
 from ropefit.inference.response import Point
 from ropefit.inference.stations import Data, Stations, aligned, match
+from ropefit.runs.journal import Arrays
 
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 

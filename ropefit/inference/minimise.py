@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.journal import Arrays, journal
+from ropefit.runs.journal import Arrays, journal
 
 Function = Callable[[Tensor, Tensor], Tensor]  # (u (b, n), rows (b,)) -> losses (b,)
 

@@ -14,11 +14,11 @@ import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.inference.forward import Forward
-from ropefit.inference.journal import Arrays
 from ropefit.inference.response import STEP as RESPONSE
 from ropefit.inference.response import Point, slope, turn_slope
 from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup
+from ropefit.runs.journal import Arrays
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.dynamics import Directions, Drive, Start, Trajectory, solve, tangent
 from ropefit.solvers.equilibrium import Solution, States

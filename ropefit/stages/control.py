@@ -10,6 +10,10 @@ import numpy as np
 import torch
 from pydantic import Field
 
+from ropefit.adapters.control_rope import control_guess, rope_at
+from ropefit.adapters.scene import build_scene, check_loss, control_positions, pinhole
+from ropefit.adapters.shapes_only import shapes_only
+from ropefit.adapters.targets import Targets
 from ropefit.artifacts import Control, FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import minimise
@@ -17,11 +21,7 @@ from ropefit.inference.control import Gripper, interpolate, to_observations, to_
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.minimise import Search
 from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
-from ropefit.stages.control_rope import control_guess, rope_at
-from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole
-from ropefit.stages.shapes_only import shapes_only
-from ropefit.stages.stage import Context, Stage, StageSettings
-from ropefit.stages.targets import Targets
+from ropefit.runs.protocol import Context, Stage, StageSettings
 
 STARTS = 6  # recorded poses from which shape control tries to set out
 
@@ -35,6 +35,14 @@ class ControlSettings(StageSettings):
     turn: bool | None = None  # None: not in an estimate, yes in shape control
     evaluations: int = Field(default=200, ge=1)
     target: bool = False
+
+    def used(self) -> dict[str, Any]:
+        """Return the settings that the output depends on: a target replaces loss and key points."""
+        return {
+            name: value
+            for name, value in super().used().items()
+            if not (self.target and name in ("loss", "key"))
+        }
 
 
 def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context) -> dict[str, Any]:

@@ -10,8 +10,18 @@ import torch
 from pydantic import Field
 from threadpoolctl import threadpool_limits
 
+from ropefit.adapters.diagnosis_content import content
+from ropefit.adapters.equilibrium_model import calibration_name
+from ropefit.adapters.frames import spread_evenly
+from ropefit.adapters.frozen import covariance_of, frozen_values
+from ropefit.adapters.priors import noise_of, priors_of
+from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
+from ropefit.adapters.shapes_only import shapes_only
+from ropefit.adapters.start_values import started_setup
+from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.fitting.branch import nearer_branch
 from ropefit.inference import rest_curve
 from ropefit.inference.correlated import correlated
 from ropefit.inference.diagnosis import search as engine
@@ -23,21 +33,8 @@ from ropefit.inference.noise import Noise
 from ropefit.inference.terms import ROPE, calibration, rope_term
 from ropefit.inference.uncertainty import INTERVAL
 from ropefit.rod.setup import Setup
+from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.solvers.branches import follow
-from ropefit.stages.diagnosis_content import content
-from ropefit.stages.equilibrium_model import calibration_name
-from ropefit.stages.frames import spread_evenly
-from ropefit.stages.frozen import covariance_of, frozen_values
-from ropefit.stages.identify_equilibrium import (
-    nearer_branch,
-    noise_of,
-    priors_of,
-    started_setup,
-    unit_scale,
-)
-from ropefit.stages.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
-from ropefit.stages.shapes_only import shapes_only
-from ropefit.stages.stage import Context, Stage, StageSettings
 
 FEWEST = 4  # frames
 GJ_SD = 0.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section

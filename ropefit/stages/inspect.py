@@ -11,8 +11,8 @@ from pydantic import BaseModel
 from ropefit.artifacts import ARTIFACTS, Artifact, identity, read
 from ropefit.artifacts.store import leaves
 from ropefit.errors import BadInput, RopefitError
-from ropefit.stages.run_directory import PRODUCERS, existing_run
-from ropefit.stages.stage import load
+from ropefit.runs.loading import load
+from ropefit.runs.run_directory import PRODUCERS, existing_run
 
 
 def inspect_path(path: Path) -> dict[str, Any]:

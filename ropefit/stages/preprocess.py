@@ -13,16 +13,16 @@ from pydantic import Field
 
 from ropefit.artifacts import DroppedFrame, Observations, View
 from ropefit.errors import BadInput
-from ropefit.inference.arrays import as_arrays, from_arrays
-from ropefit.inference.journal import Arrays, journal
 from ropefit.perception.album import Album
 from ropefit.perception.assemble import assemble
 from ropefit.perception.segment import Looked
 from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.perception.tracing import Tracer
 from ropefit.recordings import Masks, Recording
-from ropefit.stages.stage import Context, Stage, StageSettings
-from ropefit.stages.threads import threads
+from ropefit.runs.arrays import as_arrays, from_arrays
+from ropefit.runs.journal import Arrays, journal
+from ropefit.runs.protocol import Context, Stage, StageSettings
+from ropefit.runs.threads import threads
 
 MOST_GAPS = 0.2  # of the frames: more are no gaps but steps
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ropefit.artifacts import Control, Diagnosis, Exports, Model, Observations
 from ropefit.errors import StageFailed, WrongUsage
-from ropefit.stages.checkpoint import checkpoint_name
+from ropefit.runs.checkpoint import checkpoint_name
 
 PRODUCERS = {
     Observations.file_name: "ropefit preprocess RECORDING",

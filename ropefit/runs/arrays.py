@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
-from ropefit.inference.journal import Arrays
+from ropefit.runs.journal import Arrays
 
 R = TypeVar("R")
 

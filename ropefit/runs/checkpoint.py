@@ -13,7 +13,7 @@ from ropefit.artifacts import Checkpoint, Provenance, read, write
 from ropefit.artifacts.checkpoint import KeptArray
 from ropefit.artifacts.packing import packed, unpacked
 from ropefit.errors import RopefitError, StageFailed
-from ropefit.inference.journal import Entries, Journal, keeping
+from ropefit.runs.journal import Entries, Journal, keeping
 
 EVERY = 10.0  # s
 SHARE = 20  # one that takes long to write is written so much more seldom
