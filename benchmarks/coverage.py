@@ -19,12 +19,12 @@ from scipy import stats
 
 from benchmarks.document import parser, publish
 from ropefit.fitting.equilibrium import calibrated_fit
-from ropefit.inference.forward import Forward
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import fit
-from ropefit.inference.limits import limits
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
-from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
+from ropefit.inference.profile import limits
+from ropefit.models.equilibrium import Forward
+from ropefit.models.priors import ROPE, Priors, calibration, rope_term
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
 

@@ -18,7 +18,7 @@ import torch
 
 from benchmarks import careful_torch, contenders
 from benchmarks.document import parser, publish
-from ropefit.inference.rope import Ends, Rope, build_rope
+from ropefit.models.xpbd import Ends, Rope, build_rope
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.compiled import simulate_compiled
 from ropefit.solvers.conditions import Conditions

@@ -6,11 +6,11 @@ import numpy as np
 import torch
 
 from ropefit.effects import Effect
-from ropefit.inference.forward import Forward
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
-from ropefit.inference.terms import Priors, calibration, rope_term, set_bend
+from ropefit.models.equilibrium import Forward
+from ropefit.models.priors import Priors, calibration, rope_term, set_bend
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
 

@@ -110,11 +110,11 @@ import numpy as np, torch
 from ropefit.inference.diagnosis.columns import Responses
 from ropefit.inference.diagnosis.evidence import Projection, Scorer
 from ropefit.inference.diagnosis.families import families
-from ropefit.inference.forward import Forward
+from ropefit.models.equilibrium import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
-from ropefit.inference.terms import ROPE, rope_term
+from ropefit.inference.bins import Data
+from ropefit.models.priors import ROPE, rope_term
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from benchmarks.placements import imbalance, placements
-from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope, ranges
 from ropefit.inference.identify import Task, grid_search
-from ropefit.inference.parameters import Space
+from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
 from ropefit.losses.primary import Observed
+from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, ranges
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.rod.setup import bare

@@ -12,10 +12,10 @@ from ropefit.effects import Obstacle, SupportPlane
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.diagnosis.contact import bars_under, proposals
 from ropefit.inference.diagnosis.weigh import fit_rival
-from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.terms import shift_camera
+from ropefit.models.equilibrium import Forward
+from ropefit.models.priors import shift_camera
 from tests.concealed import BINS, nominal_fit, recorded, rope
 
 DEPTH = 0.002  # m by which the rope would sink into the table in the less low of two frames

@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from ropefit.adapters.frozen import covariance_of
-from ropefit.inference import rest_curve
-from ropefit.inference.correlated import correlated
 from ropefit.inference.diagnosis.latent import Latent
-from ropefit.inference.forward import Forward
+from ropefit.models import rest_curve
+from ropefit.models.correlated import correlated
+from ropefit.models.equilibrium import Forward
 from tests.concealed import rope
 
 NAMES = ["curvature_1_at_25", "curvature_1_at_50", "curvature_2_at_0"]

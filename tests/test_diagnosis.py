@@ -19,6 +19,7 @@ from ropefit.effects import (
 )
 from ropefit.effects.place import middle_of
 from ropefit.errors import WrongUsage
+from ropefit.inference.bins import Data, match
 from ropefit.inference.diagnosis.absorbed import absorbed
 from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.diagnosis.columns import Responses
@@ -32,11 +33,10 @@ from ropefit.inference.diagnosis.reconsider import reconsidered
 from ropefit.inference.diagnosis.regions import misfit, regions
 from ropefit.inference.diagnosis.search import _restarted, search
 from ropefit.inference.diagnosis.weigh import fit_rival, heldout_rms, predicted
-from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data, match
-from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
+from ropefit.models.equilibrium import Forward
+from ropefit.models.priors import ROPE, Priors, calibration, rope_term
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 from ropefit.stages.diagnose import calibrated

@@ -10,13 +10,13 @@ import torch
 
 from ropefit.adapters.motion_of import motion_of
 from ropefit.effects import Inertia
+from ropefit.inference.bins import Data
 from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.motion import next_motion
 from ropefit.inference.diagnosis.weigh import fit_rival
-from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Noise, fit
-from ropefit.inference.stations import Data
-from ropefit.inference.terms import Priors, calibration, rope_term, set_bend
+from ropefit.models.equilibrium import Forward
+from ropefit.models.priors import Priors, calibration, rope_term, set_bend
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare

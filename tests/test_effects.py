@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from ropefit.effects import CATALOGUE, Effect, Obstacle, StiffSection, SupportPlane, Tether
 from ropefit.effects.place import horizontal
-from ropefit.inference.equilibrium_rope import EquilibriumRope
-from ropefit.inference.forward import Forward, Term
+from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.branches import wound
 from ropefit.solvers.conditions import Conditions
@@ -190,7 +190,7 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
         turns = None if start is None else np.ones(len(setup.ends))
         return solve(rod, conditions, turns=turns)
 
-    monkeypatch.setattr("ropefit.inference.forward.solve", jumping)
+    monkeypatch.setattr("ropefit.models.equilibrium.solve", jumping)
     again = Forward(setup, []).at(np.empty(0), start=plain)
     assert not wound(again.solution, plain).any()
     assert np.abs(again.solution.x - plain.x).max() < 1e-6

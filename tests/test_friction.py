@@ -10,11 +10,11 @@ from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.diagnosis.found import Found
 from ropefit.inference.diagnosis.reconsider import reconsidered
 from ropefit.inference.diagnosis.weigh import fit_rival
-from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.terms import rope_term, set_bend
-from ropefit.inference.walk import WalkedPoint
+from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.history import WalkedPoint
+from ropefit.models.priors import rope_term, set_bend
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
 from ropefit.rod.rod import uniform

@@ -15,7 +15,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ropefit.inference.forward import Forward
+from ropefit.models.equilibrium import Forward
 from ropefit.rod.moving import moving, undamped
 from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import Potential, bare

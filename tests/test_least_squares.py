@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from ropefit.inference.forward import Forward
+from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
-from ropefit.inference.limits import limits
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
-from ropefit.inference.stations import Data, Stations, match
-from ropefit.inference.terms import ROPE, Priors, calibration, nuisance, rope_term
+from ropefit.inference.profile import limits
+from ropefit.models.equilibrium import Forward
+from ropefit.models.priors import ROPE, Priors, calibration, nuisance, rope_term
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare

@@ -8,10 +8,10 @@ import torch
 from ropefit.effects import BendingHysteresis, PlasticSet, ViscoelasticCreep
 from ropefit.effects.revisit import revisits
 from ropefit.inference.diagnosis.search import search
-from ropefit.inference.forward import Forward, Term
 from ropefit.inference.noise import Noise
-from ropefit.inference.terms import set_bend
-from ropefit.inference.walk import WalkedPoint, laws_of, vectors
+from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.history import WalkedPoint, laws_of, vectors
+from ropefit.models.priors import set_bend
 from ropefit.rod import memory
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare

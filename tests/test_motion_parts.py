@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ropefit.adapters.motion_of import clips_of, rates
 from ropefit.fitting.motion import held_back
-from ropefit.inference.motion import finer, refine
+from ropefit.models.dynamics import finer, refine
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.carried import along, carried, continuous, third
 from ropefit.solvers.dynamics import Drive

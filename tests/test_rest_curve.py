@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ropefit.adapters.frames import calmest
-from ropefit.inference import rest_curve
+from ropefit.models import rest_curve
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import director, multiply
 from ropefit.rod.rod import uniform

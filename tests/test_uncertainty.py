@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ropefit.inference.uncertainty import sandwich, verdicts
+from ropefit.inference.sandwich import sandwich, verdicts
 
 LINE = np.linspace(0, 1, 15)
 

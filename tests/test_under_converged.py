@@ -5,8 +5,8 @@ import torch
 
 from ropefit.effects import AxialExtensibility, UnderConverged
 from ropefit.inference.diagnosis.search import search
-from ropefit.inference.forward import Forward
 from ropefit.inference.noise import Noise
+from ropefit.models.equilibrium import Forward
 from ropefit.rod.strains import straight_rest
 from ropefit.solvers.chain import Chain
 from ropefit.solvers.start import frames_along, hanging_shape

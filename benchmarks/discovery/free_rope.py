@@ -10,13 +10,13 @@ from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.intrinsic_curvature import twist_held
+from ropefit.inference.bins import Data
 from ropefit.inference.diagnosis.columns import PROBE
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.diagnosis.weigh import BROAD, Rival, _flexibility, fit_rival
-from ropefit.inference.forward import Term
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
+from ropefit.models.equilibrium import Term
 from ropefit.rod.setup import Setup
 
 KNOTS = 8

@@ -9,8 +9,8 @@ from ropefit.adapters.restore import restored_rope
 from ropefit.adapters.scene import rope_of
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput
-from ropefit.inference.equilibrium_rope import EquilibriumRope
-from ropefit.inference.rope import Rope, eta_names
+from ropefit.models.equilibrium_rope import EquilibriumRope
+from ropefit.models.xpbd import Rope, eta_names
 from ropefit.solvers.xpbd import Settings
 
 REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start

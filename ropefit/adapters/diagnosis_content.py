@@ -15,9 +15,9 @@ from ropefit.inference.diagnosis import search as engine
 from ropefit.inference.diagnosis.motion import next_motion
 from ropefit.inference.diagnosis.regions import misfit, regions
 from ropefit.inference.diagnosis.weigh import Rival, heldout_rms, touches
-from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.uncertainty import INTERVAL
+from ropefit.inference.sandwich import INTERVAL
+from ropefit.models.equilibrium import Forward
 
 
 def content(

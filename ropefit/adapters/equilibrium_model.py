@@ -15,15 +15,15 @@ from ropefit.artifacts import (
     ParameterGroup,
 )
 from ropefit.errors import NotConverged
-from ropefit.inference import rest_curve
-from ropefit.inference.equilibrium_rope import MEANING, NAMES, ranges
+from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement
-from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.limits import Limits
 from ropefit.inference.noise import Noise
-from ropefit.inference.response import Point
-from ropefit.inference.stations import Data, match, offsets
+from ropefit.inference.profile import Limits
+from ropefit.models import rest_curve
+from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium_rope import MEANING, NAMES, ranges
+from ropefit.models.response import Point
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states
 from ropefit.solvers.equilibrium import stability

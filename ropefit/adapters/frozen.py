@@ -8,8 +8,8 @@ from ropefit.adapters.shapes_only import shapes_only
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.model import ParameterGroup
 from ropefit.errors import WrongUsage
-from ropefit.inference import rest_curve
-from ropefit.inference.uncertainty import INTERVAL
+from ropefit.inference.sandwich import INTERVAL
+from ropefit.models import rest_curve
 
 
 def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]:

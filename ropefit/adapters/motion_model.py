@@ -17,12 +17,12 @@ from ropefit.artifacts import (
     ParameterGroup,
     Stepped,
 )
+from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.motion import MotionPoint
 from ropefit.inference.motion_spread import Spread
-from ropefit.inference.motion_terms import unknowns
-from ropefit.inference.stations import Data, match, offsets
+from ropefit.models.dynamics import MotionPoint
+from ropefit.models.grips import unknowns
 from ropefit.rod.setup import Setup
 
 

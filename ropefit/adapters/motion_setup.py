@@ -10,7 +10,7 @@ import torch
 from ropefit.adapters.motion_of import centrelines, clips_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space
 from ropefit.artifacts import Observations
-from ropefit.inference.stations import Data
+from ropefit.inference.bins import Data
 from ropefit.rod.carried import carried, continuous, third
 from ropefit.rod.moving import Damping
 from ropefit.rod.setup import Setup

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.artifacts import Observations
+from ropefit.inference.bins import Data
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
-from ropefit.inference.terms import PAIR, Priors
+from ropefit.models.priors import PAIR, Priors
 
 
 def noise_of(o: Observations, data: Data) -> Noise:

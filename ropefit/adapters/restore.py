@@ -17,10 +17,10 @@ from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
 from ropefit.errors import StageFailed, WrongUsage
-from ropefit.inference import rest_curve
-from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope
-from ropefit.inference.forward import Forward
-from ropefit.inference.terms import calibration
+from ropefit.models import rest_curve
+from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
+from ropefit.models.priors import calibration
 from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states

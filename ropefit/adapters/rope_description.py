@@ -19,7 +19,7 @@ from ropefit.effects.place import horizontal, middle_of
 from ropefit.errors import NotConverged
 from ropefit.exporters import RopeDescription
 from ropefit.exporters import effects as records
-from ropefit.inference.forward import Forward
+from ropefit.models.equilibrium import Forward
 from ropefit.rod.setup import Setup
 
 POSES = 6

@@ -10,7 +10,7 @@ import torch
 from ropefit.adapters.motion_of import centrelines, motion_of
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
-from ropefit.inference.stations import Data, match
+from ropefit.inference.bins import Data, match
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
 

@@ -7,9 +7,9 @@ import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput, WrongUsage
-from ropefit.inference.rope import Ends, Rope, build_rope
 from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
 from ropefit.losses.primary import Observed
+from ropefit.models.xpbd import Ends, Rope, build_rope
 from ropefit.solvers.xpbd import Settings
 
 FLAT = tuple(n for n, objective in OBJECTIVES.items() if objective.image and not objective.lowest)

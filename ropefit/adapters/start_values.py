@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from ropefit.errors import WrongUsage
-from ropefit.inference import rest_curve
-from ropefit.inference.equilibrium_rope import NAMES, ranges
-from ropefit.inference.terms import ROPE
+from ropefit.models import rest_curve
+from ropefit.models.equilibrium_rope import NAMES, ranges
+from ropefit.models.priors import ROPE
 from ropefit.rod.setup import Setup
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ropefit.adapters.synthetic_spec import SimulationSpec
-from ropefit.inference.rope import Ends
+from ropefit.models.xpbd import Ends
 from ropefit.perception.trace import polyline_arc, resample
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ropefit.inference.rope import bounds, eta_names
+from ropefit.models.xpbd import bounds, eta_names
 
 Point = tuple[float, float, float]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.artifacts import Observations
-from ropefit.inference import rest_curve
+from ropefit.models import rest_curve
 
 
 def unit_scale(o: Observations) -> dict[str, tuple[float, str]]:

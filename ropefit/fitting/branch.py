@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.stations import Data, match
 from ropefit.solvers.branches import other_states
 from ropefit.solvers.equilibrium import Solution
 

@@ -7,8 +7,8 @@ from ropefit.adapters.scene import node_at
 from ropefit.artifacts import Observations
 from ropefit.errors import WrongUsage
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference import rest_curve
-from ropefit.inference.equilibrium_rope import NAMES
+from ropefit.models import rest_curve
+from ropefit.models.equilibrium_rope import NAMES
 from ropefit.runs.protocol import Context
 
 

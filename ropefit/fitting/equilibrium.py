@@ -19,14 +19,14 @@ from ropefit.errors import NotConverged
 from ropefit.fitting.branch import nearer_branch
 from ropefit.fitting.choices import free_names, given_values, held_node
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference import rest_curve
-from ropefit.inference.equilibrium_rope import ranges
-from ropefit.inference.forward import Forward, Term
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
-from ropefit.inference.limits import limits
 from ropefit.inference.noise import Noise, estimate
-from ropefit.inference.stations import Data
-from ropefit.inference.terms import ROPE, calibration, rope_term
+from ropefit.inference.profile import limits
+from ropefit.models import rest_curve
+from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium_rope import ranges
+from ropefit.models.priors import ROPE, calibration, rope_term
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Progress
 from ropefit.solvers.branches import follow

@@ -15,13 +15,13 @@ from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.choices import held_node
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference import rest_curve
-from ropefit.inference.forward import Term
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Noise, data_without, fit
-from ropefit.inference.motion import MotionForward, MotionPoint
 from ropefit.inference.motion_spread import BLOCK, spread_of
-from ropefit.inference.motion_terms import grips, unknowns
-from ropefit.inference.stations import Data
+from ropefit.models import rest_curve
+from ropefit.models.dynamics import MotionForward, MotionPoint
+from ropefit.models.equilibrium import Term
+from ropefit.models.grips import grips, unknowns
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 

@@ -7,10 +7,10 @@ import torch
 
 from ropefit.artifacts import Observations, Parameter, ParameterGroup
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference import minimise
+from ropefit.inference import bfgs
+from ropefit.inference.bfgs import Search
 from ropefit.inference.identify import Task, gradient_search, grid_search, uncertainty
-from ropefit.inference.minimise import Search
-from ropefit.inference.uncertainty import verdicts
+from ropefit.inference.sandwich import verdicts
 from ropefit.runs.protocol import Context
 
 FLAT = np.log(3.0)  # an interval beyond a factor of three up and down determines nothing
@@ -87,5 +87,5 @@ def describe(
         loss_after=float(search.loss[number]),
         evaluations=search.evaluations,
         converged=bool(search.converged[number]),
-        stop_reason=minimise.REASONS[int(search.status[number])],
+        stop_reason=bfgs.REASONS[int(search.status[number])],
     )

@@ -19,12 +19,12 @@ from ropefit.errors import NotConverged, WrongUsage
 from ropefit.fitting.choices import free_names, given_values, held_node
 from ropefit.fitting.search import describe, run_search
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference import minimise
-from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope, ranges
-from ropefit.inference.forward import Forward
+from ropefit.inference import bfgs
 from ropefit.inference.identify import Task
-from ropefit.inference.parameters import Space
+from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES
+from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, ranges
 from ropefit.runs.protocol import Context
 
 
@@ -66,7 +66,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     full = Task(rope, build_scene(o), OBJECTIVES[settings.loss], space, torch.from_numpy(group))
     task = full.frames(torch.from_numpy(train))
     search = run_search(task, settings, context)
-    if (search.status == minimise.DIVERGED).any():
+    if (search.status == bfgs.DIVERGED).any():
         raise NotConverged("no equilibrium at the start; look at the ends and the length")
     values = space.to_values(search.u).detach().numpy()
     if rope.tied:

@@ -14,12 +14,12 @@ from ropefit.artifacts import FittedModel, Iterated, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.search import describe, run_search
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference import minimise
+from ropefit.inference import bfgs
 from ropefit.inference.evaluate import agreement, convergence, settle_frames
 from ropefit.inference.identify import Task
-from ropefit.inference.parameters import Space
-from ropefit.inference.rope import MEANING, Rope, bounds, eta_names
+from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES
+from ropefit.models.xpbd import MEANING, Rope, bounds, eta_names
 from ropefit.runs.protocol import Context
 from ropefit.solvers.xpbd import Settings
 
@@ -36,7 +36,7 @@ def compute(
     train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
     task = full.frames(torch.from_numpy(train))
     search = run_search(task, settings, context)
-    if (search.status == minimise.DIVERGED).any():
+    if (search.status == bfgs.DIVERGED).any():
         raise NotConverged(
             f"the {settings.solver} solver diverges from the starting weights; lower them with "
             "--start or use fewer --steps"

@@ -10,13 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference import minimise
-from ropefit.inference.equilibrium_rope import EquilibriumRope
-from ropefit.inference.minimise import Search
-from ropefit.inference.rope import Rope
-from ropefit.inference.uncertainty import sandwich
+from ropefit.inference import bfgs
+from ropefit.inference.bfgs import Search
+from ropefit.inference.sandwich import sandwich
 from ropefit.losses.objectives import Objective, Scene
 from ropefit.losses.primary import Observed, Residual, point_to_line
+from ropefit.models.equilibrium_rope import EquilibriumRope
+from ropefit.models.xpbd import Rope
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.runs.journal import journal
 from ropefit.solvers.xpbd import State
@@ -63,13 +63,13 @@ class Gripper:
     ) -> Search:
         """Minimise every frame's loss by BFGS from its start, or from what the journal has kept."""
         start = torch.zeros(len(self.eta), self.unknowns, dtype=torch.float64)
-        name, search = minimise.resumed(lambda _: minimise.begin(self.loss, start, reach=0.2))
+        name, search = bfgs.resumed(lambda _: bfgs.begin(self.loss, start, reach=0.2))
         while search.running and search.evaluations < evaluations:
-            minimise.step(self.loss, search, tolerance=tolerance, largest=0.5)
-            journal().keep(name, lambda: minimise.kept(search))
+            bfgs.step(self.loss, search, tolerance=tolerance, largest=0.5)
+            journal().keep(name, lambda: bfgs.kept(search))
             if report:
                 report(search)
-        minimise.stop_at_limit(search)
+        bfgs.stop_at_limit(search)
         return search
 
     def position(self, u: Tensor) -> np.ndarray:

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.rope import Rope
 from ropefit.losses.objectives import Scene
 from ropefit.losses.primary import Observed, point_to_line
+from ropefit.models.xpbd import Rope
 from ropefit.solvers.xpbd import State
 
 CHUNK = 500  # frames simulated at once: bounds memory on long recordings

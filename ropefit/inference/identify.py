@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference import minimise
-from ropefit.inference.equilibrium_rope import EquilibriumRope
-from ropefit.inference.minimise import Search
-from ropefit.inference.parameters import Space
-from ropefit.inference.rope import Rope
-from ropefit.inference.uncertainty import Uncertainty, sandwich
+from ropefit.inference import bfgs
+from ropefit.inference.bfgs import Search
+from ropefit.inference.sandwich import Uncertainty, sandwich
+from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import Objective, Scene
+from ropefit.models.equilibrium_rope import EquilibriumRope
+from ropefit.models.xpbd import Rope
 from ropefit.runs.journal import journal
 
 SCREEN, SCREEN_FRAMES = 128, 6
@@ -84,19 +84,19 @@ def gradient_search(
 
     Returns one row a group: the best of STARTS searches.
     """
-    name, search = minimise.resumed(
-        lambda own: minimise.begin(task.loss, _screened_starts(task, f"{own}/screen"), reach=0.3)
+    name, search = bfgs.resumed(
+        lambda own: bfgs.begin(task.loss, _screened_starts(task, f"{own}/screen"), reach=0.3)
     )
     while search.running and search.evaluations < evaluations:
-        minimise.step(task.loss, search, tolerance=tolerance)
+        bfgs.step(task.loss, search, tolerance=tolerance)
         if len(search.trace) > RACE:  # from here on only the leaders go on
             behind = torch.ones(len(search.u), dtype=torch.bool)
             behind[_leaders(search, task.groups)] = False
-            search.status[behind & (search.status == minimise.ACTIVE)] = minimise.LIMIT
-        journal().keep(name, lambda: minimise.kept(search))
+            search.status[behind & (search.status == bfgs.ACTIVE)] = bfgs.LIMIT
+        journal().keep(name, lambda: bfgs.kept(search))
         if report:
             report(search)
-    minimise.stop_at_limit(search)
+    bfgs.stop_at_limit(search)
     return search.rows(_leaders(search, task.groups))
 
 
@@ -153,13 +153,13 @@ def grid_search(
             loss,
             torch.zeros_like(start),
             torch.zeros(groups, m, m, dtype=start.dtype),
-            torch.full((groups,), minimise.ACTIVE),
+            torch.full((groups,), bfgs.ACTIVE),
             torch.zeros(groups, dtype=torch.int64),
             1,
             [loss.clone()],
         )
 
-    name, search = minimise.resumed(begun)
+    name, search = bfgs.resumed(begun)
     offsets = torch.tensor(
         list(itertools.product(np.linspace(-1, 1, levels), repeat=m)), dtype=torch.float64
     )
@@ -178,11 +178,11 @@ def grid_search(
         search.evaluations += len(offsets)
         search.calm += 1
         search.trace.append(search.loss.clone())
-        journal().keep(name, lambda: minimise.kept(search))
+        journal().keep(name, lambda: bfgs.kept(search))
         if report:
             report(search)
     finite = torch.isfinite(search.loss)
-    search.status = torch.where(finite, minimise.NO_DECREASE, minimise.DIVERGED)
+    search.status = torch.where(finite, bfgs.NO_DECREASE, bfgs.DIVERGED)
     return search
 
 

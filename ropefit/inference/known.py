@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ropefit.inference.forward import Forward
-from ropefit.inference.response import Point
+from ropefit.models.equilibrium import Forward
+from ropefit.models.response import Point
 from ropefit.runs.arrays import within
 from ropefit.runs.journal import Arrays, journal
 

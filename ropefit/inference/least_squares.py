@@ -9,11 +9,11 @@ import numpy as np
 from scipy import optimize, stats
 from threadpoolctl import threadpool_limits
 
-from ropefit.inference.forward import Forward
+from ropefit.inference.bins import Data, Stations, aligned, match
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Noise, Whitener
-from ropefit.inference.response import Point
-from ropefit.inference.stations import Data, Stations, aligned, match
+from ropefit.models.equilibrium import Forward
+from ropefit.models.response import Point
 from ropefit.runs.journal import Arrays
 
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there

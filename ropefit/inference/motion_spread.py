@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.uncertainty import STRONG
+from ropefit.inference.sandwich import STRONG
 
 BLOCK = 0.5  # s: residuals further apart count as independent
 WIDE = 1.1  # half width of a logarithm's interval from which the data hardly say anything

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ropefit.inference.stations import Stations, aligned
+from ropefit.inference.bins import Stations, aligned
 
 FLOOR = 2e-5  # m: what a discrete rod of some eighty segments does not resolve
 LENGTHS = (0.03, 0.06, 0.12, 0.25, 0.6)  # of the rope

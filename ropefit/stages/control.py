@@ -16,11 +16,11 @@ from ropefit.adapters.shapes_only import shapes_only
 from ropefit.adapters.targets import Targets
 from ropefit.artifacts import Control, FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
-from ropefit.inference import minimise
+from ropefit.inference import bfgs
+from ropefit.inference.bfgs import Search
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
-from ropefit.inference.equilibrium_rope import EquilibriumRope
-from ropefit.inference.minimise import Search
 from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
+from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.runs.protocol import Context, Stage, StageSettings
 
 STARTS = 6  # recorded poses from which shape control tries to set out
@@ -160,12 +160,12 @@ def _check_turn(turns: bool, node: int) -> None:
 
 def _run(gripper: Gripper, settings: ControlSettings, context: Context) -> Search:
     def report(search: Search) -> None:
-        running = int((search.status == minimise.ACTIVE).sum())
+        running = int((search.status == bfgs.ACTIVE).sum())
         share = search.evaluations / settings.evaluations
         context.progress(share, f"{running} of {len(search.u)} still moving")
 
     search = gripper.search(settings.evaluations, report)
-    if (search.status == minimise.DIVERGED).all():
+    if (search.status == bfgs.DIVERGED).all():
         raise NotConverged("the solver fails from every start; identify again")
     missed = int((~search.converged).sum())
     if missed:

@@ -22,16 +22,16 @@ from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.branch import nearer_branch
-from ropefit.inference import rest_curve
-from ropefit.inference.correlated import correlated
 from ropefit.inference.diagnosis import search as engine
 from ropefit.inference.diagnosis.background import on_edge
-from ropefit.inference.equilibrium_rope import ranges
-from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.terms import ROPE, calibration, rope_term
-from ropefit.inference.uncertainty import INTERVAL
+from ropefit.inference.sandwich import INTERVAL
+from ropefit.models import rest_curve
+from ropefit.models.correlated import correlated
+from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium_rope import ranges
+from ropefit.models.priors import ROPE, calibration, rope_term
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.solvers.branches import follow

@@ -18,7 +18,7 @@ from ropefit.adapters.synthetic_sensor import write_recording
 from ropefit.adapters.synthetic_spec import Point, SimulationSpec
 from ropefit.artifacts.atomic import new_folder, refuse_filled
 from ropefit.errors import BadInput, NotConverged
-from ropefit.inference.rope import Ends, build_rope, initial
+from ropefit.models.xpbd import Ends, build_rope, initial
 from ropefit.perception.trace import resample
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.manifest import describe, read_toml

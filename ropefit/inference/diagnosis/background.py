@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ropefit.inference.bins import Stations
 from ropefit.inference.diagnosis.columns import Columns
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import EndNoise, Noise, estimate
-from ropefit.inference.stations import Stations
 from ropefit.solvers.implicit import Directions, tangent
 
 RIDGE = 10.0  # usual sizes: effects may be as large as that

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ropefit.inference.forward import Forward
+from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.stations import Data, match
+from ropefit.models.equilibrium import Forward
 from ropefit.solvers.equilibrium import States
 
 FAR = 4.0  # times the usual residual of a frame

@@ -8,11 +8,11 @@ import numpy as np
 import torch
 
 from ropefit.effects.place import at_point, middle_of
+from ropefit.inference.bins import Data, match
 from ropefit.inference.diagnosis.families import Family
-from ropefit.inference.forward import Forward, change_by
 from ropefit.inference.least_squares import Fit, sensitivity
-from ropefit.inference.response import Point
-from ropefit.inference.stations import Data, match
+from ropefit.models.equilibrium import Forward, change_by
+from ropefit.models.response import Point
 from ropefit.solvers.implicit import Directions, tangent
 
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero

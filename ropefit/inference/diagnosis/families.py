@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ropefit.effects import Effect, Obstacle, SupportPlane
-from ropefit.inference.forward import Term
+from ropefit.models.equilibrium import Term
 from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 

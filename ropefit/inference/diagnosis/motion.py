@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from ropefit.inference.diagnosis.weigh import Rival
-from ropefit.inference.forward import Forward
+from ropefit.models.equilibrium import Forward
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Motion, Setup
 

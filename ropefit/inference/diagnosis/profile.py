@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ropefit.inference.bins import Data
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.diagnosis.weigh import BROAD
-from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
+from ropefit.models.equilibrium import Forward
 
 STRETCHES = 10
 SMALL = 0.3  # usual sizes

@@ -10,15 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from ropefit.inference.bins import Data
 from ropefit.inference.diagnosis.found import Found, found
 from ropefit.inference.diagnosis.gates import winner_of
 from ropefit.inference.diagnosis.rivals import key_of
 from ropefit.inference.diagnosis.ties import SET_NATS
 from ropefit.inference.diagnosis.weigh import Rival, fit_rival, weighed
-from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
+from ropefit.models.equilibrium import Forward, Term
 
 
 def reconsidered(

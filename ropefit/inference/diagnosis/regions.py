@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.stations import Stations
 
 SIGNIFICANT = 3.0  # sd of a mean over three stations in three frames
 MOST = 6

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.effects import SupportPlane
+from ropefit.inference.bins import Data
 from ropefit.inference.diagnosis.branch_repair import repaired
 from ropefit.inference.diagnosis.contact import Start, bars_under, uneven
 from ropefit.inference.diagnosis.evidence import Scored
 from ropefit.inference.diagnosis.families import Family
 from ropefit.inference.diagnosis.profile import profile
 from ropefit.inference.diagnosis.weigh import Rival, fit_rival
-from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
+from ropefit.models.equilibrium import Forward
 
 LEADERS = 6
 PLANE = (SupportPlane.__name__, 0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ropefit.effects import ContactFriction, Inertia
+from ropefit.inference.bins import Data, match
 from ropefit.inference.diagnosis.absorbed import absorbed
 from ropefit.inference.diagnosis.background import measure
 from ropefit.inference.diagnosis.columns import Columns, Responses
@@ -21,10 +22,9 @@ from ropefit.inference.diagnosis.latent import Latent, latent_force
 from ropefit.inference.diagnosis.reconsider import reconsidered
 from ropefit.inference.diagnosis.rivals import NEGLIGIBLE, fit_rivals, key_of, repair, unexplained
 from ropefit.inference.diagnosis.weigh import Rival, fit_rival
-from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit, attempted, fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data, match
+from ropefit.models.equilibrium import Forward
 
 LEAST = 6.0  # nats: on less no effect is believed; at 5 one clean recording in a hundred had one
 MARGIN = 10.0  # nats over a clean recording's 99 % that make a latent force real

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.effects import ContactFriction
+from ropefit.inference.bins import Data
 from ropefit.inference.diagnosis.evidence import Projection
 from ropefit.inference.diagnosis.families import CONTACT, Family
-from ropefit.inference.forward import Forward, Term
 from ropefit.inference.known import settled
 from ropefit.inference.least_squares import Fit, attempted, sensitivity
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
+from ropefit.models.equilibrium import Forward, Term
 
 BROAD = 3.0  # usual sizes: how large an effect may well be
 ANYWHERE = 0.29  # of the length: sd of a place that may be anywhere

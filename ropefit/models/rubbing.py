@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ropefit.inference.response import STEP, Change, slope
+from ropefit.models.response import STEP, Change, slope
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
 from ropefit.rod.setup import Potential, Setup

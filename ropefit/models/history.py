@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ropefit.inference.bends import darboux, merged, spun, stacked, vector_change, vectors
-from ropefit.inference.response import (
+from ropefit.models.bends import darboux, merged, spun, stacked, vector_change, vectors
+from ropefit.models.response import (
     STEP,
     Change,
     Point,
@@ -21,7 +21,7 @@ from ropefit.inference.response import (
     directions_of,
     slopes_of,
 )
-from ropefit.inference.rubbing import loose, rubbings
+from ropefit.models.rubbing import loose, rubbings
 from ropefit.rod import friction, memory
 from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
-from ropefit.inference.forward import Forward
-from ropefit.inference.response import STEP as RESPONSE
-from ropefit.inference.response import Point, slope, turn_slope
+from ropefit.models.equilibrium import Forward
+from ropefit.models.response import STEP as RESPONSE
+from ropefit.models.response import Point, slope, turn_slope
 from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays

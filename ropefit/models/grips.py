@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference import rest_curve
-from ropefit.inference.forward import Term
-from ropefit.inference.terms import (
+from ropefit.models import rest_curve
+from ropefit.models.equilibrium import Term
+from ropefit.models.priors import (
     DEGREE,
     Apply,
     nuisance,

@@ -21,7 +21,7 @@ from ropefit.effects import (
     TimeLag,
 )
 from ropefit.effects.base import turned_clamp
-from ropefit.inference.forward import Apply, Term
+from ropefit.models.equilibrium import Apply, Term
 from ropefit.rod.setup import Setup
 
 DEGREE = math.pi / 180

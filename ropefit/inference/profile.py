@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ropefit.inference.forward import Forward
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.stations import Data
-from ropefit.inference.uncertainty import STRONG, Verdict
+from ropefit.inference.sandwich import STRONG, Verdict
+from ropefit.models.equilibrium import Forward
 
 ONE_SIDED = 1.645**2  # rise of χ² at a 95 % limit
 TWO_SIDED = 1.96**2

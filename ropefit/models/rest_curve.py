@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.forward import Apply, Term
+from ropefit.models.equilibrium import Apply, Term
 from ropefit.rod.setup import Setup
 
 PLACES = (0, 25, 50, 75, 100)  # % of the length: where a varying curvature is told

@@ -2,8 +2,8 @@
 
 import torch
 
-from ropefit.inference import minimise
-from ropefit.inference.minimise import begin, step, stop_at_limit
+from ropefit.inference import bfgs
+from ropefit.inference.bfgs import begin, step, stop_at_limit
 
 
 def run(function, u, most=300, **options):
@@ -48,14 +48,14 @@ def test_rows_are_independent_and_bad_ones_are_marked():
 
     search = run(function, start([5.0, 5.0], [5.0, 5.0], [5.0, 5.0]))
     assert search.converged.tolist() == [True, False, True]
-    assert int(search.status[1]) == minimise.DIVERGED
+    assert int(search.status[1]) == bfgs.DIVERGED
     assert torch.allclose(search.u[2], torch.full((2,), 2.0, dtype=torch.float64), atol=1e-3)
 
 
 def test_evaluation_limit_is_not_convergence():
     search = run(lambda u, rows: (u**4).sum(1), start([50.0]), most=3)
     assert not search.converged.any()
-    assert int(search.status[0]) == minimise.LIMIT
+    assert int(search.status[0]) == bfgs.LIMIT
 
 
 def test_steps_into_infinity_are_shortened():

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.rope import bounds, initial
+from ropefit.models.xpbd import bounds, initial
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.inference.response import Change, Point
-from ropefit.inference.walk import WalkedPoint, walk
+from ropefit.models.history import WalkedPoint, walk
+from ropefit.models.response import Change, Point
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.runs.arrays import as_arrays, from_arrays

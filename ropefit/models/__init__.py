@@ -1,0 +1,1 @@
+"""Models of a rope: what they are fitted by, what they predict, and its derivatives."""
