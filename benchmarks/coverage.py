@@ -22,9 +22,10 @@ from ropefit.fitting.equilibrium import calibrated_fit
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.profile import limits
+from ropefit.inference.profile import profile_intervals
 from ropefit.models.equilibrium import Forward
-from ropefit.models.priors import ROPE, Priors, calibration, rope_term
+from ropefit.models.parameters import PARAMETERS, Range
+from ropefit.models.priors import Priors, calibration
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
 
@@ -106,9 +107,9 @@ def judge(number: int) -> dict[str, float] | None:
     case = draw(number, markers)
     length = 1.0 if with_length else case.truth["length"]
     setup = setup_of(case.ends, COARSE, 1e-3, length)
-    terms = [rope_term("EI", "", 1e-3, 1e-7, 10.0, ROPE["EI"])]
+    terms = [PARAMETERS["EI"].within(Range(1e-3, 1e-7, 10.0))]
     if with_length:
-        terms.append(rope_term("length", "", 1.0, 0.8, 1.25, ROPE["length"]))
+        terms.append(PARAMETERS["length"].within(Range(1.0, 0.8, 1.25)))
     noise = Noise(marker=case.sd if markers else 0.0)
     first = fit(Forward(setup, terms), case.data, noise, NODES - 1, evaluations=15)
     full = Forward(setup, [*terms, *calibration(setup, Priors(), shared=False)])
@@ -117,7 +118,7 @@ def judge(number: int) -> dict[str, float] | None:
     if not found.converged:
         return None
     out = {"scale": found.scale, "correlated": noise.correlated, "seed": float(number)}
-    for name, told in limits(found, case.data, noise, NODES - 1).items():
+    for name, told in profile_intervals(found, case.data, noise, NODES - 1).of.items():
         if told.interval is None:
             continue
         low, high = np.log(told.interval)

@@ -10,7 +10,8 @@ from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
-from ropefit.models.priors import Priors, calibration, rope_term, set_bend
+from ropefit.models.parameters import PARAMETERS, Range
+from ropefit.models.priors import Priors, calibration
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
 
@@ -71,6 +72,6 @@ def with_effect(effect: Effect, values: list[float], segments: int = 288) -> Set
 def nominal_fit(data: Data, segments: int = 144) -> Fit:
     """EI and all calibration errors, the effect not known of."""
     setup = rope(segments, len(data.points), bend=3e-4)
-    terms = [rope_term("EI", "N m^2", 3e-4, 3e-8, 3.0, set_bend)]
+    terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))]
     forward = Forward(setup, [*terms, *calibration(setup, Priors(), False)])
     return fit(forward, data, Noise(), BINS)

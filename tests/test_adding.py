@@ -114,7 +114,7 @@ from ropefit.models.equilibrium import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.bins import Data
-from ropefit.models.priors import ROPE, rope_term
+from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 
@@ -131,7 +131,7 @@ share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
 points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
 noise = Noise(marker=0.0005)
-found = fit(Forward(setup, [rope_term("EI", "", 3e-4, 1e-6, 1e-2, ROPE["EI"])]), data, noise, 40)
+found = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), data, noise, 40)
 responses, project = Responses(found, data, 40), Projection(found)
 best = max(
     (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in families(setup)),

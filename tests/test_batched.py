@@ -11,7 +11,8 @@ from ropefit.inference.identify import Task, grid_search
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
 from ropefit.losses.primary import Observed
-from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, ranges
+from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
+from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.rod.setup import bare
@@ -154,7 +155,8 @@ def test_search_settles_its_candidates_there():
     )
     camera = Pinhole(torch.ones(2), torch.zeros(2), torch.eye(3).double(), torch.zeros(3).double())
     scene = Scene(data, data, camera, torch.ones(2), seen.x[:, 4], DOWN / 9.81)
-    known = ranges(setup) | {"EA": (torch.inf, 1.0, torch.inf)}
+    known = {name: PARAMETERS[name].range(setup) for name in NAMES}
+    known["EA"] = Range(torch.inf, 1.0, torch.inf)
     space = Space.of(NAMES, ["EI", "length"], {}, known)
     task = Task(rope, scene, OBJECTIVES["OBJ1"], space, torch.zeros(2, dtype=torch.int64))
     there = replace(task, rope=replace(rope, device=CPU))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +10,9 @@ import torch
 
 from ropefit.adapters.frozen import covariance_of
 from ropefit.inference.diagnosis.latent import Latent
-from ropefit.models import rest_curve
 from ropefit.models.correlated import correlated
 from ropefit.models.equilibrium import Forward
+from ropefit.models.parameters import PARAMETERS
 from tests.concealed import rope
 
 NAMES = ["curvature_1_at_25", "curvature_1_at_50", "curvature_2_at_0"]
@@ -23,10 +22,7 @@ START = np.array([0.3, -0.2, 0.1])
 
 
 def term_of(setup):
-    terms = [
-        replace(rest_curve.term(name, setup), start=START[k : k + 1])
-        for k, name in enumerate(NAMES)
-    ]
+    terms = [PARAMETERS[name].term(setup, float(START[k])) for k, name in enumerate(NAMES)]
     return terms, correlated("rest_curve", terms, TOGETHER * np.outer(SD, SD))
 
 

@@ -36,7 +36,8 @@ from ropefit.inference.diagnosis.weigh import fit_rival, heldout_rms, predicted
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
-from ropefit.models.priors import ROPE, Priors, calibration, rope_term
+from ropefit.models.parameters import PARAMETERS, Range
+from ropefit.models.priors import Priors, calibration
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 from ropefit.stages.diagnose import calibrated
@@ -217,7 +218,7 @@ def test_a_softer_rope_passes_for_a_heavier_tip():
     seen = Forward(setup, []).at(np.empty(0)).seen
     share = np.tile(np.linspace(0, 1, seen.shape[1]), (frames, 1))
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
-    term = rope_term("EI", "", 0.02, 1e-5, 10.0, ROPE["EI"])
+    term = PARAMETERS["EI"].within(Range(0.02, 1e-5, 10.0))
     found = fit(Forward(setup, [term]), data, Noise(marker=1e-4), BINS)
     responses = Responses(found, data, BINS)
     said = absorbed(found, [responses.of(f) for f in families(setup) if f.name == "point_mass"])

@@ -16,7 +16,8 @@ from ropefit.inference.diagnosis.motion import next_motion
 from ropefit.inference.diagnosis.weigh import fit_rival
 from ropefit.inference.least_squares import Noise, fit
 from ropefit.models.equilibrium import Forward
-from ropefit.models.priors import Priors, calibration, rope_term, set_bend
+from ropefit.models.parameters import PARAMETERS, Range
+from ropefit.models.priors import Priors, calibration
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
@@ -85,7 +86,7 @@ def test_the_grippers_clock_is_an_error_of_the_set_up_wherever_the_ends_move():
 
 def test_inertia_is_found_from_a_rigid_model():
     setup, data = shaken()
-    bend = rope_term("EI", "", 100 * EI, 1e-4 * EI, 1e6 * EI, set_bend)
+    bend = PARAMETERS["EI"].within(Range(100 * EI, 1e-4 * EI, 1e6 * EI))
     noise = Noise(marker=1e-3)
     nominal = fit(Forward(setup, [bend]), data, noise, 1)
     ((family, start),) = inertial(nominal)[0]

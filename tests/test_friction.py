@@ -14,7 +14,7 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward, Term
 from ropefit.models.history import WalkedPoint
-from ropefit.models.priors import rope_term, set_bend
+from ropefit.models.parameters import PARAMETERS, Range, set_bend
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
 from ropefit.rod.rod import uniform
@@ -142,7 +142,7 @@ def test_friction_is_found_where_a_rope_lies():
     is not weighed without it."""
     data, noise = recorded(rough(swept(120), ROUGH), seed=2), Noise()
     setup = swept(60)._replace(potentials=())
-    bend = rope_term("EI", "N m^2", 3e-4, 3e-8, 3.0, set_bend)
+    bend = PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))
     nominal = fit(Forward(setup, [bend]), data, noise, BINS)
     assert not any(isinstance(c[0][0].effect, ContactFriction) for c in proposals(nominal))
     assert any(isinstance(c[0][0].effect, SupportPlane) for c in proposals(nominal))

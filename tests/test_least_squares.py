@@ -14,9 +14,10 @@ import torch
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
-from ropefit.inference.profile import limits
+from ropefit.inference.profile import profile_intervals
 from ropefit.models.equilibrium import Forward
-from ropefit.models.priors import ROPE, Priors, calibration, nuisance, rope_term
+from ropefit.models.parameters import PARAMETERS, Range
+from ropefit.models.priors import Priors, calibration, nuisance
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
@@ -66,14 +67,14 @@ def markers(truth: Setup, sd: float = SD, count: int = 16, seed: int = 0) -> Dat
 
 
 def free(name: str, start: float):
-    return rope_term(name, "", start, 1e-4 * start, 1e4 * start, ROPE[name])
+    return PARAMETERS[name].within(Range(start, 1e-4 * start, 1e4 * start))
 
 
 def found(base: Setup, data: Data, *names_and_starts, sd: float = SD):
     forward = Forward(base, [free(*item) for item in names_and_starts])
     noise = Noise(marker=sd)
     result = fit(forward, data, noise, BINS)
-    return result, limits(result, data, noise, BINS)
+    return result, profile_intervals(result, data, noise, BINS).of
 
 
 def holds(told, truth: float) -> bool:

@@ -11,7 +11,7 @@ from ropefit.inference.diagnosis.search import search
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward, Term
 from ropefit.models.history import WalkedPoint, laws_of, vectors
-from ropefit.models.priors import set_bend
+from ropefit.models.parameters import set_bend
 from ropefit.rod import memory
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ropefit.inference.sandwich import sandwich, verdicts
+from ropefit.inference.sandwich import cluster_estimates, sandwich
 
 LINE = np.linspace(0, 1, 15)
 
@@ -43,13 +43,15 @@ def jacobian_of(columns):
     return np.stack(columns, axis=-1)[:, None, :]
 
 
-def judge(columns, flat_above=2.3, seed=1):
+def judge(columns, seed=1):
     rng = np.random.default_rng(seed)
     jacobian = jacobian_of(columns)
     residual = rng.normal(0, 0.01, (len(jacobian), 1))
     cluster = np.arange(len(jacobian)) // 10
     found = sandwich(jacobian, residual, cluster, floor=0.01, dead_below=1e-9)
-    return found, verdicts(found, np.zeros(len(columns), dtype=bool), flat_above)
+    names, bounds = list("abc")[: len(columns)], (np.full(3, 1e-9), np.full(3, 1e9))
+    told = cluster_estimates(found, names, np.ones(len(columns)), bounds, converged=True)
+    return found, [(told.of[name].verdict, told.of[name].partners) for name in names]
 
 
 @pytest.fixture
@@ -66,8 +68,8 @@ def test_independent_columns_are_determined(columns):
 
 def test_exact_trade_off_is_named_with_its_partner(columns):
     found, judged = judge([columns[0], -2 * columns[0], columns[1]])
-    assert judged[0] == ("trade-off", [1])
-    assert judged[1] == ("trade-off", [0])
+    assert judged[0] == ("trade-off", ("b",))
+    assert judged[1] == ("trade-off", ("a",))
     assert judged[2][0] == "determined"
     assert np.isinf(found.half_width[:2]).all()
     assert np.isinf(found.condition)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ropefit.adapters.equilibrium_model import calibration_of
-from ropefit.adapters.units import unit_scale
+from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
 from ropefit.artifacts.diagnosis import Candidate, Cause, Detectable, Region, Size
 from ropefit.inference.diagnosis import search as engine
@@ -112,14 +112,14 @@ def _sentence(rival: Rival) -> str:
 def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     """EI, GJ, length and rest curve as fitted together with the causes, in the units of the
     model."""
-    scale, forward, out, place = unit_scale(o), found.forward, {}, 0
+    scale, forward, out, place = stated_units(o), found.forward, {}, 0
     for term, u in zip(forward.terms, forward.split(found.point.u), strict=True):
         mine = slice(place, place := place + term.size)
         if not set(term.names) <= scale.keys():
             continue
         ends = term.interval(u, found.covariance[mine, mine], found.quantile)
         for name, value, low, high in zip(term.names, term.value(u), *ends, strict=True):
-            factor, unit = scale[name]
+            factor, unit, _ = scale[name]
             out[name] = Size(
                 value=factor * float(value), unit=unit,
                 ci95=(factor * float(low), factor * float(high)),

@@ -5,113 +5,44 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from ropefit.adapters.parameter_group import outcome_of_fit, parameter_group
 from ropefit.adapters.scene import build_scene
+from ropefit.adapters.units import stated_units
 from ropefit.artifacts import (
     Balance,
     Calibration,
     FittedModel,
     Observations,
-    Parameter,
     ParameterGroup,
 )
 from ropefit.errors import NotConverged
 from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement
+from ropefit.inference.intervals import Estimates
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.profile import Limits
 from ropefit.models import rest_curve
 from ropefit.models.equilibrium import Forward, Term
-from ropefit.models.equilibrium_rope import MEANING, NAMES, ranges
+from ropefit.models.equilibrium_rope import rope_values
+from ropefit.models.parameters import AT_REST, PARAMETERS
 from ropefit.models.response import Point
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states
 from ropefit.solvers.equilibrium import stability
 
-Part = tuple[Fit, Noise, Point, dict[str, Limits]]
+Part = tuple[Fit, Noise, Point, Estimates]
 
 
-def meanings(o: Observations) -> dict[str, str]:
-    """What each parameter is; without the mass, ratios to the weight."""
-    return {
-        name: text + ("" if o.mass or name == "length" else " over the weight per length")
-        for name, text in MEANING.items()
-    }
-
-
-def describe_group(
-    part: Part,
-    frames: np.ndarray,
-    free: list[str],
-    scale: dict[str, tuple[float, str]],
-    o: Observations,
-) -> ParameterGroup:
-    """Values, intervals and verdicts of one fit, in the units that are told."""
-    found, _, point, told = part
-    parameters = {}
-    settled = ranges(point.setup)
-    begun = ranges(found.forward.base)
-    for name in NAMES:
-        factor, unit = scale[name]
-        value, low, high = settled[name]
-        initial = begun[name][0]
-        if not np.isfinite(value):
-            continue  # a rope that does not stretch has no EA to tell
-        verdict, interval, below, partners = "fixed", None, None, ()
-        if name in told:
-            t = told[name]
-            verdict, partners = t.verdict if found.converged else "not converged", t.partners
-            interval = None if t.interval is None else tuple(factor * v for v in t.interval)
-            below = None if t.below is None else factor * t.below
-        parameters[name] = Parameter(
-            meaning=meanings(o)[name],
-            unit=unit,
-            initial=factor * initial if np.isfinite(initial) else factor * value,
-            value=factor * value,
-            lower=factor * low,
-            upper=factor * high,
-            free=name in free,
-            verdict=verdict,
-            ci95=interval,  # type: ignore[arg-type]
-            below=below,
-            trades_with=list(partners),
-        )
-    count = len(free)
-    parameters |= {
-        name: Parameter(
-            meaning=rest_curve.meaning(name),
-            unit="1/m",
-            initial=0.0,
-            value=t.value,
-            lower=-rest_curve.bound(name, point.setup),
-            upper=rest_curve.bound(name, point.setup),
-            free=True,
-            verdict=t.verdict if found.converged else "not converged",
-            ci95=t.interval,
-            trades_with=list(t.partners),
-        )
-        for name, t in told.items()
-        if name in rest_curve.NAMES
-    }
-    names = [t.name for t in found.forward.terms if not t.nuisance]
-    covariance = found.covariance[:count, :count]
-    root = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    # Of the rope's own parameters, calibration errors taken into account.
-    values = np.linalg.eigvalsh(covariance / np.outer(root, root)) if count else np.ones(1)
-    condition = float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else None
-    return ParameterGroup(
-        frames=frames,
-        parameters=parameters,
-        free_names=names,
-        correlation=covariance / np.outer(root, root),
-        condition=condition,
-        loss_before=found.trace[0],
-        loss_after=found.cost,
-        loss_unit="chi-square",
-        evaluations=found.evaluations,
-        converged=found.converged,
-        stop_reason="residual no longer decreases" if found.converged else "evaluation limit",
-    )
+def describe_group(part: Part, frames: np.ndarray, o: Observations) -> ParameterGroup:
+    """Return values, intervals and verdicts of one fit, in the units in which they are stated."""
+    found, _, point, estimates = part
+    # Rest curves that were not fitted are part of the setup.
+    names = [n for n in AT_REST if n in estimates.of or n not in rest_curve.NAMES]
+    ranges = {name: PARAMETERS[name].range(found.forward.base) for name in names}
+    return parameter_group(
+        frames, estimates, rope_values(point.setup), ranges, stated_units(o),
+        outcome_of_fit(found.trace, found.cost, found.evaluations, found.converged),
+    )  # fmt: skip
 
 
 def fitted_model(

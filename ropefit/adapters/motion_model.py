@@ -8,34 +8,26 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.adapters.motion_of import centrelines
 from ropefit.adapters.motion_setup import Span
+from ropefit.adapters.parameter_group import outcome_of_fit, parameter_group
 from ropefit.adapters.scene import build_scene
+from ropefit.adapters.units import stated_units
 from ropefit.artifacts import (
     Calibration,
     FittedModel,
     Observations,
-    Parameter,
-    ParameterGroup,
     Stepped,
 )
 from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement
+from ropefit.inference.intervals import Estimates
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.motion_spread import Spread
 from ropefit.models.dynamics import MotionPoint
-from ropefit.models.grips import unknowns
-from ropefit.rod.setup import Setup
-
-
-def told_units(o: Observations, setup: Setup) -> dict[str, float]:
-    """What each parameter is multiplied by to be told: without the mass, one over the weight."""
-    weight = float(np.linalg.norm(o.gravity))
-    known = unknowns(setup)
-    return {n: 1.0 if o.mass or k.unit == k.ratio else 1 / weight for n, k in known.items()}
+from ropefit.models.parameters import PARAMETERS
 
 
 def motion_model(
     o: Observations, span: Span, loss: str, node: int, clips: list[np.ndarray], out: np.ndarray,
-    found: Fit, spread: Spread, free: list[str], point: MotionPoint, first: MotionPoint,
+    found: Fit, estimates: Estimates, point: MotionPoint, first: MotionPoint,
     train: np.ndarray,
 ) -> FittedModel:  # fmt: skip
     """The artifact. out (F,): held out; train: indices of the frames of the fit; point and first:
@@ -55,23 +47,6 @@ def motion_model(
     segment = np.clip((share * segments).astype(int), 0, segments - 1)
     q[reached] = point.solution.q[reached][:, segment]
     rms, rms_first = (_rms(span.data, np.nan_to_num(p.seen), reached) for p in (point, first))
-    known, factor = unknowns(span.setup), told_units(o, span.setup)
-    parameters = {
-        name: Parameter(
-            meaning=known[name].meaning
-            + ("" if factor[name] == 1.0 else " over the weight per length"),
-            unit=known[name].unit if o.mass else known[name].ratio,
-            initial=known[name].start * factor[name],
-            value=spread.value[name] * factor[name],
-            lower=known[name].low * factor[name],
-            upper=known[name].high * factor[name],
-            free=True,
-            verdict=spread.verdict[name],  # type: ignore[arg-type]
-            ci95=(spread.low[name] * factor[name], spread.high[name] * factor[name]),
-            trades_with=spread.partners[name],
-        )
-        for name in free
-    }  # fmt: skip
     calibration, place = {}, 0
     for term, u in zip(found.forward.terms, found.forward.split(found.point.u), strict=True):
         slope = term.slope(u)  # of a grip, whose prior is that of its logarithm, relative
@@ -80,10 +55,9 @@ def motion_model(
                 unit=term.units[k],
                 prior=float(term.prior[k] * (slope[k] if term.log else 1.0)),
                 value=float(term.value(u)[k]),
-                sd=float(spread.sd[place + k] * slope[k]),
+                sd=float(estimates.sd[place + k] * slope[k]),
             )
         place += term.size
-    count = len(free)
     p = point.setup.properties
     return FittedModel(
         solver="dynamics",
@@ -93,13 +67,10 @@ def motion_model(
         fixed_nodes=[n for n, k in zip((0, nodes - 1), o.end_kind, strict=True) if k != "free"],
         two_sided=False,
         groups={
-            "group_0": ParameterGroup(
-                frames=o.frames, parameters=parameters, free_names=free,
-                correlation=spread.correlation[:count, :count], condition=spread.condition,
-                loss_before=found.trace[0], loss_after=found.cost, loss_unit="chi-square",
-                evaluations=found.evaluations, converged=found.converged,
-                stop_reason="residual no longer decreases" if found.converged
-                else "evaluation limit",
+            "group_0": parameter_group(
+                o.frames, estimates, {}, {n: PARAMETERS[n].range(span.setup) for n in estimates.of},
+                stated_units(o),
+                outcome_of_fit(found.trace, found.cost, found.evaluations, found.converged),
             )
         },
         heldout=out & reached,

@@ -12,7 +12,7 @@ from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup, with_values
-from ropefit.adapters.units import unit_scale
+from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
@@ -53,7 +53,7 @@ def restored_rope(
         curve |= {name: s.value for name, s in found.rope.items() if name in rest_curve.NAMES}
     if curve and len(model.groups) > 1:
         raise WrongUsage("every group of frames has a rest curve of its own: --groups one")
-    setup = started_setup(setup, curve, {})
+    setup = started_setup(setup, curve, o)
     known = found.calibration if found else model.balance.calibration
     if found or len(model.groups) == 1:
         for term in calibration(setup, priors_of(o), o.ends_assumed):
@@ -66,7 +66,7 @@ def restored_rope(
     if found:
         for k, name in enumerate(NAMES):
             if name in found.rope:
-                values[:, k] = found.rope[name].value / unit_scale(o)[name][0]
+                values[:, k] = found.rope[name].value / stated_units(o)[name].factor
         setup = with_values(setup, values[0])
         plain = setup.properties
         setup = with_causes(setup, found)
@@ -125,7 +125,7 @@ def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) ->
 
 def restored_values(o: Observations, model: FittedModel) -> Tensor:
     """(F, 4) each frame's values in the order of NAMES, in the units of the setup."""
-    scale = unit_scale(o)
+    scale = stated_units(o)
     out = np.full((len(o.frames), len(NAMES)), np.nan)
     for group in model.groups.values():
         out[np.isin(o.frames, group.frames)] = [

@@ -12,7 +12,6 @@ from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.restore import effect_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup
-from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects.place import horizontal, middle_of
@@ -54,8 +53,7 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     if diagnosis and diagnosis.causes:  # the rope's own values, fitted along with the causes
         fitted |= {name: size.value for name, size in diagnosis.rope.items()}
     values = {name: value * (factor if name != "length" else 1.0) for name, value in fitted.items()}
-    scale = unit_scale(o)
-    setup = started_setup(setup, values, scale)
+    setup = started_setup(setup, values, o)
     notes = []
     extras: list[Any] = []
     whole = setup

@@ -5,33 +5,30 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ropefit.adapters.units import stated_units
+from ropefit.artifacts import Observations
 from ropefit.errors import WrongUsage
-from ropefit.models import rest_curve
-from ropefit.models.equilibrium_rope import NAMES, ranges
-from ropefit.models.priors import ROPE
+from ropefit.models.parameters import AT_REST, PARAMETERS, offered
 from ropefit.rod.setup import Setup
 
 
-def started_setup(
-    setup: Setup, start: dict[str, float], scale: dict[str, tuple[float, str]]
-) -> Setup:
-    """The setup with some parameters set. Raises WrongUsage for values out of reach."""
+def started_setup(setup: Setup, start: dict[str, float], o: Observations) -> Setup:
+    """Return the setup with some parameters set to values as they are stated. Raises WrongUsage
+    for values out of bounds."""
+    stated = stated_units(o)
     for name in sorted(start):  # EI before GJ, which otherwise follows it
-        if name in rest_curve.NAMES:
-            curvature = torch.tensor([start[name]], dtype=torch.float64)
-            setup = rest_curve.apply(name)(setup, curvature)
-            continue
-        if name not in NAMES:
-            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
-        value = start[name] / scale[name][0]
-        _, low, high = ranges(setup)[name]
+        if name not in AT_REST:
+            raise WrongUsage(f"unknown parameter {name}; one of {offered(AT_REST)}")
+        row, factor = PARAMETERS[name], stated[name].factor
+        value = start[name] / factor
+        _, low, high = row.range(setup)
         if not low <= value <= high:
-            f = scale[name][0]
             raise WrongUsage(
-                f"start {name} = {start[name]:g} is outside its bounds {low * f:g}..{high * f:g}"
+                f"start {name} = {start[name]:g} is outside its bounds {low * factor:g}.."
+                f"{high * factor:g}"
             )
         given = torch.tensor([value], dtype=torch.float64)
-        setup = setup.after(lambda s, apply=ROPE[name], v=given: apply(s, v))
+        setup = setup.after(lambda s, apply=row.apply, v=given: apply(s, v))
     return setup
 
 

@@ -6,7 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ropefit.models.xpbd import bounds, eta_names
+from ropefit.models.weights import WEIGHTS
+from ropefit.models.xpbd import eta_names
 
 Point = tuple[float, float, float]
 
@@ -60,7 +61,7 @@ class ModelSpec(_Table):
         for name, value in self.eta.items():
             if name not in eta_names(False):
                 raise ValueError(f"unknown weight {name}; one of {', '.join(eta_names(False))}")
-            low, high = bounds(name)
+            _, low, high = WEIGHTS[name].range
             if not low <= value <= high:
                 raise ValueError(f"{name} = {value:g} is outside {low:g}..{high:g}")
         return self

@@ -1,21 +1,24 @@
-"""In which unit each parameter of a rope at rest is told."""
+"""In which units the parameters of a rope are stated."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from ropefit.artifacts import Observations
-from ropefit.models import rest_curve
+from ropefit.models.parameters import PARAMETERS
 
 
-def unit_scale(o: Observations) -> dict[str, tuple[float, str]]:
-    """Factor and unit in which each parameter is told: ratios to the weight if no mass is known."""
-    weight = 1.0 if o.mass else 1.0 / float(np.linalg.norm(o.gravity))
-    rigid = "N m^2" if o.mass else "m^3"
-    return {
-        "EI": (weight, rigid),
-        "GJ": (weight, rigid),
-        "EA": (weight, "N" if o.mass else "m"),
-        "length": (1.0, "m"),
-        **dict.fromkeys(rest_curve.NAMES, (1.0, "1/m")),
-    }
+class Stated(NamedTuple):
+    """How a parameter is stated: its value in SI of the setup times `factor`."""
+
+    factor: float
+    unit: str
+    meaning: str
+
+
+def stated_units(o: Observations) -> dict[str, Stated]:
+    """Return how each parameter is stated: as a ratio to the weight if no mass is known."""
+    gravity = float(np.linalg.norm(o.gravity))
+    return {name: Stated(*p.stated(bool(o.mass), gravity)) for name, p in PARAMETERS.items()}

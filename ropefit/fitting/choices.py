@@ -8,7 +8,7 @@ from ropefit.artifacts import Observations
 from ropefit.errors import WrongUsage
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.models import rest_curve
-from ropefit.models.equilibrium_rope import NAMES
+from ropefit.models.parameters import AT_REST, offered
 from ropefit.runs.protocol import Context
 
 
@@ -43,7 +43,6 @@ def free_names(settings: IdentifySettings, o: Observations) -> list[str]:
         return ["EI"] + (["length"] if o.length_source == "estimated" else [])
     free = rest_curve.spelled_out(free)
     for name in free:
-        if name not in (*NAMES, *rest_curve.NAMES):
-            known = ", ".join((*NAMES, *rest_curve.UNIFORM, rest_curve.SHORT))
-            raise WrongUsage(f"unknown parameter {name}; one of {known}")
+        if name not in AT_REST:
+            raise WrongUsage(f"unknown parameter {name}; one of {offered(AT_REST)}")
     return free

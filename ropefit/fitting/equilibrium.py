@@ -13,7 +13,6 @@ from ropefit.adapters.frames import calmest, group_frames, held_out, spread_even
 from ropefit.adapters.priors import noise_of, priors_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.adapters.start_values import started_setup
-from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Observations
 from ropefit.errors import NotConverged
 from ropefit.fitting.branch import nearer_branch
@@ -22,11 +21,10 @@ from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise, estimate
-from ropefit.inference.profile import limits
-from ropefit.models import rest_curve
-from ropefit.models.equilibrium import Forward, Term
-from ropefit.models.equilibrium_rope import ranges
-from ropefit.models.priors import ROPE, calibration, rope_term
+from ropefit.inference.profile import profile_intervals
+from ropefit.models import parameters
+from ropefit.models.equilibrium import Forward
+from ropefit.models.priors import calibration
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Progress
 from ropefit.solvers.branches import follow
@@ -38,7 +36,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
     setup = base_setup(o, segments_of(o))
-    data, scale = data_in_space(o), unit_scale(o)
+    data = data_in_space(o)
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
     train = np.flatnonzero(~out)
@@ -46,7 +44,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         train = calmest(train, setup, settings.most_frames)
     train = spread_evenly(train, group, settings.most_frames)
     free = free_names(settings, o)
-    started = started_setup(setup, given_values(o, settings, context), scale)
+    started = started_setup(setup, given_values(o, settings, context), o)
     parts, groups = [], {}
     for number in range(int(group.max()) + 1):
         mine = np.flatnonzero(group == number)
@@ -55,7 +53,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
             started.frames(torch.from_numpy(mine)), data.frames(mine), inside, free, o, settings,
             _share_of(context, number, int(group.max()) + 1),
         )  # fmt: skip
-        groups[f"group_{number}"] = describe_group(part, o.frames[mine], free, scale, o)
+        groups[f"group_{number}"] = describe_group(part, o.frames[mine], o)
         parts.append((mine, part))
     context.progress(0.9, "stability")
     model = fitted_model(o, settings.loss, node, started, data, parts, groups, out, train)
@@ -67,20 +65,6 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         "frames": o.frames,
         "models": {"nominal": model},
     }
-
-
-def rope_terms(setup: Setup, free: list[str]) -> list[Term]:
-    """One term for each free parameter, starting where the setup has it."""
-    known = ranges(setup)
-    terms = []
-    for name in sorted(free):
-        if name in rest_curve.NAMES:
-            terms.append(rest_curve.term(name, setup))
-            continue
-        start, low, high = known[name]
-        start = 1e3 * low if not np.isfinite(start) else start
-        terms.append(rope_term(name, "", start, low, high, ROPE[name]))
-    return terms
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:
@@ -106,7 +90,7 @@ def nominal_fit(
     """
     bins, noise = len(o.node_arc) - 1, noise_of(o, data)
     best: Fit | None = None
-    terms = rope_terms(setup, free)
+    terms = parameters.terms(setup, sorted(free))
     screened = SCREEN if "EI" in free else (0.0,)
     for count, shift in enumerate(screened):
         progress(0.5 * count / len(screened), "where to start")
@@ -165,8 +149,8 @@ def _fit_group(
     few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)
     found, noise = nominal_fit(few, seen, free, o, settings.evaluations, progress)
     progress(0.9, "intervals")
-    told = limits(found, seen, noise, len(o.node_arc) - 1)
+    estimates = profile_intervals(found, seen, noise, len(o.node_arc) - 1)
     whole = Forward(setup, found.forward.terms)
     start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u)).states
     start.put(inside, found.point.solution)
-    return found, noise, whole.at(found.point.u, start), told
+    return found, noise, whole.at(found.point.u, start), estimates

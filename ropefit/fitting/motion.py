@@ -7,21 +7,23 @@ from typing import Any
 import numpy as np
 import torch
 
-from ropefit.adapters.motion_model import motion_model, told_units
+from ropefit.adapters.motion_model import motion_model
 from ropefit.adapters.motion_of import clips_of
 from ropefit.adapters.motion_setup import EVERY, Span, span_of
 from ropefit.adapters.priors import priors_of
+from ropefit.adapters.units import stated_units
 from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.choices import held_node
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Noise, data_without, fit
-from ropefit.inference.motion_spread import BLOCK, spread_of
-from ropefit.models import rest_curve
+from ropefit.inference.sandwich import BLOCK, block_estimates
+from ropefit.models import parameters, rest_curve
 from ropefit.models.dynamics import MotionForward, MotionPoint
 from ropefit.models.equilibrium import Term
-from ropefit.models.grips import grips, unknowns
+from ropefit.models.grips import grips
+from ropefit.models.parameters import IN_MOTION, offered
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
@@ -67,9 +69,9 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     whole = _forward(o, span, terms, clips)
     point, first = whole.at(found.point.u), whole.at(forward.start())
     _check(point, clips)
-    spread = spread_of(found, train, o.time)
+    estimates = block_estimates(found, train, o.time)
     model = motion_model(
-        o, span, settings.loss, node, clips, out, found, spread, free, point, first,
+        o, span, settings.loss, node, clips, out, found, estimates, point, first,
         np.concatenate(train),
     )  # fmt: skip
     if not out.any():
@@ -89,12 +91,12 @@ def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPo
     span = span_of(o)
     group = next(iter(model.groups.values()))
     terms, u = terms_of(o, span.setup, group.free_names), []
-    factor = told_units(o, span.setup)
+    stated = stated_units(o)
     for term in terms:
         if term.nuisance:
             values = [model.stepped.calibration[f"{term.name}_{n}"].value for n in term.names]
         else:
-            values = [group.parameters[term.name].value / factor[term.name]]
+            values = [group.parameters[term.name].value / stated[term.name].factor]
         u.append(term.search(np.array(values)))
     return span, _forward(o, span, terms, long_clips(o)).at(np.concatenate(u))
 
@@ -129,16 +131,12 @@ def held_back(
 
 def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> list[str]:
     """The parameters that are fitted. Raises WrongUsage."""
-    allowed = unknowns(setup)
     if settings.free is not None:
         asked = rest_curve.spelled_out(settings.free)
         for name in asked:
-            if name not in allowed:
-                known = [n for n in allowed if n not in rest_curve.VARYING]
-                raise WrongUsage(
-                    f"unknown parameter {name}; one of {', '.join([*known, rest_curve.SHORT])}"
-                )
-        return sorted(set(asked), key=list(allowed).index)
+            if name not in IN_MOTION:
+                raise WrongUsage(f"unknown parameter {name}; one of {offered(IN_MOTION)}")
+        return sorted(set(asked), key=IN_MOTION.index)
     names = ["EI", "bend_damping", "air_damping"]
     if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
         names.insert(1, "GJ")
@@ -147,9 +145,7 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
 
 def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
     """The free parameters, then the errors of the grips."""
-    known = unknowns(setup)
-    own = [known[name].term(name, setup) for name in free]
-    return own + grips(setup, priors_of(o).end_orientation)
+    return parameters.terms(setup, free) + grips(setup, priors_of(o).end_orientation)
 
 
 def _forward(

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from ropefit.adapters.equilibrium_model import meanings, model_of
+from ropefit.adapters.equilibrium_model import model_of
 from ropefit.adapters.frames import group_frames, held_out, spread_evenly
 from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.adapters.scene import build_scene
 from ropefit.adapters.start_values import started_setup, with_values
-from ropefit.adapters.units import unit_scale
+from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.fitting.choices import free_names, given_values, held_node
@@ -24,7 +24,8 @@ from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES
 from ropefit.models.equilibrium import Forward
-from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, ranges
+from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
+from ropefit.models.parameters import PARAMETERS
 from ropefit.runs.protocol import Context
 
 
@@ -45,21 +46,17 @@ def _accelerator(name: str) -> torch.device | None:
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
-    scale = unit_scale(o)
     given = given_values(o, settings, context)
-    setup = started_setup(base_setup(o, segments_of(o)), given, scale)
+    setup = started_setup(base_setup(o, segments_of(o)), given, o)
     free = free_names(settings, o)
     if not set(free) <= set(NAMES):
         raise WrongUsage(f"--search {settings.how} fits {', '.join(NAMES)}; leave out the rest")
     every = setup.segments // (len(o.node_arc) - 1)
     tied = "GJ" not in {*free, *given}
     rope = EquilibriumRope(setup, every, node, tied, device=_accelerator(settings.device))
-    known = ranges(setup)
-    known = {
-        name: (1e3 * low if name in free and not np.isfinite(start) else start, low, high)
-        for name, (start, low, high) in known.items()
-    }
-    space = Space.of(NAMES, free, {}, known)
+    ranges = {name: PARAMETERS[name].range(setup) for name in NAMES}
+    kept = {name: value for name, value in rope_values(setup).items() if name not in free}
+    space = Space.of(NAMES, free, kept, ranges)
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
     train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
@@ -79,7 +76,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         part = task.frames(mine)
         part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
         groups[f"group_{number}"] = describe(
-            part, values[number], search, number, o, group == number, meanings(o), scale
+            part, values[number], search, number, o, group == number, stated_units(o)
         )
         index = np.flatnonzero(group == number)
         found = with_values(setup.frames(torch.as_tensor(index)), torch.from_numpy(values[number]))

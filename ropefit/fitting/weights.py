@@ -10,6 +10,7 @@ import torch
 
 from ropefit.adapters.frames import group_frames, held_out, spread_evenly
 from ropefit.adapters.scene import build_scene, control_positions, node_at, rope_of
+from ropefit.adapters.units import Stated
 from ropefit.artifacts import FittedModel, Iterated, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.search import describe, run_search
@@ -19,10 +20,12 @@ from ropefit.inference.evaluate import agreement, convergence, settle_frames
 from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES
-from ropefit.models.xpbd import MEANING, Rope, bounds, eta_names
+from ropefit.models.weights import WEIGHTS
+from ropefit.models.xpbd import Rope, eta_names
 from ropefit.runs.protocol import Context
 from ropefit.solvers.xpbd import Settings
 
+STATED = {name: Stated(1.0, "1", weight.meaning) for name, weight in WEIGHTS.items()}
 DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this has not converged
 
 
@@ -51,7 +54,7 @@ def compute(
         part = task.frames(mine)
         part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
         groups[f"group_{number}"] = describe(
-            part, values[number], search, number, observations, group == number, MEANING
+            part, values[number], search, number, observations, group == number, STATED
         )
     if not out.any():
         context.say("too few frames to hold any out: the fit is judged on its own frames")
@@ -76,7 +79,8 @@ def _task(o: Observations, settings: IdentifySettings) -> Task:
     """The search over all frames. Raises BadInput, WrongUsage."""
     names = eta_names(settings.two_sided)
     _check_names(settings, names)
-    space = Space.of(names, settings.free or list(names), settings.start)
+    ranges = {name: WEIGHTS[name].range for name in names}
+    space = Space.of(names, settings.free or list(names), settings.start, ranges)
     node = node_at(o, settings.control_at)
     usable = np.isfinite(control_positions(o, node)).all(axis=1)
     if settings.two_sided and not 0 < node < len(o.node_arc) - 1:
@@ -150,6 +154,6 @@ def _check_names(settings: IdentifySettings, names: tuple[str, ...]) -> None:
         if name not in names:
             raise WrongUsage(f"unknown parameter {name}; one of {', '.join(names)}")
     for name, value in settings.start.items():
-        low, high = bounds(name)
+        _, low, high = WEIGHTS[name].range
         if not low <= value <= high:
             raise WrongUsage(f"start {name} = {value:g} is outside its bounds {low:g}..{high:g}")

@@ -1,91 +1,85 @@
-"""What may be said of a fitted parameter: interval, verdict, or a limit where it has no effect."""
+"""Intervals of a fit of shapes: by the parabola, and by profile where that cannot be trusted."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
 
 from ropefit.inference.bins import Data
+from ropefit.inference.intervals import WIDEST, Estimate, Estimates, condition_of, correlation_of
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.sandwich import STRONG, Verdict
-from ropefit.models.equilibrium import Forward
+from ropefit.inference.verdict import at_bound, is_wide, partners, verdict
+from ropefit.models.equilibrium import Forward, Term
 
 ONE_SIDED = 1.645**2  # rise of χ² at a 95 % limit
 TWO_SIDED = 1.96**2
 NARROW = 0.3  # sd of a logarithm up to which the parabola is trusted for its interval
 VANISHING = np.log(1e-3)  # a thousandth of the best value stands for nothing at all
-WIDEST = 50.0  # of a logarithm: an interval beyond says nothing
-VAGUE = 0.5  # of the range: an interval as wide says nothing of a value that may be zero
 DEAD = 1e-6  # whitened sensitivity, all stations together, of what does nothing
 
 
-@dataclass(frozen=True)
-class Limits:
-    """In SI: value, 95 % interval or none, upper limit or none; verdict; names it trades with."""
+def profile_intervals(found: Fit, data: Data, noise: Noise, bins: int) -> Estimates:
+    """Return estimates of the rope parameters of a least-squares fit of shapes.
 
-    value: float
-    interval: tuple[float, float] | None
-    below: float | None
-    verdict: Verdict
-    partners: tuple[str, ...]
-
-
-def limits(result: Fit, data: Data, noise: Noise, bins: int) -> dict[str, Limits]:
-    """For every rope parameter of a fit: on a log scale, or of either sign."""
+    From the parabola at the minimum where that is narrow; of a logarithm where it is not, by the
+    rise of χ² with the parameter held and all others refitted.
+    """
     out, place = {}, 0
-    covariance, sd = result.covariance, result.sd()
-    low, high = result.forward.bounds()
-    labels = [f"{t.name}" for t in result.forward.terms for _ in range(t.size)]
-    for term in result.forward.terms:
-        if term.nuisance:
-            place += term.size
-            continue
-        u, k = result.point.u[place], place
-        value = float(term.value(np.array([u]))[0])
-        strength = float(np.linalg.norm(result.jacobian[:, k]))
-        width = result.quantile * sd[k]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            correlation = covariance[k] / (sd[k] * sd)
-        partners = tuple(
-            sorted({labels[j] for j in range(len(sd)) if j != k and abs(correlation[j]) > STRONG})
-        )
-        interval: tuple[float, float] | None = None
-        if width < WIDEST:
-            interval = value * float(np.exp(-width)), value * float(np.exp(width))
-        below, verdict = None, "determined"
-        if not term.log:
-            half = width * float(term.scale[0])
-            interval = (value - half, value + half)
-        if strength < DEAD:
-            interval, verdict = None, "dead"
-        elif min(u - low[k], high[k] - u) < 0.005 * (high[k] - low[k]):
-            interval, verdict = None, "at bound"
-        elif not term.log:
-            if 2 * width > VAGUE * (high[k] - low[k]):
-                verdict = "trade-off" if partners else "flat direction"
-        elif partners and sd[k] > NARROW:
-            verdict = "trade-off"
-        elif sd[k] > NARROW:
-            interval, below, verdict = _profile(result, k, value, data, noise, bins)
-        out[term.name] = Limits(value, interval, below, verdict, partners)
+    sd, (low, high) = found.sd(), found.forward.bounds()
+    correlation = correlation_of(found.covariance)
+    labels = [t.name for t in found.forward.terms for _ in range(t.size)]
+    for term in found.forward.terms:
+        if not term.nuisance:
+            trades = partners(correlation, place, labels)
+            out[term.name] = _estimate(
+                found, place, term, found.quantile * sd[place], trades,
+                (low[place], high[place]), data, noise, bins,
+            )  # fmt: skip
         place += term.size
-    return out
+    own = correlation[: len(out), : len(out)]
+    return Estimates(out, own, condition_of(own), sd)
+
+
+def _estimate(
+    found: Fit, k: int, term: Term, half: float, trades: tuple[str, ...],
+    bounds: tuple[float, float], data: Data, noise: Noise, bins: int,
+) -> Estimate:  # fmt: skip
+    """The k-th search variable, of a rope parameter; half: of its interval by the parabola."""
+    u = found.point.u[k]
+    around = (u, u - min(half, WIDEST), u + min(half, WIDEST))
+    value, least, most = (float(term.value(np.array([v]))[0]) for v in around)
+    dead = float(np.linalg.norm(found.jacobian[:, k])) < DEAD
+    bounded, wide = at_bound(u, *bounds), is_wide(half, term.log, *bounds)
+    interval = (least, most) if half < WIDEST or not term.log else None
+    below = None
+    trusted = not term.log or half < found.quantile * NARROW or (wide and bool(trades))
+    if not (dead or bounded or trusted) and found.converged:
+        interval, below = _profile(found, k, value, data, noise, bins)
+        wide = interval is None or is_wide(
+            0.5 * float(np.log(interval[1] / interval[0])), True, *bounds
+        )
+    judged = verdict(
+        converged=found.converged, dead=dead, bounded=bounded, wide=wide, trades=bool(trades)
+    )
+    if dead or bounded:
+        interval = None
+    return Estimate(value, judged, interval, below, trades)
 
 
 def _profile(
-    result: Fit, k: int, value: float, data: Data, noise: Noise, bins: int
-) -> tuple[tuple[float, float] | None, float | None, Verdict]:
-    """Interval, or upper limit, from the rise of χ² with the parameter held, others refitted."""
-    spread = max(result.scale**2, 1e-12)
+    found: Fit, k: int, value: float, data: Data, noise: Noise, bins: int
+) -> tuple[tuple[float, float] | None, float | None]:
+    """Interval or upper limit, from the rise of χ² with the parameter held, others refitted."""
+    spread = max(found.scale**2, 1e-12)
 
     def rise(shift: float) -> float:
         """Of χ², in units of the residual's own size, with the logarithm moved by `shift`."""
-        held = _without(result.forward, k, result.point.u[k] + shift)
-        start = np.delete(result.point.u, k)
-        return (fit(held, data, noise, bins, start, 15).cost - result.cost) / spread
+        held = _without(found.forward, k, found.point.u[k] + shift)
+        start = np.delete(found.point.u, k)
+        return (fit(held, data, noise, bins, start, 15).cost - found.cost) / spread
 
     def crossing(goal: float, direction: float, most: float) -> float | None:
         inner, outer = 0.0, direction * 0.5
@@ -104,12 +98,12 @@ def _profile(
     if rise(VANISHING) < TWO_SIDED:
         up = crossing(ONE_SIDED, 1.0, 12.0)
         if up is None:
-            return None, None, "flat direction"
-        return None, value * float(np.exp(up)), "flat direction"
+            return None, None
+        return None, value * float(np.exp(up))
     up, down = crossing(TWO_SIDED, 1.0, 12.0), crossing(TWO_SIDED, -1.0, 12.0)
     if up is None or down is None:
-        return None, None, "flat direction"
-    return (value * float(np.exp(down)), value * float(np.exp(up))), None, "determined"
+        return None, None
+    return (value * float(np.exp(down)), value * float(np.exp(up))), None
 
 
 def _without(forward: Forward, k: int, held: float) -> Forward:

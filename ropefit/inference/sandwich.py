@@ -1,5 +1,5 @@
-"""How sure a fit is: sandwich covariance by clusters, Student-t intervals, and a verdict for each
-number.
+"""Intervals by the sandwich covariance: of clusters for the paper's losses, of blocks of time for
+motions.
 
 The losses are sums of norms. With J the derivative of the residual vectors r_i, the curvature A of
 the loss is that of the smoothed norm sqrt(r² + floor²): Σ J_iᵀ (1 - r_i r_iᵀ/ρ²) J_i / ρ with
@@ -12,15 +12,18 @@ one cluster are not independent, so the covariance is A⁻¹ (Σ s_c s_cᵀ) A�
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy import stats
 
-Verdict = Literal["determined", "trade-off", "flat direction", "dead", "at bound"]
+from ropefit.inference.intervals import WIDEST, Estimate, Estimates, condition_of, correlation_of
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.verdict import at_bound, is_wide, partners, verdict
+
 NULL = 1e-9  # eigenvalue of the scaled curvature under which a direction counts as undetermined
 INTERVAL = 1.959964  # sd: half of a 95 % interval
-STRONG = 0.98  # correlation from which two parameters trade off
+SHARED = 1e-3  # of a direction's square: a parameter that has as much is part of it
+BLOCK = 0.5  # s: residuals of a motion that are further apart count as independent
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def sandwich(
     meat = summed.T @ summed * np.outer(scale, scale)
     covariance = inverse @ meat @ inverse * labels.size / max(freedom, 1)
     null = vectors[:, ~known]
-    touched = (null**2).sum(axis=1) > 1e-3
+    touched = (null**2).sum(axis=1) > SHARED
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * scale
     sd = np.where(dead | touched | (freedom < 1), np.inf, sd)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -82,39 +85,90 @@ def sandwich(
     return Uncertainty(sd, quantile * sd, correlation, condition, dead, null)
 
 
-def verdicts(
-    result: Uncertainty, at_bound: np.ndarray, flat_above: float
-) -> list[tuple[Verdict, list[int]]]:
-    """(verdict, indices it trades with) for each parameter.
+def cluster_estimates(
+    found: Uncertainty,
+    names: list[str],
+    values: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    converged: bool,
+) -> Estimates:
+    """Return estimates of positive parameters (n,), whose logarithms `found` is of.
 
-    at_bound (n,) bool; a parameter whose interval is wider than `flat_above` is a flat direction.
+    bounds (n,), (n,): of the values. Parameters that share a direction which the data do not
+    determine trade off, whatever their correlation.
     """
-    out: list[tuple[Verdict, list[int]]] = []
-    n = result.sd.size
-    for i in range(n):
-        partners: list[int] = []
-        if not result.dead[i]:
-            for direction in result.null.T:
-                if direction[i] ** 2 > 1e-3:
-                    partners += [
-                        j
-                        for j in range(n)
-                        if j != i and direction[j] ** 2 > 1e-3 and not result.dead[j]
-                    ]
-            partners += [
-                j
-                for j in range(n)
-                if j != i and abs(np.nan_to_num(result.correlation[i, j])) > STRONG
-            ]
-        partners = sorted(set(partners))
-        if result.dead[i]:
-            out.append(("dead", []))
-        elif at_bound[i]:
-            out.append(("at bound", partners))
-        elif partners:
-            out.append(("trade-off", partners))
-        elif not result.half_width[i] <= flat_above:
-            out.append(("flat direction", []))
-        else:
-            out.append(("determined", []))
-    return out
+    out = {}
+    shared = found.null**2 > SHARED
+    for i, name in enumerate(names):
+        trades = set(partners(found.correlation, i, names))
+        for direction in shared.T:
+            if direction[i]:
+                trades |= {names[j] for j in np.flatnonzero(direction & ~found.dead) if j != i}
+        if found.dead[i]:
+            trades = set()
+        low, high = np.log(bounds[0][i]), np.log(bounds[1][i])
+        half = float(found.half_width[i])
+        judged = verdict(
+            converged=converged,
+            dead=bool(found.dead[i]),
+            bounded=at_bound(float(np.log(values[i])), low, high),
+            wide=is_wide(half, True, low, high),
+            trades=bool(trades),
+        )
+        interval = None
+        if converged and half < WIDEST:
+            interval = float(values[i] * np.exp(-half)), float(values[i] * np.exp(half))
+        out[name] = Estimate(float(values[i]), judged, interval, None, tuple(sorted(trades)))
+    condition = found.condition if np.isfinite(found.condition) else None
+    return Estimates(out, found.correlation, condition, found.sd)
+
+
+def block_estimates(found: Fit, clips: list[np.ndarray], time: np.ndarray) -> Estimates:
+    """Return estimates of the rope parameters of a least-squares fit of motions.
+
+    By the sandwich of blocks of time: the residual of an open-loop motion wanders for a swing or
+    so, and thousands of its samples are worth only as many as there are swings. time (F,) [s] of
+    the frames that `clips` are indices of.
+    """
+    information = np.diag(_information(found.prior))
+    bread = np.linalg.pinv(found.jacobian.T @ found.jacobian + information, rcond=1e-14)
+    block, count = blocks_of(clips, time)
+    frame = np.repeat(found.stations.frame, found.stations.residual.shape[1])
+    score = np.zeros((count, found.jacobian.shape[1]))
+    np.add.at(score, block[frame], found.jacobian * found.z[:, None])
+    own = sum(not t.nuisance for t in found.forward.terms)
+    freedom = max(count - own, 1)
+    covariance = bread @ (count / freedom * score.T @ score + information) @ bread
+    sd, correlation = np.sqrt(np.maximum(np.diag(covariance), 1e-300)), correlation_of(covariance)
+    quantile = float(stats.t.ppf(0.975, freedom))
+    low, high = found.forward.bounds()
+    labels = [t.name for t in found.forward.terms for _ in range(t.size)]
+    out = {}
+    for k, term in enumerate(t for t in found.forward.terms if not t.nuisance):
+        u, half, trades = found.point.u[k], quantile * sd[k], partners(correlation, k, labels)
+        judged = verdict(
+            converged=found.converged,
+            dead=False,
+            bounded=at_bound(u, low[k], high[k]),
+            wide=is_wide(half, term.log, low[k], high[k]),
+            trades=bool(trades),
+        )
+        around = (u, u - min(half, WIDEST), u + min(half, WIDEST))
+        value, least, most = (float(term.value(np.array([v]))[0]) for v in around)
+        out[term.name] = Estimate(value, judged, (least, most), None, trades)
+    return Estimates(out, correlation[:own, :own], condition_of(correlation[:own, :own]), sd)
+
+
+def blocks_of(clips: list[np.ndarray], time: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return the block (F,) that each frame of some clips lies in, -1 for the others, and how many
+    blocks there are."""
+    block, count = np.full(len(time), -1), 0
+    for clip in clips:
+        inside = ((time[clip] - time[clip[0]]) / BLOCK).astype(int)
+        block[clip] = count + inside
+        count += int(inside.max()) + 1
+    return block, count
+
+
+def _information(prior: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(prior), 1 / np.where(np.isfinite(prior), prior, 1.0) ** 2, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.models.xpbd import bounds, initial
+from ropefit.models.parameters import Range
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,10 @@ class Space:
         names: tuple[str, ...],
         free: list[str],
         start: dict[str, float],
-        ranges: dict[str, tuple[float, float, float]] | None = None,
+        ranges: dict[str, Range],
     ) -> Space:
-        """The space of named parameters; `start` overrides the initial values.
-
-        ranges: (initial, lower, upper) by name; the paper's weights have their own.
-        """
-        if ranges is None:
-            ranges = {name: (initial(name), *bounds(name)) for name in names}
+        """Return the space of named parameters with their ranges; `start` overrides where they
+        start."""
         values, low, high = np.array([ranges[name] for name in names]).T
         values = np.array([start.get(n, v) for n, v in zip(names, values, strict=True)])
         indices = tuple(i for i, name in enumerate(names) if name in free)
@@ -63,10 +59,3 @@ class Space:
         values = torch.from_numpy(self.start).expand(*u.shape[:-1], -1).clone()
         columns = {i: free[..., k] for k, i in enumerate(index)}
         return torch.stack([columns.get(i, values[..., i]) for i in range(len(self.names))], dim=-1)
-
-    def at_bound(self, values: np.ndarray) -> np.ndarray:
-        """(m,) bool: free parameters within half a percent of the (log) range from a bound."""
-        index = list(self.free)
-        low, high = np.log(self.lower[index]), np.log(self.upper[index])
-        share = (np.log(values[index]) - low) / (high - low)
-        return (share < 0.005) | (share > 0.995)

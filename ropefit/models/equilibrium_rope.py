@@ -20,12 +20,6 @@ from ropefit.solvers.potentials import solve_with_potentials
 from ropefit.solvers.xpbd import State
 
 NAMES = ("EI", "GJ", "EA", "length")
-MEANING = {
-    "EI": "bending rigidity",
-    "GJ": "twist rigidity",
-    "EA": "axial rigidity",
-    "length": "rest length of the rope",
-}
 
 
 @dataclass(frozen=True)
@@ -157,14 +151,9 @@ class EquilibriumRope:
         return State(*(t.cpu() for t in settled_batched(solution, device)))
 
 
-def ranges(setup: Setup) -> dict[str, tuple[float, float, float]]:
-    """(start, lower, upper) in SI of every name."""
+def rope_values(setup: Setup) -> dict[str, float]:
+    """Return the values of NAMES in SI of a setup; EA is infinite where the rope does not
+    stretch."""
     p = setup.properties
-    bend, length = float(p.bend[0]), float(p.length.sum())
-    weight = float(p.density.mean() * setup.gravity.norm()) * length
-    return {
-        "EI": (bend, 1e-4 * bend, 1e4 * bend),
-        "GJ": (float(p.twist[0]), 1e-4 * bend, 1e4 * bend),
-        "EA": (float(p.axial[0]), 1.0 * weight, 1e7 * weight),
-        "length": (length, 0.8 * length, 1.25 * length),
-    }
+    values = (p.bend[0], p.twist[0], p.axial[0], p.length.sum())
+    return {name: float(value) for name, value in zip(NAMES, values, strict=True)}

@@ -47,42 +47,6 @@ class Priors:
     mass: float | None = None
 
 
-def rope_term(name: str, unit: str, start: float, low: float, high: float, apply: Apply) -> Term:
-    """A positive rope parameter, searched on a log scale."""
-    return Term(
-        name, (name,), (unit,), apply, np.array([start]), np.ones(1), np.array([low]),
-        np.array([high]), np.full(1, np.inf), log=True,
-    )  # fmt: skip
-
-
-def set_bend(setup: Setup, v: Tensor) -> Setup:
-    """EI [N m²], the same everywhere; the twist rigidity follows at its ratio."""
-    p = setup.properties
-    ratio = v[0] / p.bend
-    return setup._replace(properties=p._replace(bend=p.bend * ratio, twist=p.twist * ratio))
-
-
-def set_twist(setup: Setup, v: Tensor) -> Setup:
-    """GJ [N m²], the same everywhere."""
-    p = setup.properties
-    return setup._replace(properties=p._replace(twist=v[0].expand(p.twist.shape)))
-
-
-def set_axial(setup: Setup, v: Tensor) -> Setup:
-    """EA [N], the same everywhere."""
-    p = setup.properties
-    return setup._replace(properties=p._replace(axial=v[0].expand(p.axial.shape)))
-
-
-def set_length(setup: Setup, v: Tensor) -> Setup:
-    """Rest length [m] of the whole rope."""
-    p = setup.properties
-    return setup._replace(properties=p._replace(length=p.length * (v[0] / p.length.sum())))
-
-
-ROPE = {"EI": set_bend, "GJ": set_twist, "EA": set_axial, "length": set_length}
-
-
 def nuisance(name: str, names: list[str], units: list[str], apply: Apply, sd: list[float]) -> Term:
     """A calibration error: zero, give or take its prior."""
     prior = np.array(sd)

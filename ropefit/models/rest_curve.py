@@ -5,11 +5,10 @@ About the rope's own two directions across it, those of the clamps, carried alon
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.models.equilibrium import Apply, Term
+from ropefit.models.equilibrium import Apply
 from ropefit.rod.setup import Setup
 
 PLACES = (0, 25, 50, 75, 100)  # % of the length: where a varying curvature is told
@@ -17,7 +16,7 @@ UNIFORM = ("curvature_1", "curvature_2")
 VARYING = tuple(f"{name}_at_{place}" for name in UNIFORM for place in PLACES)
 NAMES = (*UNIFORM, *VARYING)
 SHORT = "rest_curve"  # stands for all of `VARYING`
-MOST, STEEP = 5.0, 20.0  # 1/m per length: bounds of a uniform and of a varying curvature
+UNIFORM_BOUND, VARYING_BOUND = 5.0, 20.0  # 1/m per length, of a uniform and of a varying curvature
 ACROSS = ("", ", across the first")
 
 
@@ -35,16 +34,8 @@ def meaning(name: str) -> str:
 
 def bound(name: str, setup: Setup) -> float:
     """[1/m] that no rope's rest curvature exceeds."""
-    return (MOST if name in UNIFORM else STEEP) / float(setup.properties.length.sum())
-
-
-def term(name: str, setup: Setup) -> Term:
-    """One of `NAMES` as a free parameter of a rope that is straight so far."""
-    one, most = np.ones(1), bound(name, setup)
-    return Term(
-        name, (name,), ("1/m",), apply(name), 0 * one, 0.1 * most * one, -most * one, most * one,
-        np.full(1, np.inf),
-    )  # fmt: skip
+    most = UNIFORM_BOUND if name in UNIFORM else VARYING_BOUND
+    return most / float(setup.properties.length.sum())
 
 
 def apply(name: str) -> Apply:

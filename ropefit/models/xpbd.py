@@ -22,33 +22,11 @@ from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State
 
 # Order of the six weights of Algorithm 1 in every parameter vector.
 ETA = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")
-MEANING = {
-    "eta_x_G": "weight of gravity on positions",
-    "eta_x_D": "weight of the distance constraint on positions",
-    "eta_x_S": "weight of the stretch-shear constraint on positions",
-    "eta_q_S": "weight of the stretch-shear constraint on frames",
-    "eta_q_B": "weight of the bend-twist constraint on frames",
-    "eta_SOR": "over-relaxation of all moves",
-    "eta_x_G_0": "weight of gravity between end 0 and the control point",
-    "eta_x_G_1": "weight of gravity between the control point and end 1",
-}
-INITIAL = {"eta_x_G": 0.04, "eta_x_G_0": 0.04, "eta_x_G_1": 0.04}
-BOUNDS = {"gravity": (1e-5, 100.0), "other": (1e-3, 1.5)}
 
 
 def eta_names(two_sided: bool) -> tuple[str, ...]:
     """The parameters: six, or seven when the two sides of the control point differ in gravity."""
     return ("eta_x_G_0", "eta_x_G_1", *ETA[1:]) if two_sided else ETA
-
-
-def initial(name: str) -> float:
-    """The paper's starting value of a weight."""
-    return INITIAL.get(name, 1.0)
-
-
-def bounds(name: str) -> tuple[float, float]:
-    """Range in which a weight is searched; beyond it the iterations diverge or do nothing."""
-    return BOUNDS["gravity" if "_G" in name else "other"]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from ropefit.adapters.priors import noise_of, priors_of
 from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
 from ropefit.adapters.shapes_only import shapes_only
 from ropefit.adapters.start_values import started_setup
-from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.branch import nearer_branch
@@ -30,8 +29,8 @@ from ropefit.inference.sandwich import INTERVAL
 from ropefit.models import rest_curve
 from ropefit.models.correlated import correlated
 from ropefit.models.equilibrium import Forward, Term
-from ropefit.models.equilibrium_rope import ranges
-from ropefit.models.priors import ROPE, calibration, rope_term
+from ropefit.models.parameters import PARAMETERS
+from ropefit.models.priors import calibration
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.solvers.branches import follow
@@ -123,7 +122,6 @@ def nominal_terms(
     prior: they are known from another run, within that run's intervals, and the points of a rest
     curve, which hang together, within its covariance. GJ joins them where both clamps hold twist.
     """
-    scale = unit_scale(o)
     group = next(iter(source.nominal.groups.values()))
     if prior:
         values = {k: v for k, v in frozen_values(source, "--nominal", o).items() if k != "EA"}
@@ -134,17 +132,15 @@ def nominal_terms(
             if name in ("EI", "GJ", *rest_curve.NAMES) and p.verdict not in ("fixed", "at bound")
         }
     curve = {name: values.pop(name) for name in rest_curve.NAMES if name in values}
-    setup = started_setup(setup, values, scale)
+    setup = started_setup(setup, values, o)
     names = ["EI"]
     if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
         names.append("GJ")
     if o.length_source == "estimated":
         names.append("length")
-    known = ranges(setup)
     terms = []
     for name in names:
-        start, low, high = known[name]
-        term = rope_term(name, "", start, low, high, ROPE[name])
+        term = PARAMETERS[name].term(setup)
         if name == "GJ":  # where no twist is seen it would go astray
             term = _with_prior(term, GJ_SD)
         p = group.parameters.get(name)
@@ -152,10 +148,7 @@ def nominal_terms(
             sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
             term = _with_prior(term, sd)
         terms.append(term)
-    bends = {
-        name: replace(rest_curve.term(name, setup), start=np.array([value]))
-        for name, value in curve.items()
-    }
+    bends = {name: PARAMETERS[name].term(setup, value) for name, value in curve.items()}
     seen = [name for name in bends if prior and group.parameters[name].ci95 is not None]
     if seen:
         covariance = covariance_of(group, seen)

@@ -18,7 +18,8 @@ from ropefit.adapters.synthetic_sensor import write_recording
 from ropefit.adapters.synthetic_spec import Point, SimulationSpec
 from ropefit.artifacts.atomic import new_folder, refuse_filled
 from ropefit.errors import BadInput, NotConverged
-from ropefit.models.xpbd import Ends, build_rope, initial
+from ropefit.models.weights import WEIGHTS
+from ropefit.models.xpbd import Ends, build_rope
 from ropefit.perception.trace import resample
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.manifest import describe, read_toml
@@ -78,7 +79,9 @@ def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Ends]:
         settings=Settings(m.steps, m.iterations, m.dt),
         control_node=0 if spec.motion.end0 else spec.rope.nodes - 1,
     )
-    eta = torch.tensor([[m.eta.get(name, initial(name)) for name in rope.names]] * frames)
+    eta = torch.tensor(
+        [[m.eta.get(name, WEIGHTS[name].range.start) for name in rope.names]] * frames
+    )
     with torch.no_grad():
         state = rope.settle(eta.to(torch.float64))
     if not torch.isfinite(state.x).all():
