@@ -107,9 +107,9 @@ def test_every_format_and_option_is_described() -> None:
 
 TRY_JET = """
 import numpy as np, torch
-from ropefit.inference.diagnosis.columns import Responses
-from ropefit.inference.diagnosis.evidence import Projection, Scorer
-from ropefit.inference.diagnosis.families import families
+from ropefit.diagnosis.sensitivities import Sensitivities
+from ropefit.diagnosis.scan import Projection, Scorer
+from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -132,12 +132,12 @@ points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
 noise = Noise(marker=0.0005)
 found = fit(Forward(setup, [rope_term("EI", "", 3e-4, 1e-6, 1e-2, ROPE["EI"])]), data, noise, 40)
-responses, project = Responses(found, data, 40), Projection(found)
+responses, project = Sensitivities(found, data, 40), Projection(found)
 best = max(
-    (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in families(setup)),
+    (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in hypotheses(setup)),
     key=lambda s: s.log_factor,
 )
-print(best.family.name, *best.family.places[best.best], *best.sizes)
+print(best.hypothesis.name, *best.hypothesis.places[best.best], *best.sizes)
 """
 
 
