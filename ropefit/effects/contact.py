@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -35,7 +37,7 @@ def hardness(setup: Setup) -> Tensor:
     return HARDNESS * setup.weight.detach()
 
 
-def with_contact(setup: Setup, gap, share: Tensor) -> Setup:
+def with_contact(setup: Setup, gap: Callable[[Tensor], Tensor], share: Tensor) -> Setup:
     """Return the setup with a frictionless body at gap(x (..., 3)) -> (...,) [m], negative inside.
 
     share (N+1,): how many nodes each node stands for.
