@@ -79,9 +79,10 @@ def test_without_calibration_and_with_white_noise():
     nominal = nominal_fit(data, 24)
     noise = Noise(correlated=1e-3, white=(1e-6, 1e-6))
     white = engine._noise(nominal, data, noise, BINS, VARIANTS["white"].rules({}))
-    assert not white.coloured
+    assert white.ends is None
+    assert white.correlated == 0
     assert white.white == (1e-6, 1e-6)
-    assert engine._noise(nominal, data, noise, BINS, RULES).coloured
+    assert engine._noise(nominal, data, noise, BINS, RULES).ends is not None
     assert not VARIANTS["calibration"].rules({}).calibration
 
 

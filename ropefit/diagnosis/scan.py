@@ -104,8 +104,8 @@ class Scorer:
 
     def averaged(self, z: np.ndarray) -> np.ndarray:
         """Return (R,) log Bayes factors, averaged over places."""
-        found = self.log_factors(z)
-        return logsumexp(found, axis=0) - np.log(len(found))
+        factors = self.log_factors(z)
+        return logsumexp(factors, axis=0) - np.log(len(factors))
 
     def __call__(self, z: np.ndarray) -> Score:
         """Score one residual (M D,)."""
