@@ -74,7 +74,7 @@ def test_each_variant_changes_its_own_rule_only():
     }  # fmt: skip
 
 
-def test_without_calibration_and_with_white_noise():
+def test_with_white_noise():
     data = recorded(rope(48), seed=3)
     nominal = nominal_fit(data, 24)
     noise = Noise(correlated=1e-3, white=(1e-6, 1e-6))
@@ -83,7 +83,6 @@ def test_without_calibration_and_with_white_noise():
     assert white.correlated == 0
     assert white.white == (1e-6, 1e-6)
     assert engine._noise(nominal, data, noise, BINS, RULES).ends is not None
-    assert not VARIANTS["calibration"].rules({}).calibration
 
 
 def test_the_restart_is_counted_and_left_out(monkeypatch):

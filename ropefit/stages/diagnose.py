@@ -90,11 +90,8 @@ def diagnosed(
     bins = STATIONS
     context.progress(0.02, "nominal fit")
     with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
-        errors = calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))
-        if not rules.calibration:
-            errors = []
-        if settings.calibration:
-            errors = calibrated(errors, context.external["calibration"])
+        known = context.external["calibration"] if settings.calibration else None
+        errors = set_up_errors(setup, o, known) if rules.calibration else []
         nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
         result = None
         for _ in range(2):  # with an effect, other frames may be near instability
@@ -190,6 +187,12 @@ def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
 
 def _with_prior(term: Term, sd: float) -> Term:
     return replace(term, prior=np.array([max(sd, LEAST_PRIOR_SD)]))
+
+
+def set_up_errors(setup: Setup, o: Observations, known: Model | None) -> list[Term]:
+    """Return the calibration errors, those of camera and gravity as another run knows them."""
+    errors = calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))
+    return calibrated(errors, known) if known else errors
 
 
 def calibrated(errors: list[Term], source: Model) -> list[Term]:
