@@ -33,11 +33,11 @@ from ropefit import commands, commands_show
 from ropefit.artifacts import ARTIFACTS
 from ropefit.artifacts.store import identity, read
 from ropefit.console import Session
-from ropefit.inference.diagnosis import search
-from ropefit.inference.diagnosis.families import families
+from ropefit.diagnosis.rules import Rules
 from ropefit.runs import checkpoint
 from ropefit.runs.journal import Entries
 from ropefit.runs.run_directory import CHECKPOINTS, REPORT
+from ropefit.stages import diagnose
 from tests.factories import marker_recording
 
 KILLED = -signal.SIGKILL
@@ -262,8 +262,7 @@ def measure(
     """Prepare and disturb both chains, or one of them, up to a stage."""
     torch.set_num_threads(1)
     checkpoint.EVERY, checkpoint.SHARE = 0.01, 0  # so that many are interrupted, and resumed
-    search.families = lambda setup: [f for f in families(setup) if f.name in SOUGHT]
-    search.proposals = lambda fit: []
+    diagnose.RULES = Rules(effects=SOUGHT)
     recording = marker_recording(scratch / "recording", frames=4)
     out = {}
     for number, chain in enumerate(chains(recording)):

@@ -1,4 +1,4 @@
-"""The pages on adding an importer and an exporter, followed literally from outside the package."""
+"""The pages on adding something of one's own, followed literally from outside the package."""
 
 from __future__ import annotations
 
@@ -20,14 +20,18 @@ DOCS = ROOT / "docs"
 
 
 def package(page: str, directory: Path) -> str:
-    """What a page shows, installed in a folder; the module's name."""
+    """What a page shows, installed in a folder; the (first) module's name."""
     text = (DOCS / page).read_text()
-    blocks = dict(re.findall(r"```(python|toml)\n(.*?)```", text, re.DOTALL))
-    name = re.match(r"# (\w+)\.py", blocks["python"])
-    group = re.search(r'entry-points\."([\w.]+)"\]\n(.*)', blocks["toml"], re.DOTALL)
-    assert name is not None
+    (declared,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    group = re.search(r'entry-points\."([\w.]+)"\]\n(.*)', declared, re.DOTALL)
     assert group is not None
-    (directory / f"{name[1]}.py").write_text(blocks["python"])
+    names = []
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        name = re.match(r"# (\w+)\.py", block)
+        assert name is not None
+        (directory / f"{name[1]}.py").write_text(block)
+        names.append(name)
+    name = names[0]
     info = directory / f"{name[1]}-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name[1]}\nVersion: 1.0\n")
@@ -107,9 +111,10 @@ def test_every_format_and_option_is_described() -> None:
 
 TRY_JET = """
 import numpy as np, torch
-from ropefit.inference.diagnosis.columns import Responses
-from ropefit.inference.diagnosis.evidence import Projection, Scorer
-from ropefit.inference.diagnosis.families import families
+from ropefit.models.equilibrium import Forward
+from ropefit.diagnosis.sensitivities import Sensitivities
+from ropefit.diagnosis.scan import Projection, Scorer
+from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.models.equilibrium import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -132,12 +137,12 @@ points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
 noise = Noise(marker=0.0005)
 found = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), data, noise, 40)
-responses, project = Responses(found, data, 40), Projection(found)
+responses, project = Sensitivities(found, data, 40), Projection(found)
 best = max(
-    (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in families(setup)),
+    (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in hypotheses(setup)),
     key=lambda s: s.log_factor,
 )
-print(best.family.name, *best.family.places[best.best], *best.sizes)
+print(best.hypothesis.name, *best.hypothesis.places[best.best], *best.sizes)
 """
 
 
@@ -150,3 +155,58 @@ def test_adding_an_effect(tmp_path: Path) -> None:
     assert name == "jet"
     assert float(place) == pytest.approx(0.5, abs=0.03)
     assert [float(v) for v in force] == pytest.approx([0, 0.004, 0], abs=4e-4)
+
+
+TRY_POST = """
+import numpy as np, torch
+from ropefit.diagnosis.acceptance import first_acceptable
+from ropefit.diagnosis.candidates import fit_candidates
+from ropefit.diagnosis.held_out import by_stretches
+from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.proposals import proposals
+from ropefit.models.equilibrium import Forward
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.bins import Data
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import bare
+
+gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+ends = torch.zeros(6, 2, 3, dtype=torch.float64)
+ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
+rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
+setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), torch.tensor([0.5, -1.5, 0.0]))
+assert all(h.name != "post" for h in hypotheses(setup))
+
+import ropefit_post
+
+post = ropefit_post.Post()
+leaning = post.apply(setup, torch.tensor([0.02, 0.0, 0.03], dtype=torch.float64))
+point = Forward(leaning, []).at(np.empty(0))
+assert point.solution.converged.all()
+share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
+points = point.seen + 0.0005 * np.random.default_rng(0).normal(size=point.seen.shape)
+data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
+noise = Noise(marker=0.0005)
+nominal = fit(Forward(setup, [rope_term("EI", "", 3e-4, 1e-6, 1e-2, ROPE["EI"])]), data, noise, 40)
+slow = proposals(nominal, slow=True, names=("post",))
+found = fit_candidates(nominal, [], [], slow, data, noise, 40, 6.0, ("post",))
+best = first_acceptable(found, 6.0, nominal, [])
+assert by_stretches(best.fit) and not by_stretches(nominal)
+values = best.values()
+told = dict(zip(post.names, values))
+(record,) = post.exported(told, leaning, 11, ()).beside
+print(best.hypothesis.name, best.evidence, values[2] - values[0], record.radius - told["radius"])
+"""
+
+
+def test_adding_a_contact_effect(tmp_path: Path) -> None:
+    package("adding-an-effect.md", tmp_path)
+    (tmp_path / "try_post.py").write_text(TRY_POST)
+    run = python(tmp_path, "try_post.py")
+    assert run.returncode == 0, run.stderr
+    name, evidence, surface, same = run.stdout.split()
+    assert name == "post"
+    assert float(evidence) > 30
+    assert float(surface) == pytest.approx(0.01, abs=0.001)  # m, by which it holds the rope off
+    assert float(same) == 0

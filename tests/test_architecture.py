@@ -26,9 +26,10 @@ FLOORS = [
     {"adapters"},
     {"viewing"},
     {"reporting"},
-    {"exporters"},
+    {"diagnosis"},
     {"inference"},
     {"effects"},
+    {"exporters"},
     {"losses", "solvers"},
     {"rod"},
     {"perception"},
@@ -130,3 +131,91 @@ def test_command_line_imports_nothing_heavy():
             if isinstance(node, ast.ImportFrom):
                 module = node.module or ""
                 assert not module.startswith("ropefit") or module in light
+
+
+EFFECTS = PACKAGE / "effects"
+BASES = {"ropefit.effects.base", "ropefit.effects.contact", "ropefit.effects.misfit"}
+BASES.add("ropefit.effects.place")  # helpers of effects, of no single one
+
+
+def effect_names() -> tuple[set[str], set[str]]:
+    """The names of all effects of the catalogue, and of their classes, as their files have them."""
+    names, classes = set(), set()
+    for path in EFFECTS.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                given = [
+                    item.value.value
+                    for item in node.body
+                    if isinstance(item, ast.Assign)
+                    and isinstance(item.value, ast.Constant)
+                    and [t.id for t in item.targets if isinstance(t, ast.Name)] == ["name"]
+                ]
+                names |= set(given)
+                inherited = any(isinstance(b, ast.Name) and b.id in classes for b in node.bases)
+                classes |= {node.name} if given or inherited else set()
+    return names, classes
+
+
+def special_cases(source: str) -> list[str]:
+    """What a file outside effects/ knows of single effects."""
+    names, classes = effect_names()
+    tree, found, own = ast.parse(source), [], set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            given = {alias.name for alias in node.names}
+            if node.module == "ropefit.effects":
+                found += [f"imports {name}" for name in given - {"CATALOGUE", "Effect", "Quantity"}]
+            elif node.module.startswith("ropefit.effects.") and node.module not in BASES:
+                found.append(f"imports {node.module}")
+            elif node.module == "ropefit" and "effects" in given:
+                found.append("imports effects")
+            else:
+                own |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.Import):
+            found += [f"imports {a.name}" for a in node.names if "ropefit.effects" in a.name]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            for side in (node.left, *node.comparators):
+                found += [f"compares with {v}" for v in constants(side) if v in names]
+        elif isinstance(node, ast.MatchValue):
+            found += [f"matches {v}" for v in constants(node.value) if v in names]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
+            inside = list(ast.walk(node.args[1]))
+            kinds = {n.id for n in inside if isinstance(n, ast.Name)}
+            kinds |= {n.attr for n in inside if isinstance(n, ast.Attribute)}
+            found += [f"an instance of {kind}" for kind in (kinds & classes) - own]
+    return found
+
+
+def constants(node: ast.AST) -> list[object]:
+    """The constants that a comparison is with, those in a tuple, list or set included."""
+    inside = node.elts if isinstance(node, ast.Tuple | ast.List | ast.Set) else [node]
+    return [item.value for item in inside if isinstance(item, ast.Constant)]
+
+
+def test_no_effect_is_a_special_case_outside_its_file():
+    wrong = [
+        f"{path.relative_to(ROOT)} {what}"
+        for path in sources()
+        if path.parent != EFFECTS
+        for what in special_cases(path.read_text())
+    ]
+    assert not wrong
+
+
+def test_special_cases_are_noticed():
+    for source in (
+        'if term.name == "tether": pass',
+        'plain = cause.name not in ("kink", "other")',
+        "from ropefit.effects import SupportPlane",
+        "from ropefit.effects.support_plane import touching",
+        "import ropefit.effects as e",
+        "from ropefit import effects",
+        "isinstance(effect, (FreeKink, int))",
+        "isinstance(effect, effects.Obstacle)",
+        'match effect.name:\n    case "inertia": pass',
+    ):
+        assert len(special_cases(source)) == 1, source
+    assert not special_cases("from ropefit.effects import CATALOGUE, Effect")
+    assert not special_cases("from ropefit.exporters.effects import Tether\nisinstance(x, Tether)")

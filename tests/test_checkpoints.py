@@ -12,9 +12,8 @@ import pytest
 
 from ropefit.artifacts import Checkpoint, content_sha256, read, write
 from ropefit.artifacts.packing import packed, unpacked
+from ropefit.diagnosis.rules import Rules
 from ropefit.errors import StageFailed
-from ropefit.inference.diagnosis import search
-from ropefit.inference.diagnosis.families import Family, families
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.runs import checkpoint
 from ropefit.runs import journal as journals
@@ -73,9 +72,7 @@ def compute(run: Path, case: str, say: list[str] | None = None) -> Outcome[Any]:
     return execute(stage.STAGE, run, settings, context, external, force=True)
 
 
-def few_families(setup: Any) -> list[Family]:
-    """All would take minutes."""
-    return [f for f in families(setup) if f.name in ("distributed_load", "scale_error")]
+FEW_EFFECTS = Rules(effects=("distributed_load", "scale_error"))  # all would take minutes
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -89,8 +86,7 @@ def test_interrupted_anywhere(case: str, run: Path, monkeypatch: pytest.MonkeyPa
             raise Interrupted
 
     monkeypatch.setattr(checkpoint.Saver, "__call__", counted)
-    monkeypatch.setattr(search, "families", few_families)
-    monkeypatch.setattr(search, "proposals", lambda fit: [])
+    monkeypatch.setattr(diagnose, "RULES", FEW_EFFECTS)
     whole = content_sha256(compute(run, case).artifact)
     count, said = saves[0], []
     path = run / checkpoint_name(case.split()[0])

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from ropefit.adapters.frozen import covariance_of
-from ropefit.inference.diagnosis.latent import Latent
+from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.models.correlated import correlated
 from ropefit.models.equilibrium import Forward
 from ropefit.models.parameters import PARAMETERS
@@ -69,7 +69,7 @@ def test_what_a_run_knows_of_them():
 def test_noise_is_not_smaller_than_it_was_measured():
     """Of markers that move in a plane nothing is left across it, whatever is left in it."""
     modes = np.eye(20)[:, :10]
-    latent = Latent(np.empty(0), np.empty(0), np.empty(0), 0, 0, modes, np.ones(10))
+    latent = LatentForce(np.empty(0), np.empty(0), np.empty(0), 0, 0, modes, np.ones(10))
     inside = np.concatenate([np.ones(10), np.zeros(10)])[:, None]
     assert latent.at(inside, 1.0) == pytest.approx(0.25 * 10 - 5 * np.log(2))
     loud = np.concatenate([2 * np.ones(10), 2 * np.ones(10)])[:, None]

@@ -7,10 +7,17 @@ import numpy as np
 import pytest
 
 from ropefit.adapters.diagnosis_content import sizes_of
-from ropefit.effects import ContactFriction
+from ropefit.artifacts import Model, Observations
+from ropefit.diagnosis.rules import RULES, Rules
+from ropefit.effects import AxialExtensibility, ContactFriction, SoftSection, StiffSection
 from ropefit.inference.noise import Noise
+from ropefit.runs.loading import load
+from ropefit.runs.protocol import Context
+from ropefit.stages import diagnose
 from ropefit.stages.diagnose import with_what_is_missed
 from tests.conftest import ROOT
+from tests.factories import marker_recording
+from tests.test_checkpoints import compute
 
 
 def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
@@ -72,10 +79,49 @@ def test_what_another_runs_rope_misses_is_noise_here():
 
 
 def test_intervals_end_where_a_quantity_does():
-    rival = SimpleNamespace(
-        family=SimpleNamespace(effect=ContactFriction()), fit=SimpleNamespace(quantile=2.0)
+    candidate = SimpleNamespace(
+        hypothesis=SimpleNamespace(effect=ContactFriction()), fit=SimpleNamespace(quantile=2.0)
     )
-    sizes = sizes_of(rival, np.array([0.6]), np.array([0.5]))  # pyright: ignore[reportArgumentType]
+    sizes = sizes_of(candidate, np.array([0.6]), np.array([0.5]))  # pyright: ignore[reportArgumentType]
     low, high = sizes["coefficient"].ci95
     assert low == 0.0
     assert 1.6 < high < 1.7
+
+
+@pytest.mark.parametrize(
+    ("effect", "value", "name", "expected"),
+    [
+        (StiffSection(), 0.7, "factor", np.exp([0.7, 0.5, 0.9])),
+        (SoftSection(), 0.7, "factor", np.exp([-0.7, -0.9, -0.5])),
+        (AxialExtensibility(), 0.4, "EA", [1 / 0.4, 1 / 0.6, 1 / 0.2]),
+        (AxialExtensibility(), 0.1, "EA", [1 / 0.1, 1 / 0.3, 1e300]),
+    ],
+)
+def test_derived_quantities_are_reported_first_with_their_interval(effect, value, name, expected):
+    candidate = SimpleNamespace(
+        hypothesis=SimpleNamespace(effect=effect), fit=SimpleNamespace(quantile=2.0)
+    )
+    sizes = sizes_of(candidate, np.array([value]), np.array([0.1]))  # pyright: ignore[reportArgumentType]
+    assert list(sizes) == [name, effect.quantities[0].name]
+    assert [sizes[name].value, *sizes[name].ci95] == pytest.approx(list(expected))
+
+
+class Reached(Exception):
+    """The nominal fit would begin now."""
+
+
+def test_rules_without_calibration_leave_its_errors_out(tmp_path, monkeypatch):
+    marker_recording(tmp_path / "recording", frames=4)
+    for stage in ("preprocess", "identify"):
+        compute(tmp_path / "run", stage)
+    inputs = {kind.file_name: load(tmp_path / "run", kind)[0] for kind in (Observations, Model)}
+
+    def fitted(setup, terms, *_):
+        raise Reached([term.name for term in terms])
+
+    monkeypatch.setattr(diagnose, "_nominal", fitted)
+    for rules, named in ((RULES, True), (Rules(calibration=False), False)):
+        with pytest.raises(Reached) as caught:
+            diagnose.diagnosed(inputs, diagnose.DiagnoseSettings(), Context(), rules)
+        assert "EI" in caught.value.args[0]
+        assert ("gravity" in caught.value.args[0]) is named

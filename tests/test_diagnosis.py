@@ -9,6 +9,21 @@ import torch
 
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.artifacts.model import Calibration
+from ropefit.diagnosis.acceptance import agreeing
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.confounding import confounded
+from ropefit.diagnosis.held_out import heldout_rms, predicted
+from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.latent_force import latent_force
+from ropefit.diagnosis.noise_measurement import on_edge
+from ropefit.diagnosis.reassessment import reassessed
+from ropefit.diagnosis.regions import misfit, regions
+from ropefit.diagnosis.rules import RULES, Selection
+from ropefit.diagnosis.scan import Projection, Scorer, null_residuals
+from ropefit.diagnosis.search import search
+from ropefit.diagnosis.sensitivities import Sensitivities
+from ropefit.diagnosis.stretches import most_significant, significant_interval
 from ropefit.effects import (
     FreeCurvature,
     FreeKink,
@@ -20,19 +35,6 @@ from ropefit.effects import (
 from ropefit.effects.place import middle_of
 from ropefit.errors import WrongUsage
 from ropefit.inference.bins import Data, match
-from ropefit.inference.diagnosis.absorbed import absorbed
-from ropefit.inference.diagnosis.background import on_edge
-from ropefit.inference.diagnosis.columns import Responses
-from ropefit.inference.diagnosis.evidence import Projection, Scorer, null_residuals
-from ropefit.inference.diagnosis.families import families
-from ropefit.inference.diagnosis.found import Found
-from ropefit.inference.diagnosis.gates import agreeing
-from ropefit.inference.diagnosis.latent import latent_force
-from ropefit.inference.diagnosis.profile import _clearest, profile
-from ropefit.inference.diagnosis.reconsider import reconsidered
-from ropefit.inference.diagnosis.regions import misfit, regions
-from ropefit.inference.diagnosis.search import _restarted, search
-from ropefit.inference.diagnosis.weigh import fit_rival, heldout_rms, predicted
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
@@ -51,7 +53,7 @@ def diagnosed(data):
 def test_a_clean_recording_is_called_none():
     d = diagnosed(recorded(rope(288), seed=3))
     assert d.verdict == "none"
-    assert not d.found
+    assert not d.accepted
     before, noise = heldout_rms(d.final)
     assert 0.95 * noise < before < 1.1 * noise
     assert 1e-5 < d.detectable["point_mass"] < 2e-3  # kg
@@ -68,13 +70,18 @@ def test_a_clean_recording_is_called_none():
 def test_an_effect_is_found_where_it_is(effect, values, place):
     d = diagnosed(recorded(with_effect(effect, values), seed=1))
     assert d.verdict == "found"
-    names = [d.found[0].rival.family.name, *(r.family.name for r in d.found[0].equivalent)]
+    names = [
+        d.accepted[0].candidate.hypothesis.name,
+        *(r.hypothesis.name for r in d.accepted[0].equivalent),
+    ]
     assert effect.name in names
-    rival = next(
-        r for r in (d.found[0].rival, *d.found[0].equivalent) if r.family.name == effect.name
+    candidate = next(
+        r
+        for r in (d.accepted[0].candidate, *d.accepted[0].equivalent)
+        if r.hypothesis.name == effect.name
     )
-    found, sd = rival.values(), rival.sd()
-    assert found[rival.family.size] == pytest.approx(place, abs=0.03)
+    found, sd = candidate.values(), candidate.sd()
+    assert found[candidate.hypothesis.size] == pytest.approx(place, abs=0.03)
     assert abs(found[0] - values[0]) < 4 * sd[0] + 0.02 * values[0]
     assert heldout_rms(d.final)[0] < heldout_rms(d.nominal)[0]
 
@@ -88,10 +95,10 @@ def test_a_plane_touched_in_two_neighbouring_frames_is_found():
     height = 0.75 * lowest[order[1]] + 0.25 * lowest[order[2]] - float(middle_of(setup)[2])
     d = diagnosed(recorded(with_effect(SupportPlane(), [height, 0.0, 0.0]), seed=5))
     assert d.verdict == "found"
-    found = [r for f in d.found for r in (f.rival, *f.equivalent)]
-    rival = next(r for r in found if r.family.name == "support_plane")
-    assert abs(rival.values()[0] - height) < 0.005
-    assert len(d.found) == 1
+    found = [r for f in d.accepted for r in (f.candidate, *f.equivalent)]
+    candidate = next(r for r in found if r.hypothesis.name == "support_plane")
+    assert abs(candidate.values()[0] - height) < 0.005
+    assert len(d.accepted) == 1
 
 
 def test_the_scan_starts_at_the_optimum_and_not_at_bounds():
@@ -112,7 +119,7 @@ def test_the_scan_starts_at_the_optimum_and_not_at_bounds():
 def test_an_error_of_the_set_up_is_named_before_physics():
     d = diagnosed(recorded(with_effect(GravityMisalignment(), [0.03, -0.03]), seed=2))
     assert d.verdict == "found"
-    assert d.found[0].rival.family.effect.kind == "measurement"
+    assert d.accepted[0].candidate.hypothesis.effect.kind == "measurement"
 
 
 def test_the_null_is_what_noise_gives():
@@ -121,10 +128,10 @@ def test_the_null_is_what_noise_gives():
     project = Projection(found)
     null = null_residuals(found, project, 60, np.random.default_rng(0))
     assert np.std(null) == pytest.approx(1.0, abs=0.05)
-    responses = Responses(found, data, BINS)
-    family = next(f for f in families(found.point.setup) if f.name == "point_mass")
-    scorer = Scorer(responses.of(family), project, family.scales(found.point.setup))
-    factors = scorer.family_factor(null)
+    responses = Sensitivities(found, data, BINS)
+    hypothesis = next(f for f in hypotheses(found.point.setup) if f.name == "point_mass")
+    scorer = Scorer(responses.of(hypothesis), project, hypothesis.scales(found.point.setup))
+    factors = scorer.averaged(null)
     # A Bayes factor exceeds x with probability 1/x at most where there is nothing.
     assert (factors > 3).mean() < 0.1
     assert np.median(factors) < 0
@@ -139,11 +146,11 @@ def test_a_left_out_block_is_predicted_not_fitted():
 
 def test_a_hanging_rope_does_not_pass_for_a_heavier_one():
     found = nominal_fit(recorded(rope(20)))
-    responses = Responses(found, recorded(rope(20)), BINS)
+    responses = Sensitivities(found, recorded(rope(20)), BINS)
     setup = found.point.setup
-    masses = [responses.of(f) for f in families(setup) if f.name == "point_mass"]
+    masses = [responses.of(f) for f in hypotheses(setup) if f.name == "point_mass"]
     assert masses
-    assert absorbed(found, masses) == []
+    assert confounded(found, masses) == []
 
 
 def test_the_mismatch_is_located():
@@ -220,8 +227,8 @@ def test_a_softer_rope_passes_for_a_heavier_tip():
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
     term = PARAMETERS["EI"].within(Range(0.02, 1e-5, 10.0))
     found = fit(Forward(setup, [term]), data, Noise(marker=1e-4), BINS)
-    responses = Responses(found, data, BINS)
-    said = absorbed(found, [responses.of(f) for f in families(setup) if f.name == "point_mass"])
+    responses = Sensitivities(found, data, BINS)
+    said = confounded(found, [responses.of(f) for f in hypotheses(setup) if f.name == "point_mass"])
     assert len(said) == 1
     assert "--nominal" in said[0]
 
@@ -258,10 +265,11 @@ def test_a_model_that_was_stuck_begins_anew():
     stuck = fit(best.forward, data, noise, BINS, stuck, 1)
     assert stuck.cost > best.cost + 100
     wild = SimpleNamespace(fit=best, evidence=0.5 * (stuck.cost - best.cost))
-    again = _restarted(stuck, wild, data, noise, BINS)  # type: ignore[arg-type]
+    share = RULES.restart_share
+    again = Selection().restarted(stuck, wild, data, noise, BINS, share)  # type: ignore[arg-type]
     assert again is not None
     assert again.cost == pytest.approx(best.cost, abs=0.5)
-    assert _restarted(best, wild, data, noise, BINS) is None  # type: ignore[arg-type]
+    assert Selection().restarted(best, wild, data, noise, BINS, share) is None  # type: ignore[arg-type]
 
 
 def test_the_stretch_is_read_from_sizes_along_the_rope():
@@ -269,7 +277,7 @@ def test_the_stretch_is_read_from_sizes_along_the_rope():
     sd = np.full((10, 2), 0.2)
     values = 0.2 * rng.normal(size=sd.shape)
     values[3:7] += [1.0, -0.5]
-    first, last, sizes = _clearest(values, 1 / sd**2)
+    first, last, sizes = most_significant(values, 1 / sd**2)
     assert (first, last) == (3, 7)
     assert sizes == pytest.approx([1.0, -0.5], abs=0.3)
 
@@ -278,8 +286,8 @@ def test_a_wide_stretch_is_fitted_from_its_profile():
     """A scan of narrower stretches leads into a part of it."""
     data = recorded(with_effect(FreeCurvature(), [2.5, 0.45, 0.6]), seed=4)
     nominal = nominal_fit(data)
-    family = next(f for f in families(nominal.point.setup) if f.name == "intrinsic_curvature")
-    start = profile(nominal, family, data, Noise(), BINS)
+    hypothesis = next(f for f in hypotheses(nominal.point.setup) if f.name == "intrinsic_curvature")
+    start = significant_interval(nominal, hypothesis, data, Noise(), BINS)
     assert start is not None
     assert start[-2:] == pytest.approx([0.45, 0.6], abs=0.11)
 
@@ -296,36 +304,41 @@ def test_effects_are_weighed_again_beside_a_later_one():
     white = match(data, nominal.point.seen, BINS).scatter[0]
     noise = Noise(white=(float(white[0]), float(white[1])))
     nominal = fit(nominal.forward, data, noise, BINS, nominal.point.u)
-    weighed = {f.name: f for f in families(nominal.point.setup)}
+    known = {f.name: f for f in hypotheses(nominal.point.setup)}
 
     def on(smaller, name, values):
-        return fit_rival(smaller, weighed[name], np.array(values), data, noise, BINS)
+        return fit_candidate(smaller, known[name], np.array(values), data, noise, BINS)
 
     stiff = on(nominal, "stiff_section", [0.5, 0.6, 0.2])
     other = on(nominal, "intrinsic_curvature", [0.3, 0.6, 0.2])
     mass = on(other.fit, "point_mass", [0.003, 0.25])
     same_in_another_order(replace(other, fit=mass.fit), data, noise)
-    named = [Found(other, [], other.evidence, 0.0, [stiff]), Found(mass, [], mass.evidence, 0.0)]
-    fitted, kept = reconsidered(mass.fit, named, 5.0, 20, data, noise, BINS)
-    assert [one.rival.family.name for one in kept] == ["stiff_section", "point_mass"]
+    named = [
+        Accepted(other, [], other.evidence, 0.0, [stiff]),
+        Accepted(mass, [], mass.evidence, 0.0),
+    ]
+    fitted, kept = reassessed(mass.fit, named, 5.0, 20, data, noise, BINS)
+    assert [one.candidate.hypothesis.name for one in kept] == ["stiff_section", "point_mass"]
     assert fitted.cost < mass.fit.cost - 10
-    assert kept[1].rival.values()[0] == pytest.approx(0.003, rel=0.2)
+    assert kept[1].candidate.values()[0] == pytest.approx(0.003, rel=0.2)
 
     idle = on(stiff.fit, "kink", [0.01, 0.8])
     mass = on(idle.fit, "point_mass", [0.003, 0.25])
-    named = [Found(one, [], one.evidence, 0.0) for one in (stiff, idle, mass)]
-    fitted, kept = reconsidered(mass.fit, named, 5.0, 20, data, noise, BINS)
-    assert [one.rival.family.name for one in kept] == ["stiff_section", "point_mass"]
+    named = [Accepted(one, [], one.evidence, 0.0) for one in (stiff, idle, mass)]
+    fitted, kept = reassessed(mass.fit, named, 5.0, 20, data, noise, BINS)
+    assert [one.candidate.hypothesis.name for one in kept] == ["stiff_section", "point_mass"]
     assert fitted.cost == pytest.approx(mass.fit.cost, abs=10)
 
 
-def same_in_another_order(rival, data, noise):
+def same_in_another_order(candidate, data, noise):
     """Its size and error do not depend on whether another effect was added after it."""
-    forward, u = rival.fit.forward, rival.fit.point.u
+    forward, u = candidate.fit.forward, candidate.fit.point.u
     parts = list(zip(forward.terms, forward.split(u), strict=True))
-    parts.sort(key=lambda part: part[0] is rival.term)
+    parts.sort(key=lambda part: part[0] is candidate.term)
     terms = [term for term, _ in parts]
-    moved = Forward(forward.base, terms, rival.fit.point.solution)
+    moved = Forward(forward.base, terms, candidate.fit.point.solution)
     again = fit(moved, data, noise, BINS, np.concatenate([part for _, part in parts]), 5)
     assert terms[-1] is not forward.terms[-1]
-    assert rival.sized() == pytest.approx(replace(rival, fit=again).sized(), rel=0.01)
+    assert candidate.magnitude() == pytest.approx(
+        replace(candidate, fit=again).magnitude(), rel=0.01
+    )

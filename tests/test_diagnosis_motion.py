@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from ropefit.adapters.motion_of import motion_of
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.next_motion import next_motion
+from ropefit.diagnosis.proposals import proposals
 from ropefit.effects import Inertia
 from ropefit.inference.bins import Data
-from ropefit.inference.diagnosis.in_motion import inertial
-from ropefit.inference.diagnosis.motion import next_motion
-from ropefit.inference.diagnosis.weigh import fit_rival
 from ropefit.inference.least_squares import Noise, fit
 from ropefit.models.equilibrium import Forward
 from ropefit.models.parameters import PARAMETERS, Range
@@ -89,15 +89,16 @@ def test_inertia_is_found_from_a_rigid_model():
     bend = PARAMETERS["EI"].within(Range(100 * EI, 1e-4 * EI, 1e6 * EI))
     noise = Noise(marker=1e-3)
     nominal = fit(Forward(setup, [bend]), data, noise, 1)
-    ((family, start),) = inertial(nominal)[0]
-    rival = fit_rival(nominal, family, start, data, noise, 1)
-    assert rival is not None
-    assert rival.values()[0] == pytest.approx(1, abs=0.05)
-    assert bend.value(rival.fit.point.u[:1])[0] == pytest.approx(EI, rel=0.05)
-    assert rival.evidence > 100
-    assert (rival.gains > 0).all()
-    assert inertial(rival.fit) == []
+    ((hypothesis, start),) = proposals(nominal, slow=False)[0]
+    candidate = fit_candidate(nominal, hypothesis, start, data, noise, 1)
+    assert candidate is not None
+    assert candidate.values()[0] == pytest.approx(1, abs=0.05)
+    assert bend.value(candidate.fit.point.u[:1])[0] == pytest.approx(EI, rel=0.05)
+    assert candidate.evidence > 100
+    assert (candidate.gains > 0).all()
+    assert proposals(candidate.fit, slow=False) == []
     at_rest = nominal.forward.base._replace(motion=None)
-    assert inertial(fit(Forward(at_rest, [bend]), data, noise, 1, evaluations=1)) == []
-    name, apart = next_motion(rival, rival)  # a rival is like itself in every slow motion
+    still = fit(Forward(at_rest, [bend]), data, noise, 1, evaluations=1)
+    assert proposals(still, slow=False) == []
+    name, apart = next_motion(candidate, candidate)  # a rival is like itself in every slow motion
     assert (name, apart) == ("", 0.0)

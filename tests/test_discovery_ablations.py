@@ -1,9 +1,11 @@
-"""The ablations: every variant leaves out what it says and nothing stays changed; a free rope can
-bend to what it should, and pays for it."""
+"""The ablations: every variant leaves out what it says; a free rope can bend to what it should, and
+pays for it."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +15,12 @@ from benchmarks.discovery.ablations import CASES, markdown, without
 from benchmarks.discovery.cases import listed
 from benchmarks.discovery.free_rope import KNOTS, FreeRope, free_rope
 from benchmarks.discovery.left_out import FREE, VARIANTS, WHOLE, WITHOUT_RESTART
+from ropefit.diagnosis import search as engine
+from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.rules import RULES, Rules, Selection
 from ropefit.effects import StiffSection
 from ropefit.effects.intrinsic_curvature import IntrinsicCurvature
-from ropefit.inference.diagnosis import search as engine
-from ropefit.inference.diagnosis.families import families
 from ropefit.inference.noise import Noise
-from ropefit.stages import diagnose
 from tests.concealed import BINS, nominal_fit, recorded, rope, with_effect
 
 SETUP = rope(24, 3)
@@ -36,7 +38,7 @@ def test_a_free_rope_holds_the_uniform_ones():
     np.testing.assert_allclose(p.bend / SETUP.properties.bend, np.exp(0.7), rtol=1e-12)
     np.testing.assert_allclose(p.twist / SETUP.properties.twist, np.exp(0.7), rtol=1e-12)
     np.testing.assert_allclose(p.curvature, curved, atol=1e-12)
-    assert all(family.name != "free_rope" for family in families(SETUP))
+    assert all(hypothesis.name != "free_rope" for hypothesis in hypotheses(SETUP))
 
 
 def test_a_free_rope_absorbs_a_stiff_stretch_and_pays_on_a_clean_recording():
@@ -45,58 +47,51 @@ def test_a_free_rope_absorbs_a_stiff_stretch_and_pays_on_a_clean_recording():
     found = {}
     for name, data in (("stiff", stiff), ("clean", clean)):
         nominal = nominal_fit(data, 48)
-        rival = free_rope(nominal, data, Noise(), BINS)
-        assert rival is not None
-        assert rival.fit.cost <= nominal.cost
-        found[name] = rival
+        candidate = free_rope(nominal, data, Noise(), BINS)
+        assert candidate is not None
+        assert candidate.fit.cost <= nominal.cost
+        found[name] = candidate
     assert found["clean"].evidence < 0 < found["stiff"].evidence
     log = found["stiff"].values()[:KNOTS]
     assert log[3:5].mean() - log[[1, 6]].mean() == pytest.approx(1.2, abs=0.5)
 
 
-def rival(evidence: float, cost: float, effect: str = "kink") -> SimpleNamespace:
-    family = next(family for family in families(SETUP) if family.name == effect)
-    return SimpleNamespace(family=family, evidence=evidence, fit=SimpleNamespace(cost=cost))
+def candidate(evidence: float, cost: float, effect: str = "kink") -> SimpleNamespace:
+    hypothesis = next(hypothesis for hypothesis in hypotheses(SETUP) if hypothesis.name == effect)
+    return SimpleNamespace(hypothesis=hypothesis, evidence=evidence, fit=SimpleNamespace(cost=cost))
 
 
-def parts() -> tuple:
-    return (
-        diagnose.calibration, engine.measure, engine._restarted, engine.fit_rivals,
-        engine.winner_of, engine._noise,
-    )  # fmt: skip
-
-
-def test_each_variant_changes_its_own_part_and_puts_it_back():
-    before, told = parts(), {}
+def test_each_variant_changes_its_own_rule_only():
     changed = {}
     for key, variant in VARIANTS.items():
-        with variant.apart(told):
-            pairs = zip(before, parts(), strict=True)
-            changed[key] = [k for k, (old, new) in enumerate(pairs) if old is not new]
-        assert parts() == before
+        rules = variant.rules({})
+        changed[key] = [
+            f.name for f in fields(Rules) if getattr(rules, f.name) != getattr(RULES, f.name)
+        ]
     assert changed == {
-        WHOLE: [2], "calibration": [0], "white": [1], WITHOUT_RESTART: [2], "bic": [3, 4, 5],
-        FREE: [3, 5],
+        WHOLE: ["selection"], "calibration": ["calibration"], "white": ["noise"],
+        WITHOUT_RESTART: ["selection"], "bic": ["selection"], FREE: ["selection"],
     }  # fmt: skip
 
 
-def test_without_calibration_and_with_white_noise():
-    with VARIANTS["calibration"].apart({}):
-        assert diagnose.calibration(SETUP, diagnose.priors_of, False) == []  # type: ignore[arg-type]
-    with VARIANTS["white"].apart({}):
-        noise = engine.measure(None, [], Noise(correlated=1e-3, white=(1e-6, 1e-6)), [])  # type: ignore[arg-type]
-    assert not noise.coloured
-    assert noise.white == (1e-6, 1e-6)
+def test_with_white_noise():
+    data = recorded(rope(48), seed=3)
+    nominal = nominal_fit(data, 24)
+    noise = Noise(correlated=1e-3, white=(1e-6, 1e-6))
+    white = engine._noise(nominal, data, noise, BINS, VARIANTS["white"].rules({}))
+    assert white.ends is None
+    assert white.correlated == 0
+    assert white.white == (1e-6, 1e-6)
+    assert engine._noise(nominal, data, noise, BINS, RULES).ends is not None
 
 
 def test_the_restart_is_counted_and_left_out(monkeypatch):
     again, told = object(), {}
-    monkeypatch.setattr(engine, "_restarted", lambda *_: again)
-    with VARIANTS[WHOLE].apart(told):
-        assert engine._restarted(None, None, None, None, 0) is again  # type: ignore[arg-type]
+    monkeypatch.setattr(Selection, "restarted", lambda *_: again)
+    arguments: tuple = (None, None, None, None, 0, 0.2)
+    assert VARIANTS[WHOLE].rules(told).selection.restarted(*arguments) is again
     assert told["restarts"] == 1
-    with VARIANTS[WITHOUT_RESTART].apart({}):
-        assert engine._restarted(None, None, None, None, 0) is None  # type: ignore[arg-type]
+    assert VARIANTS[WITHOUT_RESTART].rules({}).selection.restarted(*arguments) is None
 
 
 def test_what_the_restart_did_not_touch_is_not_run_again(tmp_path):
@@ -112,26 +107,24 @@ def test_what_the_restart_did_not_touch_is_not_run_again(tmp_path):
 def test_naive_bic_counts_values_and_asks_no_gate(monkeypatch):
     """χ² must fall by k ln n; neither the recording's threshold nor held-out blocks count."""
     current = SimpleNamespace(z=np.zeros(1000), cost=1000.0)
-    few, many = rival(40.0, 960.0), rival(50.0, 955.0, "stiff_section")
+    few, many = candidate(40.0, 960.0), candidate(50.0, 955.0, "stiff_section")
     asked = []
 
-    def fitted(now, scan, driven, touching, data, noise, bins, threshold):
+    def fitted(self, now, scan, quick, slow, data, noise, bins, threshold, names):
         asked.append(threshold)
         return [many, few]
 
-    monkeypatch.setattr(engine, "fit_rivals", fitted)
+    monkeypatch.setattr(Selection, "candidates", fitted)
     monkeypatch.setattr("benchmarks.discovery.left_out.replace", changed_copy)
-    with VARIANTS["bic"].apart({}):
-        rivals = engine.fit_rivals(current, [], [], [], None, Noise(), BINS, 12.0)  # type: ignore[arg-type]
-        winner = engine.winner_of(rivals, 12.0, current, [])  # type: ignore[arg-type]
-        assert asked == [0.0]
-        sizes = {r.family.name: len(r.family.effect.names) for r in rivals}
-        for r in rivals:
-            expected = 0.5 * (1000.0 - r.fit.cost - sizes[r.family.name] * np.log(1000))
-            assert r.evidence == pytest.approx(expected)
-        assert winner is rivals[0]
-        nothing = [SimpleNamespace(evidence=-0.1)]
-        assert engine.winner_of(nothing, 12.0, current, []) is None  # type: ignore[arg-type]
+    naive: Any = VARIANTS["bic"].rules({}).selection
+    candidates = naive.candidates(current, [], [], [], None, Noise(), BINS, 12.0, None)
+    assert asked == [0.0]
+    sizes = {c.hypothesis.name: len(c.hypothesis.effect.names) for c in candidates}
+    for c in candidates:
+        expected = 0.5 * (1000.0 - c.fit.cost - sizes[c.hypothesis.name] * np.log(1000))
+        assert c.evidence == pytest.approx(expected)
+    assert naive.acceptable(candidates, 12.0, current, []) is candidates[0]
+    assert naive.acceptable([SimpleNamespace(evidence=-0.1)], 12.0, current, []) is None
 
 
 def changed_copy(item: SimpleNamespace, **new) -> SimpleNamespace:

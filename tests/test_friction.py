@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.proposals import proposals
+from ropefit.diagnosis.reassessment import reassessed
 from ropefit.effects import ContactFriction, SupportPlane
-from ropefit.inference.diagnosis.contact import NONE, proposals
-from ropefit.inference.diagnosis.families import Family
-from ropefit.inference.diagnosis.found import Found
-from ropefit.inference.diagnosis.reconsider import reconsidered
-from ropefit.inference.diagnosis.weigh import fit_rival
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward, Term
@@ -144,19 +144,24 @@ def test_friction_is_found_where_a_rope_lies():
     setup = swept(60)._replace(potentials=())
     bend = PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))
     nominal = fit(Forward(setup, [bend]), data, noise, BINS)
-    assert not any(isinstance(c[0][0].effect, ContactFriction) for c in proposals(nominal))
-    assert any(isinstance(c[0][0].effect, SupportPlane) for c in proposals(nominal))
-    family = Family(SupportPlane(), NONE)
-    plane = fit_rival(nominal, family, np.array([-0.15, 0.0, 0.0]), data, noise, BINS)
+    assert not any(
+        isinstance(c[0][0].effect, ContactFriction) for c in proposals(nominal, slow=True)
+    )
+    assert any(isinstance(c[0][0].effect, SupportPlane) for c in proposals(nominal, slow=True))
+    hypothesis = Hypothesis(SupportPlane(), NO_PLACE)
+    plane = fit_candidate(nominal, hypothesis, np.array([-0.15, 0.0, 0.0]), data, noise, BINS)
     assert plane is not None
-    ((family, start), *_), *others = proposals(plane.fit)
-    assert isinstance(family.effect, ContactFriction)
+    ((hypothesis, start), *_), *others = proposals(plane.fit, slow=True)
+    assert isinstance(hypothesis.effect, ContactFriction)
     assert not any(isinstance(c[0][0].effect, SupportPlane) for c in others)
-    drag = fit_rival(plane.fit, family, start, data, noise, BINS)
+    drag = fit_candidate(plane.fit, hypothesis, start, data, noise, BINS)
     assert drag is not None
     assert drag.evidence > 100
     assert drag.values()[0] == pytest.approx(ROUGH, abs=0.05)
-    named = [Found(r, [], r.evidence, 0.0) for r in (plane, drag)]
-    kept, causes = reconsidered(drag.fit, named, 5.0, 20, data, noise, BINS)
-    assert [one.rival.family.name for one in causes] == ["support_plane", "contact_friction"]
+    named = [Accepted(r, [], r.evidence, 0.0) for r in (plane, drag)]
+    kept, causes = reassessed(drag.fit, named, 5.0, 20, data, noise, BINS)
+    assert [one.candidate.hypothesis.name for one in causes] == [
+        "support_plane",
+        "contact_friction",
+    ]
     assert kept.cost == drag.fit.cost

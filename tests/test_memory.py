@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.diagnosis.search import search
 from ropefit.effects import BendingHysteresis, PlasticSet, ViscoelasticCreep
 from ropefit.effects.revisit import revisits
-from ropefit.inference.diagnosis.search import search
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward, Term
 from ropefit.models.history import WalkedPoint, laws_of, vectors
@@ -244,8 +244,8 @@ def test_friction_inside_the_rope_is_found(looped):
     made = with_effect(there_and_back(216), BendingHysteresis(), [1.5e-4, 1.0])
     d = diagnosed(concealed.recorded(made, seed=1))
     assert d.verdict == "found"
-    rivals = [d.found[0].rival, *d.found[0].equivalent]
-    mine = next(r for r in rivals if r.family.name == "bending_hysteresis")
+    candidates = [d.accepted[0].candidate, *d.accepted[0].equivalent]
+    mine = next(r for r in candidates if r.hypothesis.name == "bending_hysteresis")
     value, sd = mine.values()[0], mine.sd()[0]
     assert abs(value - 1.5e-4) < 3 * sd + 0.03 * 1.5e-4
     assert mine.gains.min() > 0

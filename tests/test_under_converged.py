@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
+from ropefit.diagnosis.search import search
 from ropefit.effects import AxialExtensibility, UnderConverged
-from ropefit.inference.diagnosis.search import search
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
 from ropefit.rod.strains import straight_rest
@@ -67,12 +67,12 @@ def test_a_solver_that_stopped_early_is_named():
     data = scanned(shapes, seed=4)
     d = search(nominal_fit(data), data, Noise(), BINS, 0, lambda share, text: None)
     assert d.verdict == "found"
-    assert d.found[0].rival.family.name == "under_converged"
+    assert d.accepted[0].candidate.hypothesis.name == "under_converged"
 
 
 def test_a_rope_that_stretches_is_no_solver_that_stopped():
     data = recorded(with_effect(AxialExtensibility(), [0.06]), seed=1)
     d = search(nominal_fit(data), data, Noise(), BINS, 0, lambda share, text: None)
-    rival = d.found[0].rival
-    assert rival.family.name == "axial_extensibility"
-    assert abs(rival.values()[0] - 0.06) < 4 * rival.sd()[0]
+    candidate = d.accepted[0].candidate
+    assert candidate.hypothesis.name == "axial_extensibility"
+    assert abs(candidate.values()[0] - 0.06) < 4 * candidate.sd()[0]

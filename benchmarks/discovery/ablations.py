@@ -25,6 +25,7 @@ from benchmarks.discovery.run import identified, kept
 from benchmarks.discovery.score import judged
 from benchmarks.document import parser, publish
 from ropefit.artifacts import Model, Observations
+from ropefit.diagnosis.rules import Rules
 from ropefit.errors import RopefitError
 from ropefit.runs.loading import load
 from ropefit.runs.protocol import Context
@@ -111,10 +112,10 @@ def without(key: str, run: Path, results: dict[str, dict[str, Any]]) -> dict[str
         if not whole["told"]["restarts"]:
             seconds = whole["seconds"]["diagnose"] - whole["told"]["restart_seconds"]
             return whole | {"seconds": {"diagnose": seconds}}
-    return timed(VARIANTS[key].apart, run)
+    return timed(VARIANTS[key].rules, run)
 
 
-def timed(apart: Callable[[Told], Any], run: Path) -> dict[str, Any]:
+def timed(rules: Callable[[Told], Rules], run: Path) -> dict[str, Any]:
     """One diagnosis with something about it changed."""
     inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
     warmed_up(run)
@@ -122,8 +123,8 @@ def timed(apart: Callable[[Told], Any], run: Path) -> dict[str, Any]:
     out: dict[str, Any] = {"answer": None, "error": None, "told": told}
     begin = time.process_time()
     try:
-        with apart(told):
-            found = diagnose.compute(inputs, diagnose.DiagnoseSettings(), Context())
+        settings = diagnose.DiagnoseSettings()
+        found = diagnose.diagnosed(inputs, settings, Context(), rules(told))
     except RopefitError as error:
         out["error"] = str(error)
     else:

@@ -152,14 +152,14 @@ def _posed(case: Case, seed: int) -> made.Made:
 
 
 def _dragged(case: Case, seed: int) -> made.Made:
-    from benchmarks.discovery import dragging  # needs MuJoCo
+    from benchmarks.discovery import dragging
 
     return dragging.make(seed, case.calibration)
 
 
 def _film(case: Case, seed: int, recordings: Path, truths: Path) -> None:
     """A recording in motion, and one of the same rope at rest if that is to be known."""
-    from benchmarks.discovery import filming  # needs MuJoCo
+    from benchmarks.discovery import filming
 
     moving, still = filming.make(case.effects[0], case.score, seed, case.clamped, case.calibration)
     names = {case.name: moving} | ({at_rest(case): still} if case.nominal else {})

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.diagnosis.candidate import SIZE_PRIOR_SD, Candidate, fit_candidate, occam_factor
+from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.sensitivities import PROBE
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.intrinsic_curvature import twist_held
 from ropefit.inference.bins import Data
-from ropefit.inference.diagnosis.columns import PROBE
-from ropefit.inference.diagnosis.families import Family
-from ropefit.inference.diagnosis.weigh import BROAD, Rival, _flexibility, fit_rival
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Term
@@ -55,29 +55,29 @@ class FreeRope(Effect):
         return "stiffness and rest curve differ from place to place along the rope"
 
 
-class FreeFamily(Family):
+class FreeHypothesis(Hypothesis):
     """Of usual size under a prior: nothing else holds what no frame shows."""
 
-    def term(self, setup: Setup, values: np.ndarray, free_place: bool = True) -> Term:
-        term = super().term(setup, values, free_place)
-        return replace(term, prior=BROAD * term.scale)
+    def term(self, setup: Setup, values: np.ndarray) -> Term:
+        term = super().term(setup, values)
+        return replace(term, prior=SIZE_PRIOR_SD * term.scale)
 
 
-def free_rope(smaller: Fit, data: Data, noise: Noise, bins: int) -> Rival | None:
+def free_rope(smaller: Fit, data: Data, noise: Noise, bins: int) -> Candidate | None:
     """The free rope fitted on top of a model. None if it cannot settle.
 
     Its log evidence is Laplace's, like every rival's: the priors are in its cost, and so must not
     be in the information that the data add to them.
     """
-    family = FreeFamily(FreeRope(), np.zeros((1, 0)))
+    hypothesis = FreeHypothesis(FreeRope(), np.zeros((1, 0)))
     start = np.zeros(3 * KNOTS)
     if not twist_held(smaller.point.setup):  # at zero curvature it has no slope
-        start[KNOTS : 2 * KNOTS] = PROBE * family.scales(smaller.point.setup)[KNOTS : 2 * KNOTS]
-    rival = fit_rival(smaller, family, start, data, noise, bins)
-    if rival is None:
+        start[KNOTS : 2 * KNOTS] = PROBE * hypothesis.scales(smaller.point.setup)[KNOTS : 2 * KNOTS]
+    candidate = fit_candidate(smaller, hypothesis, start, data, noise, bins)
+    if candidate is None:
         return None
-    prior = rival.fit.prior.copy()
-    prior[-rival.term.size :] = np.inf
-    loose = replace(rival.fit, prior=prior)
-    gained = _flexibility(rival.fit, rival.term) - _flexibility(loose, rival.term)
-    return replace(rival, evidence=rival.evidence + gained)
+    prior = candidate.fit.prior.copy()
+    prior[-candidate.term.size :] = np.inf
+    loose = replace(candidate.fit, prior=prior)
+    gained = occam_factor(candidate.fit, candidate.term) - occam_factor(loose, candidate.term)
+    return replace(candidate, evidence=candidate.evidence + gained)

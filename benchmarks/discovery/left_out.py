@@ -1,172 +1,149 @@
-"""The diagnosis with one of its rules left out, or with a rival that can bend to anything.
+"""The diagnosis with one of its rules left out, or with a candidate that can fit anything.
 
-A variant replaces functions of the engine while it runs; the engine knows nothing of it.
+A variant is other `Rules` for the diagnosis, with what they note while it runs.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.discovery.free_rope import NAME, free_rope
-from ropefit.inference.diagnosis import search as engine
-from ropefit.inference.diagnosis.evidence import Scored
-from ropefit.inference.diagnosis.weigh import Rival
+from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.candidates import unexplained
+from ropefit.diagnosis.proposals import Start
+from ropefit.diagnosis.rules import RULES, Rules, Selection
+from ropefit.diagnosis.scan import Score
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
-from ropefit.stages import diagnose
 
 Told = dict[str, Any]  # what a variant notes while it runs
+Starts = list[list[Start]]
 
 
 @dataclass(frozen=True)
 class Variant:
-    """title and meaning: for the table; apart: within it the diagnosis is another one."""
+    """title and meaning: for the table; rules: of the diagnosis, which note what they did."""
 
     title: str
     meaning: str
-    apart: Callable[[Told], AbstractContextManager[Any]]
+    rules: Callable[[Told], Rules]
 
 
-@contextmanager
-def watched(told: Told) -> Iterator[None]:
+class Watched(Selection):
     """As it is; notes how often a stuck model began anew, and how long that took [s]."""
-    plain, told["restarts"], told["restart_seconds"] = engine._restarted, 0, 0.0
 
-    def restarted(*arguments: Any) -> Fit | None:
+    def __init__(self, told: Told) -> None:
+        self.told = told
+        told["restarts"], told["restart_seconds"] = 0, 0.0
+
+    def restarted(
+        self, current: Fit, best: Candidate, data: Data, noise: Noise, bins: int, share: float
+    ) -> Fit | None:
         begin = time.process_time()
-        again = plain(*arguments)
-        told["restart_seconds"] += time.process_time() - begin
-        told["restarts"] += again is not None
+        again = super().restarted(current, best, data, noise, bins, share)
+        self.told["restart_seconds"] += time.process_time() - begin
+        self.told["restarts"] += again is not None
         return again
 
-    with patch.object(engine, "_restarted", restarted):
-        yield
 
-
-def exact_set_up(told: Told) -> AbstractContextManager[Any]:
-    """The nominal fit has the rope's own parameters only."""
-    return patch.object(diagnose, "calibration", lambda *_: [])
-
-
-def white_noise(told: Told) -> AbstractContextManager[Any]:
-    """Stations are independent, ends exact in every frame."""
-    return patch.object(engine, "measure", _only_white)
-
-
-def _only_white(nominal: Fit, columns: Any, noise: Noise, moves: Any) -> Noise:
-    return replace(noise, correlated=0.0, ends=None)
-
-
-def never_restarted(told: Told) -> AbstractContextManager[Any]:
+class NeverRestarted(Selection):
     """Evidence counts over the smaller model as it stood."""
-    return patch.object(engine, "_restarted", lambda *_: None)
+
+    def restarted(self, *_: Any) -> None:
+        return None
 
 
-@contextmanager
-def naive_bic(told: Told) -> Iterator[None]:
+class NaiveBic(Selection):
     """The effect with the lowest BIC is accepted if it lowers it at all."""
-    plain = engine.fit_rivals
 
-    def rivals(
-        current: Fit, scan: list[Scored], driven: Any, touching: Any, data: Any, noise: Noise,
-        bins: int, threshold: float,
-    ) -> list[Rival]:  # fmt: skip
+    def candidates(
+        self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, data: Data,
+        noise: Noise, bins: int, threshold: float, names: tuple[str, ...] | None,
+    ) -> list[Candidate]:  # fmt: skip
         worth = [replace(s, log_factor=0.5 * (s.score - penalty(current, s))) for s in scan]
         worth.sort(key=lambda s: -s.log_factor)
-        found = plain(current, worth, driven, touching, data, noise, bins, 0.0)
-        cost = current.cost
-        out = [replace(r, evidence=0.5 * (cost - r.fit.cost - penalty(current, r))) for r in found]
-        return sorted(out, key=lambda r: -r.evidence)
+        fitted = super().candidates(current, worth, quick, slow, data, noise, bins, 0.0, names)
+        return by_bic(current, fitted)
 
-    def winner(rivals: list[Rival], *_: Any) -> Rival | None:
-        return rivals[0] if rivals and rivals[0].evidence > 0 else None
-
-    with _in_rounds(rivals), patch.object(engine, "winner_of", winner):
-        yield
+    def acceptable(self, candidates: list[Candidate], *_: Any) -> Candidate | None:
+        return candidates[0] if candidates and candidates[0].evidence > 0 else None
 
 
-def penalty(current: Fit, one: Scored | Rival) -> float:
-    """k ln n of BIC for a family's k values and n whitened residuals."""
-    return len(one.family.effect.names) * float(np.log(len(current.z)))
+def by_bic(current: Fit, fitted: list[Candidate]) -> list[Candidate]:
+    """Return candidates with half of what they lower BIC by as their evidence, highest first."""
+    cost = current.cost
+    out = [replace(c, evidence=0.5 * (cost - c.fit.cost - penalty(current, c))) for c in fitted]
+    return sorted(out, key=lambda c: -c.evidence)
 
 
-@contextmanager
-def free_rival(told: Told) -> Iterator[None]:
-    """Each round has one rival more: a rope whose EI and rest curve are free along it."""
-    plain, told["rounds"] = engine.fit_rivals, []
+def penalty(current: Fit, one: Score | Candidate) -> float:
+    """Return k ln n of BIC for a hypothesis's k values and n whitened residuals."""
+    return len(one.hypothesis.effect.names) * float(np.log(len(current.z)))
 
-    def rivals(
-        current: Fit, scan: Any, driven: Any, touching: Any, data: Any, noise: Noise, bins: int,
-        threshold: float,
-    ) -> list[Rival]:  # fmt: skip
-        found = plain(current, scan, driven, touching, data, noise, bins, threshold)
+
+class WithFreeRope(Selection):
+    """Each round has one candidate more: a rope whose EI and rest curve are free along it."""
+
+    def __init__(self, told: Told) -> None:
+        self.rounds: list[dict[str, Any]] = []
+        told["rounds"] = self.rounds
+
+    def candidates(
+        self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, data: Data,
+        noise: Noise, bins: int, threshold: float, names: tuple[str, ...] | None,
+    ) -> list[Candidate]:  # fmt: skip
+        fitted = super().candidates(current, scan, quick, slow, data, noise, bins, threshold, names)
         free = None
         if all(term.name != NAME for term in current.forward.terms):
             free = free_rope(current, data, noise, bins)
         if free is None:
-            return found
-        told["rounds"].append({
-            "free": _weighed(current, free), "best": _weighed(current, found[0] if found else None),
-        })  # fmt: skip
-        return sorted([*found, free], key=lambda r: -r.evidence)
-
-    with _in_rounds(rivals):
-        yield
+            return fitted
+        best = _noted(current, fitted[0]) if fitted else None
+        self.rounds.append({"free": _noted(current, free), "best": best})
+        return sorted([*fitted, free], key=lambda c: -c.evidence)
 
 
-def _weighed(current: Fit, rival: Rival | None) -> dict[str, Any] | None:
-    """Name, evidence [nats] and share of the misfit that a rival takes away."""
-    if rival is None:
-        return None
-    left, was = engine.unexplained(rival.fit), engine.unexplained(current)
+def _noted(current: Fit, candidate: Candidate) -> dict[str, Any]:
+    """Name, evidence [nats] and share of the misfit that a candidate takes away."""
+    left, was = unexplained(candidate.fit), unexplained(current)
     absorbed = 1 - left / was if was > 0 else None
-    return {"name": rival.family.name, "evidence": rival.evidence, "absorbed": absorbed}
-
-
-@contextmanager
-def _in_rounds(rivals: Callable[..., list[Rival]]) -> Iterator[None]:
-    """Other rivals in the rounds of the search, but not where its noise is measured."""
-    plain, noise = engine.fit_rivals, engine._noise
-
-    def as_before(*arguments: Any) -> Noise:
-        with patch.object(engine, "fit_rivals", plain):
-            return noise(*arguments)
-
-    with patch.object(engine, "fit_rivals", rivals), patch.object(engine, "_noise", as_before):
-        yield
+    return {
+        "name": candidate.hypothesis.name, "evidence": candidate.evidence, "absorbed": absorbed,
+    }  # fmt: skip
 
 
 WHOLE, WITHOUT_RESTART, FREE = "whole", "restart", "free"
 VARIANTS = {
-    WHOLE: Variant("nothing", "", watched),
+    WHOLE: Variant("nothing", "", lambda told: Rules(selection=Watched(told))),
     "calibration": Variant(
-        "no calibration errors", "the nominal fit has the rope's own parameters only.", exact_set_up
+        "no calibration errors", "the nominal fit has the rope's own parameters only.",
+        lambda _: replace(RULES, calibration=False),
     ),
     "white": Variant(
-        "white noise", "stations are independent of each other and ends exact.", white_noise
+        "white noise", "stations are independent of each other and ends exact.",
+        lambda _: replace(RULES, noise="white"),
     ),
     WITHOUT_RESTART: Variant(
         "no restart",
         "the smaller model is not fitted again from the winner's values.",
-        never_restarted,
+        lambda _: Rules(selection=NeverRestarted()),
     ),
     "bic": Variant(
         "naive BIC",
         "the effect that lowers χ² + k ln n most is accepted; no held-out blocks, no threshold of "
         "the recording's own.",
-        naive_bic,
+        lambda _: Rules(selection=NaiveBic()),
     ),
     FREE: Variant(
         "a free rope as rival",
         "EI and both components of the rest curvature at 8 knots along the rope, under broad "
         "priors, are fitted and weighed in every round beside the effects.",
-        free_rival,
+        lambda told: Rules(selection=WithFreeRope(told)),
     ),
 }  # fmt: skip

@@ -134,7 +134,7 @@ def make(
     if calibration:
         world = miscalibrated(world, rng)
     if simulator == "mujoco":
-        from benchmarks.discovery import mujoco_rope  # only those who have it
+        from benchmarks.discovery import mujoco_rope
 
         s, nodes = mujoco_rope.shapes(world, setting.diameter)
         return Made(setting, world, sized, s, nodes, mujoco_rope.tangents(s, nodes), simulator)

@@ -7,17 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.paper.document import Claim, claims, diagnosed, millimetres, picture, table
-from benchmarks.paper.drawing import (
-    DATA,
-    FITTED,
-    START,
-    TRUE,
-    curve,
-    front,
-    panels,
-    points,
-    save,
-)
+from benchmarks.paper.drawing import DATA, FITTED, START, TRUE, curve, front, panels, points, save
 from benchmarks.paper.pipeline import MiddleTable, Rendered
 from benchmarks.paper.results import SYMBOL, Results, assemble, at_arc, cloud, pixels
 

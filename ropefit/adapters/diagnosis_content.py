@@ -1,4 +1,4 @@
-"""What a diagnosis becomes in diagnosis.h5."""
+"""The contents of diagnosis.h5, from a diagnosis."""
 
 from __future__ import annotations
 
@@ -10,30 +10,38 @@ import numpy as np
 from ropefit.adapters.equilibrium_model import calibration_of
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
-from ropefit.artifacts.diagnosis import Candidate, Cause, Detectable, Region, Size
-from ropefit.inference.diagnosis import search as engine
-from ropefit.inference.diagnosis.motion import next_motion
-from ropefit.inference.diagnosis.regions import misfit, regions
-from ropefit.inference.diagnosis.weigh import Rival, heldout_rms, touches
+from ropefit.artifacts.diagnosis import Candidate as Scanned
+from ropefit.artifacts.diagnosis import Cause, Detectable, Region, Size
+from ropefit.diagnosis import search as engine
+from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.held_out import by_stretches, heldout_rms
+from ropefit.diagnosis.next_motion import next_motion
+from ropefit.diagnosis.regions import misfit, regions
+from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.sandwich import INTERVAL
 from ropefit.models.equilibrium import Forward
+
+ACTING_SHARE = 0.02  # of the greatest move of a node: frames with less are not acted on
+LEAST_HALF_WIDTH = 0.005  # of the length: of the interval of a place
 
 
 def content(
     o: Observations, d: engine.Diagnosis, used: np.ndarray, every: int, bins: int
 ) -> dict[str, Any]:
+    """Return the fields of the artifact. used: indices of the compared frames; every: nodes of the
+    solved rod for each of the model's."""
     length = o.length
     first, last = d.nominal, d.final
-    along = touches(last)
+    along = by_stretches(last)
     before, noise = heldout_rms(first, along)
     after, _ = heldout_rms(last, along)
     frames = o.frames[used]
     motion, separates = "", []
-    for item in d.found:
+    for item in d.accepted:
         if item.equivalent:
-            motion, apart = next_motion(item.rival, item.equivalent[0])
-            separates = [item.rival.family.name, item.equivalent[0].family.name]
+            motion, apart = next_motion(item.candidate, item.equivalent[0])
+            separates = [item.candidate.hypothesis.name, item.equivalent[0].hypothesis.name]
             if motion:
                 motion = (
                     f"{motion}: the two would differ by {apart * 1e3:.2g} mm (noise of a point "
@@ -46,11 +54,11 @@ def content(
         "recording": o.recording,
         "verdict": d.verdict,
         "causes": {
-            f"cause_{k}": _cause(item, last, frames, length) for k, item in enumerate(d.found)
+            f"cause_{k}": _cause(item, last, frames, length) for k, item in enumerate(d.accepted)
         }
         if d.verdict == "found"
         else {},
-        "scan": {f"{k:02d}_{s.family.name}": _candidate(s) for k, s in enumerate(d.scan)},
+        "scan": {f"{k:02d}_{s.hypothesis.name}": _scanned(s) for k, s in enumerate(d.scan)},
         "mismatch": [
             Region(
                 arc_length=(r.arc[0] * length, r.arc[1] * length),
@@ -95,23 +103,22 @@ def content(
 
 
 def _in_part(d: engine.Diagnosis) -> list[str]:
-    """What comes nearest, where it does not explain enough to be called the cause."""
-    if d.verdict != "unknown" or not d.found:
+    """Describe the effects that come nearest, where they explain too little to be the cause."""
+    if d.verdict != "unknown" or not d.accepted:
         return []
     was, left = engine.unexplained(d.nominal), engine.unexplained(d.final)
-    joint = [replace(item.rival, fit=d.final) for item in d.found]
-    said = "; ".join(f"{rival.family.name}: {_sentence(rival)}" for rival in joint)
+    joint = [replace(item.candidate, fit=d.final) for item in d.accepted]
+    said = "; ".join(f"{candidate.hypothesis.name}: {_sentence(candidate)}" for candidate in joint)
     return [f"explains only {100 * (1 - left / was):.0f} % of the misfit: {said}"]
 
 
-def _sentence(rival: Rival) -> str:
-    effect = rival.family.effect
-    return effect.sentence(dict(zip(effect.names, map(float, rival.values()), strict=True)))
+def _sentence(candidate: Candidate) -> str:
+    effect = candidate.hypothesis.effect
+    return effect.sentence(dict(zip(effect.names, map(float, candidate.values()), strict=True)))
 
 
 def _rope(o: Observations, found: Fit) -> dict[str, Size]:
-    """EI, GJ, length and rest curve as fitted together with the causes, in the units of the
-    model."""
+    """Return EI, GJ, length and rest curve as fitted with the causes, in the units of the model."""
     scale, forward, out, place = stated_units(o), found.forward, {}, 0
     for term, u in zip(forward.terms, forward.split(found.point.u), strict=True):
         mine = slice(place, place := place + term.size)
@@ -127,36 +134,36 @@ def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     return out
 
 
-def _cause(item: engine.Found, last: Fit, frames: np.ndarray, length: float) -> Cause:
-    # Sizes as they are beside all that was found later.
-    rival, effect = replace(item.rival, fit=last), item.rival.family.effect
-    values, sd = rival.values(), rival.sd()
+def _cause(item: engine.Accepted, last: Fit, frames: np.ndarray, length: float) -> Cause:
+    # Sizes as fitted beside all effects that were accepted later.
+    candidate, effect = replace(item.candidate, fit=last), item.candidate.hypothesis.effect
+    values, sd = candidate.values(), candidate.sd()
     named = dict(zip(effect.names, (float(v) for v in values), strict=True))
     return Cause(
         name=effect.name,
         kind=effect.kind,
         variant=type(effect).__name__,
         end=effect.end if effect.locus == "end" else None,
-        arc_length=_stretch(rival, named, sd, length),
-        frames=_acting(item.rival, frames),
-        parameters=sizes_of(rival, values, sd),
+        arc_length=_stretch(candidate, named, sd, length),
+        frames=_acting(item.candidate, frames),
+        parameters=sizes_of(candidate, values, sd),
         values=values,
         value_names=list(effect.names),
-        equivalent_to=sorted({r.family.name for r in item.equivalent}),
+        equivalent_to=sorted({r.hypothesis.name for r in item.equivalent}),
         log_evidence=item.evidence,
         p_value=item.p_value,
-        heldout_gain=rival.gains,
-        sentence=_sentence(rival),
+        heldout_gain=candidate.gains,
+        sentence=_sentence(candidate),
     )
 
 
 def _stretch(
-    rival: Rival, named: dict[str, float], sd: np.ndarray, length: float
+    candidate: Candidate, named: dict[str, float], sd: np.ndarray, length: float
 ) -> tuple[float, float] | None:
-    """[m] where it acts: an interval as fitted, a point with its own interval."""
-    effect = rival.family.effect
+    """Return where it acts [m]: an interval as fitted, a point with its confidence interval."""
+    effect = candidate.hypothesis.effect
     if effect.locus == "point":
-        half = min(max(INTERVAL * float(sd[-1]), 0.005 * length), 0.5 * length)
+        half = min(max(INTERVAL * float(sd[-1]), LEAST_HALF_WIDTH * length), 0.5 * length)
         low, high = named["arc_length"] - half, named["arc_length"] + half
     elif effect.locus == "interval":
         low = named["centre"] - named["width"] / 2
@@ -168,48 +175,43 @@ def _stretch(
     return float(np.clip(low, 0, length)), float(np.clip(high, 0, length))
 
 
-def _acting(rival: Rival, frames: np.ndarray) -> np.ndarray:
-    """Frames in which the effect moves the rope at all (contact acts in some only)."""
-    whole = rival.fit.forward
-    without = Forward(whole.base, whole.terms[:-1], rival.fit.point.solution)
-    x = without.at(rival.fit.point.u[: -rival.term.size]).seen
-    moved = np.nanmax(np.abs(x - rival.fit.point.seen), axis=(1, 2))
-    acting = moved > 0.02 * max(float(np.nanmax(moved)), 1e-12)
+def _acting(candidate: Candidate, frames: np.ndarray) -> np.ndarray:
+    """Return the frames in which the effect moves the rope (contact acts in some only)."""
+    whole = candidate.fit.forward
+    without = Forward(whole.base, whole.terms[:-1], candidate.fit.point.solution)
+    x = without.at(candidate.fit.point.u[: -candidate.term.size]).seen
+    moved = np.nanmax(np.abs(x - candidate.fit.point.seen), axis=(1, 2))
+    acting = moved > ACTING_SHARE * max(float(np.nanmax(moved)), 1e-12)
     return frames[acting]
 
 
-def sizes_of(rival: Rival, values: np.ndarray, sd: np.ndarray) -> dict[str, Size]:
-    """The quantities with their intervals; a vector as its size first."""
-    effect, t = rival.family.effect, rival.fit.quantile
+def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[str, Size]:
+    """Return the quantities with their intervals; a vector's size first."""
+    effect, t = candidate.hypothesis.effect, candidate.fit.quantile
     out = {}
     if effect.vector:
         name, unit = effect.vector
-        size, spread = rival.sized()
+        size, spread = candidate.magnitude()
         out[name] = Size(value=size, unit=unit, ci95=(max(size - t * spread, 0), size + t * spread))
     for q, v, s in zip(effect.quantities, values, sd, strict=False):
-        s = float(np.hypot(s, q.inexact * v))
-        if q.name == "log_factor":
-            sign = -1.0 if effect.name == "soft_section" else 1.0
-            ends = sorted(float(np.exp(sign * (v + e * t * s))) for e in (-1, 1))
-            out["factor"] = Size(value=float(np.exp(sign * v)), unit="1", ci95=(ends[0], ends[1]))
-        elif q.name == "compliance":
-            high = v - t * s
-            out["EA"] = Size(
-                value=float(1 / max(v, 1e-300)),
-                unit="N",
-                ci95=(float(1 / (v + t * s)), float(1 / high) if high > 0 else 1e300),
+        half = t * float(np.hypot(s, q.inexact * v))
+        low, high = max(v - half, q.lower), min(v + half, q.upper)
+        if q.derived:
+            of = q.derived.of
+            ends = sorted((of(float(v - half)), of(float(v + half))))
+            out[q.derived.name] = Size(
+                value=of(float(v)), unit=q.derived.unit, ci95=(ends[0], ends[1])
             )
-        low, high = max(v - t * s, q.lower), min(v + t * s, q.upper)  # beyond there is nothing
         out[q.name] = Size(value=float(v), unit=q.unit, ci95=(float(low), float(high)))
     return out
 
 
-def _candidate(s) -> Candidate:
-    return Candidate(
-        name=s.family.name,
-        variant=type(s.family.effect).__name__,
+def _scanned(s: Score) -> Scanned:
+    return Scanned(
+        name=s.hypothesis.name,
+        variant=type(s.hypothesis.effect).__name__,
         log_factor=s.log_factor,
         score=float(np.sqrt(max(s.score, 0.0))),
-        place=s.family.places,
+        place=s.hypothesis.places,
         by_place=s.places,
     )

@@ -8,13 +8,7 @@ import torch
 from ropefit.adapters.parameter_group import outcome_of_fit, parameter_group
 from ropefit.adapters.scene import build_scene
 from ropefit.adapters.units import stated_units
-from ropefit.artifacts import (
-    Balance,
-    Calibration,
-    FittedModel,
-    Observations,
-    ParameterGroup,
-)
+from ropefit.artifacts import Balance, Calibration, FittedModel, Observations, ParameterGroup
 from ropefit.errors import NotConverged
 from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement

@@ -11,12 +11,7 @@ from ropefit.adapters.motion_setup import Span
 from ropefit.adapters.parameter_group import outcome_of_fit, parameter_group
 from ropefit.adapters.scene import build_scene
 from ropefit.adapters.units import stated_units
-from ropefit.artifacts import (
-    Calibration,
-    FittedModel,
-    Observations,
-    Stepped,
-)
+from ropefit.artifacts import Calibration, FittedModel, Observations, Stepped
 from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement
 from ropefit.inference.intervals import Estimates

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,16 +13,13 @@ from ropefit.adapters.restore import effect_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
-from ropefit.artifacts.diagnosis import Cause
-from ropefit.effects.place import horizontal, middle_of
 from ropefit.errors import NotConverged
 from ropefit.exporters import RopeDescription
-from ropefit.exporters import effects as records
 from ropefit.models.equilibrium import Forward
+from ropefit.models.parameters import PARAMETERS
 from ropefit.rod.setup import Setup
 
 POSES = 6
-BAR = 2.0  # m: length of a bar that the model takes as endless
 
 
 @dataclass(frozen=True)
@@ -52,77 +49,30 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     fitted = {name: p.value for name, p in group.parameters.items()}
     if diagnosis and diagnosis.causes:  # the rope's own values, fitted along with the causes
         fitted |= {name: size.value for name, size in diagnosis.rope.items()}
-    values = {name: value * (factor if name != "length" else 1.0) for name, value in fitted.items()}
+    weighs = {name for name, p in PARAMETERS.items() if p.unit != p.unit_per_weight}
+    values = {name: value * (factor if name in weighs else 1.0) for name, value in fitted.items()}
     setup = started_setup(setup, values, o)
     notes = []
-    extras: list[Any] = []
+    beside: tuple[Any, ...] = ()
     whole = setup
     for cause in diagnosis.causes.values() if diagnosis else []:
-        effect = effect_of(cause)
-        if cause.name == "contact_friction":  # of what the rope touches, which goes along already
-            extras = [_rough(extra, float(cause.values[0])) for extra in extras]
-            continue
-        changed = effect.apply(whole, torch.tensor(cause.values))
-        if changed.remembers:
+        effect, given = effect_of(cause), torch.tensor(cause.values)
+        named = dict(zip(cause.value_names, cause.values.tolist(), strict=True))
+        changed = effect.apply(whole, given)
+        how = effect.exported(named, changed, nodes, beside)
+        if how.settles and changed.remembers:
             notes.append(f"{cause.name}: no target's rope remembers how it was bent; left out")
             continue
-        whole = changed
-        record = _record(cause, whole, nodes)
-        if record is not None:
-            extras.append(record)
-        elif cause.name in ("point_mass", "tether", "support_plane", "obstacle"):
-            notes.append(f"{cause.name} could not be turned into the simulator's terms")
-        elif cause.name == "distributed_load":
-            notes.append("distributed_load: no target takes it; add it as a force on every node")
-        else:
-            setup = effect.apply(setup, torch.tensor(cause.values))
+        beside, whole = how.beside, changed if how.settles else whole
+        if how.in_rope:
+            setup = effect.apply(setup, given)
+        if how.note:
+            notes.append(how.note)
     point = Forward(whole, []).at(np.empty(0))
     if not point.solution.converged.all():
         raise NotConverged("the rope reaches no equilibrium in some poses; export fewer frames")
-    rope = _description(o, setup, whole, point.solution.x, tuple(extras))
+    rope = _description(o, setup, whole, point.solution.x, beside)
     return Described(rope, o.frames[used], notes)
-
-
-def _record(cause: Cause, setup: Setup, nodes: int) -> Any:
-    """What goes along as a thing of its own; None for what changes the rope itself."""
-    v = dict(zip(cause.value_names, cause.values.tolist(), strict=True))
-    length = float(setup.properties.length.sum())
-    origin = middle_of(setup).numpy()
-    up = -(setup.gravity / setup.gravity.norm()).detach().numpy()
-    if cause.name in ("point_mass", "tether"):
-        node = round(v["arc_length"] / length * (nodes - 1))
-    if cause.name == "point_mass":
-        return records.PointMass(node, v["mass"])
-    if cause.name == "tether" and v["stiffness"] > 0:
-        pull = np.array([v["pull_x"], v["pull_y"], v["pull_z"]])
-        anchor = origin + pull / v["stiffness"]
-        return records.Tether(node, _three(anchor), v["stiffness"], 0.0)
-    if cause.name == "support_plane":
-        first, second = _horizontal(setup)
-        normal = up - v["slope_1"] * first - v["slope_2"] * second
-        return records.Plane(_three(origin + v["height"] * up), _three(normal))
-    if cause.name == "obstacle":
-        first, second = _horizontal(setup)
-        axis = np.cos(v["heading"]) * first + np.sin(v["heading"]) * second
-        middle = origin + np.array([v["x"], v["y"], v["z"]])
-        start, stop = _three(middle - BAR / 2 * axis), _three(middle + BAR / 2 * axis)
-        return records.Cylinder(start, stop, v["radius"])
-    return None
-
-
-def _rough(extra: Any, coefficient: float) -> Any:
-    if isinstance(extra, records.Plane | records.Cylinder):
-        return replace(extra, friction=coefficient)
-    return extra
-
-
-def _horizontal(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
-    first, second = horizontal(setup.gravity)
-    return first.numpy(), second.numpy()
-
-
-def _three(v: np.ndarray) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])
 
 
 def _description(

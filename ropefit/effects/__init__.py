@@ -1,6 +1,7 @@
 """The catalogue of what a model may have left out; one file an effect.
 
-A new effect is one file and its line here, see docs/adding-an-effect.md.
+A new effect is one file and its line here, see docs/adding-an-effect.md. Effects with a
+`calibration` enter every fit in this order.
 """
 
 from ropefit.effects.axial_extensibility import AxialExtensibility
@@ -55,12 +56,12 @@ CATALOGUE: tuple[type[Effect], ...] = (
     ViscoelasticCreep,
     Inertia,
     Damping,
-    TimeLag,
-    ScaleError,
-    EndOffset,
-    GravityMisalignment,
-    DepthBias,
     DepthGain,
+    TimeLag,
+    DepthBias,
+    ScaleError,
+    GravityMisalignment,
+    EndOffset,
     LostOutOfPlane,
     TooCoarse,
     UnderConverged,

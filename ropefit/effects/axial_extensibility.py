@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.rod.setup import Setup
+
+SMALLEST, LARGEST = 1e-300, 1e300  # 1/N, N: beyond, EA is no longer a number
+
+
+def rigidity(compliance: float) -> float:
+    """Return EA [N] of a compliance [1/N]."""
+    return 1 / compliance if compliance > SMALLEST else LARGEST
 
 
 class AxialExtensibility(Effect):
     """`compliance` 1/EA [1/N]: relative stretch per newton of tension."""
 
     name = "axial_extensibility"
-    quantities = (Quantity("compliance", "1/N", 0.01, lower=0.0, by_weight=-1.0),)
+    quantities = (
+        Quantity(
+            "compliance", "1/N", 0.01, lower=0.0, by_weight=-1.0,
+            derived=Derived("EA", "N", rigidity),
+        ),
+    )  # fmt: skip
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         return setup._replace(stretch=setup.stretch + values[0])

@@ -1,33 +1,50 @@
 """What an effect is: one piece of physics or of measurement that a model may include.
 
-An effect changes a `Setup`, in torch, so that every derivative follows by itself.
+An effect changes a `Setup`, in torch, so that every derivative follows by itself. What is special
+about one (how the diagnosis looks for it, what is held out for it, how it is exported) is in its
+own file, too: attributes and methods of `Effect` that it overrides.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.effects.misfit import Misfit
+from ropefit.effects.place import intervals_along, points_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
 Kind = Literal["physics", "measurement", "solver"]
 Locus = Literal["point", "interval", "end", "whole"]
+PLACE_NAMES = {"point": ("arc_length",), "interval": ("centre", "width")}
+MAY_LEAVE = 0.15  # of the nominal misfit: what an effect that explains a recording may leave
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A monotone function of a quantity, reported beside it under a name and unit of its own."""
+
+    name: str
+    unit: str
+    of: Callable[[float], float]
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of an effect: unit, bounds, and a usual size, at which one starts to look for it.
+    """A number of an effect: unit, bounds, and its usual size, at which the diagnosis starts.
 
     The size may depend on the rope: `scale` is then a multiple of its weight [N] per power of its
     weight and length: size = scale * weight**by_weight * length**by_length; and be one of times:
-    then it is a multiple of the recording's duration [s] as well. `inexact` is the share of its
-    value by which it is off even where the noise is nothing: added to its standard error in
-    quadrature.
+    then it is a multiple of the recording's duration [s] as well. `inexact` is the relative error
+    that remains without noise: added to the standard error in quadrature. `derived` is reported
+    beside the quantity.
     """
 
     name: str
@@ -39,12 +56,43 @@ class Quantity:
     by_length: float = 0.0
     by_time: float = 0.0
     inexact: float = 0.0
+    derived: Derived | None = None
 
     def size(self, setup: Setup) -> float:
-        """The usual size for this rope, in SI."""
+        """Return the usual size for this rope, in SI."""
         weight, length = float(setup.weight), float(setup.properties.length.sum())
         size = self.scale * weight**self.by_weight * length**self.by_length
         return size if self.by_time == 0.0 else size * duration(setup) ** self.by_time
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """An error of the set-up that every fit allows for: an effect at small sizes, under a prior.
+
+    name: of the term (an end's number is added), values: of its values; prior: field of
+    `inference.terms.Priors` with one sigma, in SI or in degrees; own_sensor: only where rope and
+    ends are observed by different sensors.
+    """
+
+    name: str
+    values: tuple[str, ...]
+    prior: str
+    degrees: bool = False
+    own_sensor: bool = False
+
+
+class Exported(NamedTuple):
+    """How an effect goes into a simulator.
+
+    beside: everything beside the rope so far, with what this effect adds (records of
+    `exporters.effects`). settles: `apply` changes the rope that ropefit settles for comparison;
+    in_rope: it changes the exported rope, too. note: what the export cannot express.
+    """
+
+    beside: tuple[Any, ...]
+    settles: bool = True
+    in_rope: bool = False
+    note: str = ""
 
 
 class Effect(ABC):
@@ -58,35 +106,106 @@ class Effect(ABC):
     kind: ClassVar[Kind] = "physics"
     locus: ClassVar[Locus] = "whole"
     quantities: ClassVar[tuple[Quantity, ...]]
-    # Shapes change in proportion at small sizes; others are looked for by their whole response.
+    # Shapes change in proportion at small sizes: a start may be scaled down until it settles.
     linear: ClassVar[bool] = True
-    # Small sizes are an error of the set-up, which every fit allows for within its prior.
-    calibrated: ClassVar[bool] = False
-    # Of the quantities, so many of the last say how the effect acts, not how much: they are looked
-    # for at these multiples of their usual sizes.
+    # The number of quantities, the last ones, that say how the effect acts, not how much: the scan
+    # tries them at these multiples of their usual sizes.
     shaping: ClassVar[int] = 0
     tries: ClassVar[tuple[float, ...]] = (1.0,)
-    # Quantities that are components of one vector are told as its size, under this name and unit.
+    # Quantities that are components of one vector are reported as its size, of this name and unit.
     vector: ClassVar[tuple[str, str] | None] = None
+
+    # The scan looks for it at small sizes; if not, only its own `starts` do.
+    scanned: ClassVar[bool] = True
+    # Its response depends on the frames before even at zero size: the derivative follows the path.
+    path_dependent: ClassVar[bool] = False
+    # Fits are slow (contact comes and goes): after all others, and only while they gain.
+    slow: ClassVar[bool] = False
+    # What is held out to test it: blocks of frames, or stretches of rope where it acts in so few
+    # neighbouring frames that none predicts the others.
+    held_out: ClassVar[Literal["frames", "stretches"]] = "frames"
+    # Small sizes are an error of the set-up: the prior judges them, not held-out frames.
+    calibrated: ClassVar[bool] = False
+    calibration: ClassVar[Calibration | None] = None
+    # Counts against the number of effects that may be accepted.
+    counted: ClassVar[bool] = True
+    # Where it is accepted, a recording is explained down to noise.
+    exact: ClassVar[bool] = True
+    may_leave: ClassVar[float] = MAY_LEAVE
+    # Advice for recordings in which the rope's own parameters explain the effect as well.
+    confounding: ClassVar[str] = ""
 
     def __init__(self, end: int = 0) -> None:
         self.end = end
 
     def applies(self, setup: Setup) -> bool:
-        """Whether the effect can occur in this setup at all."""
+        """Return whether the effect can occur in this setup at all."""
         return True
 
     @abstractmethod
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        """The setup with the effect, of the sizes and at the place in values (n,)."""
+        """Return the setup with the effect, of the sizes and at the place in values (n,)."""
 
     @abstractmethod
     def sentence(self, values: dict[str, float]) -> str:
-        """What a person is told, given quantities and place by name (arc_length, centre, width)."""
+        """Describe the effect, given quantities and place by name (arc_length, centre, width)."""
+
+    @property
+    def tangent(self) -> bool:
+        """Whether the scan takes the derivative at zero, or the response to a finite size."""
+        return self.linear
+
+    @property
+    def prior_decides(self) -> bool:
+        """Whether its prior is its test: held-out frames cannot tell it from the set-up's error."""
+        return self.kind == "measurement" or self.calibrated
+
+    def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray | None:
+        """Return (F, k, N+1, 3) [N] on nodes x (F, N+1, 3) [m] per unit of each quantity.
+
+        For effects that are forces in proportion to their quantities; None: the scan uses `apply`.
+        """
+        return None
+
+    def scan_places(self, setup: Setup) -> np.ndarray:
+        """Return (Q, p) what the scan tries: shaping quantities, or places on the rope [m]."""
+        length = float(setup.properties.length.sum())
+        if self.shaping:
+            usual = [q.size(setup) for q in self.quantities[-self.shaping :]]
+            return np.array([[share * size for size in usual] for share in self.tries])
+        if self.locus == "point":
+            return points_along(length)
+        return intervals_along(length) if self.locus == "interval" else np.zeros((1, 0))
+
+    def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
+        """Return values (n,) from which full fits start, as proposed by what a fit leaves.
+
+        Each inner list is one start and its alternatives: the first that settles is taken.
+        """
+        return []
+
+    def starts_beside(
+        self, leader: Effect, values: np.ndarray, misfit: Misfit
+    ) -> list[list[np.ndarray]]:
+        """Return further starts where another effect, fitted with `values`, explains most."""
+        return []
+
+    def start_sd(self, setup: Setup) -> np.ndarray:
+        """Return (n,) one sigma of all values about where a fit starts; inf: no prior."""
+        return np.full(len(self.names), np.inf)
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        """Return how the effect goes into a simulator: by default as a change of the rope.
+
+        setup: with the effect; nodes: of the exported rope; beside: what other effects have added.
+        """
+        return Exported(beside, in_rope=True)
 
     @property
     def place_names(self) -> tuple[str, ...]:
-        return {"point": ("arc_length",), "interval": ("centre", "width")}.get(self.locus, ())
+        return PLACE_NAMES.get(self.locus, ())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,18 +214,18 @@ class Effect(ABC):
 
 
 def duration(setup: Setup) -> float:
-    """[s] from the first frame to the last."""
+    """Return the time [s] from the first frame to the last."""
     return float((setup.clock.max() - setup.clock.min()).clamp_min(1e-9))
 
 
 def one_end(end: int, value: Tensor) -> Tensor:
-    """(2, ...) with value (...) at one end and zero at the other."""
+    """Return (2, ...) with value (...) at one end and zero at the other."""
     zero = torch.zeros_like(value)
     return torch.stack([value, zero] if end == 0 else [zero, value])
 
 
 def turned_clamp(setup: Setup, end: int, turn: Tensor) -> Setup:
-    """The setup with one end's clamp turned by turn (3,) [rad] about its own axes."""
+    """Return the setup with one end's clamp turned by turn (3,) [rad] about its own axes."""
     wide = torch.zeros(2, 1, dtype=torch.bool)
     wide[end] = True
     turned = multiply(setup.clamp, from_rotation_vector(turn).expand_as(setup.clamp))
@@ -114,5 +233,5 @@ def turned_clamp(setup: Setup, end: int, turn: Tensor) -> Setup:
 
 
 def where(end: int) -> str:
-    """An end in words."""
+    """Return an end in words."""
     return "the gripper's end (end 0)" if end == 0 else "the other end (end 1)"

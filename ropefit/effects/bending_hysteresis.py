@@ -1,4 +1,4 @@
-"""Friction inside a rope: strands that rub when it is bent to and fro."""
+"""Internal friction: strands that rub when a rope is bent to and fro."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from ropefit.rod.setup import Setup
 
 
 class BendingHysteresis(Effect):
-    """`moment` [N m] that has to be overcome whenever the bending turns back, and `range` [1/m]:
-    the curvature over which it builds up. None acts in the first frame."""
+    """A friction element in series with a spring: a `moment` [N m] to be overcome whenever the
+    bending reverses, and the `range` [1/m] of curvature over which it builds up. None acts in the
+    first frame."""
 
     name = "bending_hysteresis"
     quantities = (

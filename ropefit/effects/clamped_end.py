@@ -1,4 +1,4 @@
-"""An end that holds the rope's direction although it was taken as pinned."""
+"""An end that holds the rope's direction although it was assumed pinned, or a misaligned clamp."""
 
 from __future__ import annotations
 
@@ -24,6 +24,10 @@ class ClampedEnd(Effect):
         Quantity(f"stiffness_{axis}", "N m/rad", 0.003, by_weight=1.0, by_length=1.0)
         for axis in "xyz"
     )
+
+    @property
+    def tangent(self) -> bool:
+        return False  # at zero stiffness the direction has no derivative
 
     def applies(self, setup: Setup) -> bool:
         free = bool(torch.isnan(setup.ends[:, self.end]).any())
@@ -52,13 +56,17 @@ class ClampedEnd(Effect):
 
 
 class TiltedClamp(Effect):
-    """A clamp that points elsewhere than recorded: a turn [rad] about two axes across it."""
+    """A clamp misaligned with its recorded direction: a turn [rad] about two axes across it."""
 
     name = "clamped_end"
     locus = "end"
     vector = ("tilt", "rad")
     calibrated = True
     quantities = (Quantity("tilt_1", "rad", 0.05), Quantity("tilt_2", "rad", 0.05))
+
+    @property
+    def tangent(self) -> bool:
+        return False  # usual tilts bend the rope out of proportion
 
     def applies(self, setup: Setup) -> bool:
         return setup.clamped[self.end]
@@ -70,5 +78,6 @@ class TiltedClamp(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["tilt_1"] ** 2 + values["tilt_2"] ** 2) ** 0.5
         return (
-            f"the clamp at {where(self.end)} points {size * 57.2958:.3g}° beside what was recorded"
+            f"the clamp at {where(self.end)} points {size * 57.2958:.3g}° away from the recorded "
+            "direction"
         )

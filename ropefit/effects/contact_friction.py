@@ -1,34 +1,46 @@
-"""A rope that sticks and drags on what it lies on."""
+"""Friction between the rope and what it lies on."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.contact import has_free_end, touching
+from ropefit.effects.misfit import Misfit
 from ropefit.effects.revisit import FEWEST
-from ropefit.effects.support_plane import touching
+from ropefit.exporters import effects as records
 from ropefit.rod.setup import Setup
+
+START = 0.3  # coefficient: a small one does not show what a large one does
 
 
 class ContactFriction(Effect):
-    """Coulomb's `coefficient` on every plane and bar that the rope touches already. What has only
-    just touched down is not held yet.
+    """Coulomb's `coefficient` on every plane and bar that the rope touches already. A node that has
+    only just touched down is not held yet.
 
-    Between two frames a rope may be dragged by more than from one to the other. In the two
-    recordings of another simulator that were answered the coefficient came out half as large again
-    and 2.6 times as large; that it is known to a quarter is a judgement from the first.
+    Between two frames a rope may be dragged by more than the straight way from one to the other. In
+    the two recordings of another simulator that were answered the coefficient came out half as
+    large again and 2.6 times as large; its relative error of a quarter is a judgement from the
+    first.
     """
 
     name = "contact_friction"
     quantities = (Quantity("coefficient", "1", 0.3, 0.0, 2.0, inexact=0.25),)
+    path_dependent = True
+    slow = True
+    exact = False  # how a rope was dragged between two frames is not recorded
 
     def applies(self, setup: Setup) -> bool:
         contacts = any(p.hardness is not None for p in setup.potentials)
         return contacts and len(setup.whole()[0].ends) >= FEWEST
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        # Every third of the nodes that touch for all.
+        # Every third of the nodes that touch stands for three.
         all_of_them = touching(setup.segments)
         third = torch.zeros_like(all_of_them)
         third[:: 3 * int(all_of_them.max())] = 3 * all_of_them.max()
@@ -38,8 +50,26 @@ class ContactFriction(Effect):
         )
         return setup._replace(potentials=rough)
 
+    def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
+        """Propose a usual coefficient: friction holds the rope back from the first frame on."""
+        if has_free_end(misfit) or self.name in misfit.terms:
+            return []
+        return [[np.array([START])]]
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        """Give the coefficient to all bodies that are exported already."""
+        return Exported(tuple(rough(one, values["coefficient"]) for one in beside), settles=False)
+
     def sentence(self, values: dict[str, float]) -> str:
         return (
-            "the rope sticks and drags on what it lies on, with a coefficient of friction of "
+            "the rope sticks and slides on what it lies on, with a coefficient of friction of "
             f"{values['coefficient']:.2g}"
         )
+
+
+def rough(record: Any, coefficient: float) -> Any:
+    """Return a record with a coefficient of friction, where it is of a body that has one."""
+    body = isinstance(record, records.Plane | records.Sphere | records.Cylinder)
+    return replace(record, friction=coefficient) if body else record

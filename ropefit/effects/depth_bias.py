@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.rod.setup import Setup
 
 
@@ -14,6 +14,7 @@ class DepthBias(Effect):
     name = "depth_bias"
     kind = "measurement"
     quantities = (Quantity("offset", "m", 0.005, -0.2, 0.2),)
+    calibration = Calibration("surface", ("depth",), "surface")
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         seen = setup.seen
@@ -29,6 +30,7 @@ class DepthGain(Effect):
     name = "depth_bias"
     kind = "measurement"
     quantities = (Quantity("gain", "1", 0.01, -0.3, 0.3),)
+    calibration = Calibration("depth_gain", ("gain",), "depth_gain", own_sensor=True)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         seen = setup.seen

@@ -1,11 +1,13 @@
-"""A steady load on the whole rope besides its weight: wind, a magnetic or buoyant force."""
+"""A steady load on the whole rope in addition to its weight: wind, a magnetic force."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.rod.setup import Setup
 
 
@@ -23,6 +25,12 @@ class DistributedLoad(Effect):
         half = torch.nn.functional.pad(0.5 * setup.properties.length, (1, 1))
         share = half[1:] + half[:-1]
         return setup._replace(load=setup.load + share[:, None] * values)
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        note = "distributed_load: no target takes it; add it as a force on every node"
+        return Exported(beside, note=note)
 
     def sentence(self, values: dict[str, float]) -> str:
         x, y, z = (values[f"force_per_length_{axis}"] for axis in "xyz")

@@ -5,18 +5,19 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity, one_end, where
+from ropefit.effects.base import Calibration, Effect, Quantity, one_end, where
 from ropefit.rod.setup import Setup
 
 
 class EndOffset(Effect):
-    """The true end lies (x, y, z) [m] beside the recorded one, in every frame alike."""
+    """The true end lies (x, y, z) [m] away from the recorded one, in every frame alike."""
 
     name = "end_offset"
     kind = "measurement"
     locus = "end"
     vector = ("offset", "m")
     quantities = tuple(Quantity(f"offset_{axis}", "m", 0.005) for axis in "xyz")
+    calibration = Calibration("end", ("x", "y", "z"), "end_position")
 
     def applies(self, setup: Setup) -> bool:
         return not bool(torch.isnan(setup.ends[:, self.end]).any())
@@ -26,4 +27,4 @@ class EndOffset(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         size = sum(values[f"offset_{axis}"] ** 2 for axis in "xyz") ** 0.5
-        return f"{where(self.end)} is {size * 1e3:.2g} mm beside where the recording has it"
+        return f"{where(self.end)} is {size * 1e3:.2g} mm away from its recorded position"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.place import horizontal
 from ropefit.rod.setup import Setup
 
@@ -17,6 +17,7 @@ class GravityMisalignment(Effect):
     kind = "measurement"
     vector = ("angle", "rad")
     quantities = (Quantity("angle_1", "rad", 0.02, -1, 1), Quantity("angle_2", "rad", 0.02, -1, 1))
+    calibration = Calibration("gravity", ("x", "y"), "gravity", degrees=True)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         first, second = horizontal(setup.gravity)
@@ -26,4 +27,4 @@ class GravityMisalignment(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["angle_1"] ** 2 + values["angle_2"] ** 2) ** 0.5
-        return f"gravity points {size * 57.2958:.2g}° beside where the recording says"
+        return f"gravity points {size * 57.2958:.2g}° away from its recorded direction"

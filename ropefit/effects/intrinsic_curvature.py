@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.place import over_interval
 from ropefit.rod.setup import Setup
+
+WHOLE = 0.9  # of the length: what is wider has no edges that could move
 
 
 class IntrinsicCurvature(Effect):
@@ -27,6 +30,11 @@ class IntrinsicCurvature(Effect):
 
     def applies(self, setup: Setup) -> bool:
         return twist_held(setup)
+
+    def scan_places(self, setup: Setup) -> np.ndarray:
+        """Return the usual intervals, and the whole rope: coiled storage bends all of it."""
+        length = float(setup.properties.length.sum())
+        return np.vstack([super().scan_places(setup), [0.5 * length, WHOLE * length]])
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         p = setup.properties
@@ -61,7 +69,7 @@ class FreeCurvature(IntrinsicCurvature):
 
 
 def twist_held(setup: Setup) -> bool:
-    """Whether some end keeps the rope from spinning about its tangent."""
+    """Return whether an end keeps the rope from spinning about its tangent."""
     return any(
         held and bool(torch.isfinite(setup.give[end, 1])) for end, held in enumerate(setup.clamped)
     )

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.contact import NO_SPREAD, Contact, has_free_end, up_of, with_contact
+from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
-from ropefit.effects.support_plane import HARDNESS
-from ropefit.rod.setup import Potential, Setup
+from ropefit.effects.support_plane import SupportPlane, bearing_point
+from ropefit.exporters import effects as records
+from ropefit.rod.setup import Setup
+
+EXCESS_SD = 3.0  # standard errors by which a frame must be worse than usual to show a bar
+LIFT_SD = 2.5  # standard errors of the mean lift that makes a bar worth a fit
+LIFTED_SHARE = 0.7  # of the greatest lift: stations on the bar
+SMOOTHING = np.full(5, 0.2)  # weights of neighbouring stations in a mean lift
+RADII = (0.03, 0.01)  # m, tried: over a thick bar a rope comes to lie from farther away
+LOWERED = (0.0, 0.001, 0.002, 0.004, 0.006)  # m below the data, tried until the rope settles
+EXPORTED_LENGTH = 2.0  # m, of a bar that the model takes as endless
 
 
-class Obstacle(Effect):
+class Obstacle(Contact):
     """A frictionless round bar of `radius` [m] through a point (x, y, z) [m] against the middle of
     the ends; its axis is horizontal, at `heading` [rad] from the first horizontal axis."""
 
@@ -21,23 +35,67 @@ class Obstacle(Effect):
         Quantity("radius", "m", 0.02, 0.0, 0.2),
         Quantity("heading", "rad", 0.3, -3.2, 3.2),
     )
-    linear = False
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         first, second = horizontal(setup.gravity)
         axis = torch.cos(values[4]) * first + torch.sin(values[4]) * second
         origin = middle_of(setup) + values[:3]
-        radius, hardness = values[3], HARDNESS * setup.weight.detach()
+        radius = values[3]
 
-        def energy(x: Tensor) -> Tensor:
+        def gap(x: Tensor) -> Tensor:
             arm = x - origin
             across = arm - (arm * axis).sum(-1, keepdim=True) * axis
-            distance = torch.sqrt((across * across).sum(-1) + 1e-16)
-            return 0.5 * hardness * torch.clamp(radius - distance, min=0.0) ** 2
+            return torch.sqrt((across * across).sum(-1) + 1e-16) - radius
 
         # A bar touches few nodes: every one of them may be among these.
-        share = torch.ones(setup.segments + 1, dtype=torch.float64)
-        return setup._replace(potentials=(*setup.potentials, Potential(energy, share, hardness)))
+        return with_contact(setup, gap, torch.ones(setup.segments + 1, dtype=torch.float64))
+
+    def start_sd(self, setup: Setup) -> np.ndarray:
+        """Hold the bar near its start: along itself it could slide freely."""
+        return np.array([q.size(setup) for q in self.quantities])
+
+    def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
+        """Propose the place in space where the data of bad frames lie above the fitted rope."""
+        if has_free_end(misfit):
+            return []
+        up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
+        data, lift = misfit.places + misfit.moves, np.zeros(len(misfit.frame))
+        for t in np.flatnonzero(misfit.excess > EXCESS_SD):
+            mine = misfit.frame == t
+            if mine.sum() >= len(SMOOTHING):
+                lift[mine] = np.convolve(misfit.moves[mine] @ up, SMOOTHING, mode="same")
+        noise = float(np.sqrt(misfit.variance)) + NO_SPREAD
+        if lift.max() < LIFT_SD * noise * np.linalg.norm(SMOOTHING):
+            return []
+        lifted = lift > LIFTED_SHARE * lift.max()
+        centre = np.average(data[lifted], axis=0, weights=lift[lifted])
+        away = np.average(misfit.moves[lifted], axis=0, weights=lift[lifted])
+        away /= np.linalg.norm(away)  # of a steep rope not upwards
+        heading = heading_across(misfit.setup)
+        tried = [(way, r, r + d) for way in (away, up) for r in RADII for d in LOWERED]
+        return [[np.array([*(centre - origin - d * way), r, heading]) for way, r, d in tried]]
+
+    def starts_beside(
+        self, leader: Effect, values: np.ndarray, misfit: Misfit
+    ) -> list[list[np.ndarray]]:
+        """Propose bars where a plane bears the rope: few frames on a bar fit a slope nearly too."""
+        if not isinstance(leader, SupportPlane):
+            return []
+        found = bearing_point(misfit, values)
+        if found is None:
+            return []
+        (centre, normal), heading = found, heading_across(misfit.setup)
+        return [[np.array([*(centre - r * normal), r, heading])] for r in RADII]
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        first, second = (axis.numpy() for axis in horizontal(setup.gravity))
+        axis = np.cos(values["heading"]) * first + np.sin(values["heading"]) * second
+        middle = middle_of(setup).numpy() + np.array([values[k] for k in "xyz"])
+        half = EXPORTED_LENGTH / 2 * axis
+        start, stop = records.vector(middle - half), records.vector(middle + half)
+        return Exported((*beside, records.Cylinder(start, stop, values["radius"])))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (
@@ -45,3 +103,13 @@ class Obstacle(Effect):
             f"{(values['x'] ** 2 + values['y'] ** 2 + values['z'] ** 2) ** 0.5:.3f} m from the "
             "middle of its ends"
         )
+
+
+def heading_across(setup: Setup) -> float:
+    """Return the heading [rad] of a horizontal axis across the line of the ends."""
+    up = up_of(setup)
+    first, second = (v.numpy() for v in horizontal(setup.gravity))
+    span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
+    across = np.cross(span, up)
+    turn = float(np.arctan2(across @ second, across @ first))
+    return (turn + np.pi / 2) % np.pi - np.pi / 2  # an axis has no direction

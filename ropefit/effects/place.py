@@ -1,15 +1,35 @@
-"""Places on the rope as weights of nodes and segments; in space, against gravity and the ends."""
+"""Places: on the rope as weights of nodes and segments, in space by gravity and the ends."""
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.rod.setup import Setup
 
+SCAN_POINTS = 25  # places of a point effect along the rope
+SCAN_WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
+
+
+def points_along(length: float) -> np.ndarray:
+    """Return (Q, 1) arc lengths [m] at which a scan tries a point effect."""
+    return (np.linspace(0.02, 0.98, SCAN_POINTS) * length)[:, None]
+
+
+def intervals_along(length: float) -> np.ndarray:
+    """Return (Q, 2) centres and widths [m] at which a scan tries an interval effect."""
+    return np.array(
+        [
+            (c * length, w * length)
+            for w in SCAN_WIDTHS
+            for c in np.linspace(w / 2, 1 - w / 2, round(2.0 / w))
+        ]
+    )
+
 
 def at_point(arc: Tensor, place: Tensor) -> Tensor:
-    """(K,) shares of the nodes, at arc (K,) [m], in something at `place` [m]; they sum to one."""
+    """Return (K,) shares of the nodes, at arc (K,) [m], in a point at `place` [m]; the sum is 1."""
     length = (arc[1:] - arc[:-1]).detach()
     place = torch.minimum(torch.clamp(place, min=0.0), arc[-1].detach())
     index = int(torch.searchsorted(arc.detach(), place.detach(), right=True).clamp(1, len(arc) - 1))
@@ -21,15 +41,20 @@ def at_point(arc: Tensor, place: Tensor) -> Tensor:
 
 
 def over_interval(arc: Tensor, centre: Tensor, width: Tensor) -> Tensor:
-    """(N,) fraction of each segment that lies within width/2 of the centre [m]."""
+    """Return (N,) the fraction of each segment that lies within width/2 of the centre [m]."""
     arc = arc.detach()
     low = torch.maximum(arc[:-1], centre - width / 2)
     high = torch.minimum(arc[1:], centre + width / 2)
     return torch.clamp(high - low, min=0.0) / (arc[1:] - arc[:-1])
 
 
+def nearest_node(setup: Setup, place: float, nodes: int) -> int:
+    """Return the index of the node nearest to arc length `place` [m], of evenly spaced nodes."""
+    return round(place / float(setup.properties.length.sum()) * (nodes - 1))
+
+
 def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
-    """Two unit vectors across gravity (3,), which follow it smoothly while it is tilted."""
+    """Return two horizontal unit vectors, which follow gravity (3,) smoothly while it is tilted."""
     g = gravity.detach()
     size = g.norm()
     down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
@@ -41,6 +66,6 @@ def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def middle_of(setup: Setup) -> Tensor:
-    """(3,) mean of the held ends over all frames of the recording: an origin near the rope."""
+    """Return (3,) the mean of the held ends over all frames: an origin near the rope."""
     ends = setup.whole()[0].ends.detach().reshape(-1, 3)
     return ends[~torch.isnan(ends).any(-1)].mean(0)

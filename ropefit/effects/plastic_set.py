@@ -1,4 +1,4 @@
-"""A rope that does not spring back altogether: bent too far, it keeps some of the bend."""
+"""Plastic set: bent too far, a rope keeps a part of the bend."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ropefit.rod.setup import Setup
 class PlasticSet(Effect):
     """`share` of the bending rigidity that yields where the curvature exceeds `yield_curvature`
     [1/m]: beyond it the rope is that much softer, and when it is let go this share of the excess
-    stays as its rest curvature. Before the first frame it had its rest shape."""
+    stays as rest curvature. In the first frame the rope has its rest shape."""
 
     name = "plastic_set"
     quantities = (
@@ -33,7 +33,7 @@ class PlasticSet(Effect):
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         p, share = setup.properties, values[0]
         never = torch.tensor(math.inf, dtype=torch.float64)
-        # The rod's own part is the smaller for it; the sum is the rigidity of a rope unharmed.
+        # The rod's elastic part is reduced; the sum is the rigidity of a rope that has not yielded.
         branch = Branch(share * p.bend, values[1], never, fresh=True)
         return setup._replace(
             properties=p._replace(bend=(1 - share) * p.bend), memory=(*setup.memory, branch)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.place import at_point
+from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.place import at_point, nearest_node
+from ropefit.exporters import effects as records
 from ropefit.rod.setup import Setup
 
 
@@ -15,10 +18,20 @@ class PointMass(Effect):
     name = "point_mass"
     locus = "point"
     quantities = (Quantity("mass", "kg", 0.003, lower=0.0, by_weight=1.0),)
+    confounding = (
+        "shapes cannot tell a heavier place from a softer rope: weigh it, or record the rope "
+        "without and give that run as --nominal"
+    )
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         share = at_point(setup.arc, values[1])
         return setup._replace(load=setup.load + values[0] * share[:, None] * setup.gravity)
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        node = nearest_node(setup, values["arc_length"], nodes)
+        return Exported((*beside, records.PointMass(node, values["mass"])))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

@@ -1,4 +1,4 @@
-"""Whether a recording could show that a rope remembers: poses to which it comes back."""
+"""Whether a recording can show path dependence: poses of the ends that are revisited."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import torch
 from ropefit.rod.quaternion import director
 from ropefit.rod.setup import Setup
 
-NEAR = 0.1  # of how far the ends went in between
-FAR = 0.05  # of the length: how far they must have gone
+CLOSE_SHARE = 0.1  # of how far the ends went in between
+EXCURSION_SHARE = 0.05  # of the length: how far they must have gone
 FEWEST = 8  # frames
 
 
 def revisits(setup: Setup) -> bool:
-    """Whether the ends come back, from far enough, to nearly where they were.
+    """Return whether the ends come back, from far enough, to nearly where they were.
 
     Where nothing holds the ends' directions, turning all about the vertical changes no shape.
     """
@@ -41,5 +41,5 @@ def revisits(setup: Setup) -> bool:
     farthest = torch.zeros_like(apart)  # of the poses between two, from the first of them
     for first in range(count):
         farthest[first, first:] = apart[first, first:].cummax(0).values
-    back = (farthest > FAR * length) & (apart < NEAR * farthest)
+    back = (farthest > EXCURSION_SHARE * length) & (apart < CLOSE_SHARE * farthest)
     return bool(torch.triu(back, diagonal=2).any())

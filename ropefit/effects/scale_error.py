@@ -1,10 +1,10 @@
-"""All coordinates, those of the ends too, are too large or too small: units, a ruler."""
+"""A scale error of all coordinates, those of the ends included: wrong units, a wrong ruler."""
 
 from __future__ import annotations
 
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.rod.setup import Setup
 
 
@@ -14,6 +14,7 @@ class ScaleError(Effect):
     name = "scale_error"
     kind = "measurement"
     quantities = (Quantity("scale", "1", 0.01, -0.3, 0.3),)
+    calibration = Calibration("scale", ("scale",), "scale")
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         seen, v = setup.seen, values[0]

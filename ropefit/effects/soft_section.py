@@ -1,12 +1,13 @@
-"""A stretch of rope that is softer than the rest: wear, broken strands."""
+"""A section that is softer than the rest: wear, broken strands."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.stiff_section import change_stiffness
 from ropefit.rod.setup import Setup
 
@@ -16,7 +17,12 @@ class SoftSection(Effect):
 
     name = "soft_section"
     locus = "interval"
-    quantities = (Quantity("log_factor", "1", 0.5, lower=0.0, upper=7.0),)
+    quantities = (
+        Quantity(
+            "log_factor", "1", 0.5, lower=0.0, upper=7.0,
+            derived=Derived("factor", "1", lambda log: float(np.exp(-log))),
+        ),
+    )  # fmt: skip
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         return change_stiffness(setup, -values[0], values[1], values[2])

@@ -1,17 +1,21 @@
-"""A stretch of rope that is stiffer than the rest: tape, a splice, a sleeve."""
+"""A section that is stiffer than the rest: tape, a splice, a sleeve."""
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.place import over_interval
 from ropefit.rod.setup import Setup
 
 
 def change_stiffness(setup: Setup, log_factor: Tensor, centre: Tensor, width: Tensor) -> Setup:
-    """EI and GJ times exp(log_factor) over an interval; a segment partly inside is partly so."""
+    """Multiply EI and GJ by exp(log_factor) over an interval.
+
+    A segment partly inside has its compliance mixed by length.
+    """
     p = setup.properties
     inside = over_interval(setup.arc, centre, width)
     softer = 1 + inside * (torch.exp(-log_factor) - 1)
@@ -23,7 +27,12 @@ class StiffSection(Effect):
 
     name = "stiff_section"
     locus = "interval"
-    quantities = (Quantity("log_factor", "1", 0.5, lower=0.0, upper=7.0),)
+    quantities = (
+        Quantity(
+            "log_factor", "1", 0.5, lower=0.0, upper=7.0,
+            derived=Derived("factor", "1", lambda log: float(np.exp(log))),
+        ),
+    )  # fmt: skip
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         return change_stiffness(setup, values[0], values[1], values[2])

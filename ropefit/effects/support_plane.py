@@ -1,18 +1,33 @@
-"""A table or floor that the rope comes to lie on, without friction."""
+"""A plane that the rope lies on in some frames: a table, the floor, a slope."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Exported, Quantity
+from ropefit.effects.contact import (
+    NO_SPREAD,
+    Contact,
+    has_free_end,
+    touching,
+    up_and_normal,
+    up_of,
+    with_contact,
+)
+from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
-from ropefit.rod.setup import Potential, Setup
+from ropefit.exporters import effects as records
+from ropefit.rod.setup import Setup
 
-HARDNESS = 200.0  # weights of the rope per metre of indentation: a hundredth of its weight: 50 µm
+PENETRATION_SD = 2.0  # noise sd by which the fitted rope must sink below the lowest data
+LOWEST_SHARE = 0.05  # quantile of the frames' lowest points, at which the plane is proposed
 
 
-class SupportPlane(Effect):
+class SupportPlane(Contact):
     """A frictionless half space: `height` [m] against the middle of the ends, against gravity, and
     its slope [1] along the two horizontal axes."""
 
@@ -22,19 +37,39 @@ class SupportPlane(Effect):
         Quantity("slope_1", "1", 0.02, -0.5, 0.5),
         Quantity("slope_2", "1", 0.02, -0.5, 0.5),
     )
-    linear = False
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         up, normal = up_and_normal(setup, values[1], values[2])
         origin = middle_of(setup) + values[0] * up
-        hardness = HARDNESS * setup.weight.detach()
 
-        def energy(x: Tensor) -> Tensor:
-            gap = ((x - origin) * normal).sum(-1)
-            return 0.5 * hardness * torch.clamp(-gap, min=0.0) ** 2
+        def gap(x: Tensor) -> Tensor:
+            return ((x - origin) * normal).sum(-1)
 
-        share = touching(setup.segments)
-        return setup._replace(potentials=(*setup.potentials, Potential(energy, share, hardness)))
+        return with_contact(setup, gap, touching(setup.segments))
+
+    def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
+        """Propose the level of the lowest data, where the fitted rope sinks below it."""
+        if has_free_end(misfit) or self.name in misfit.terms or len(misfit.frame) == 0:
+            return []
+        up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
+        model = np.einsum("fka,a->fk", misfit.nodes - origin, up)
+        height = (misfit.places + misfit.moves - origin) @ up
+        noise = float(np.sqrt(misfit.variance / 2)) + NO_SPREAD
+        mine = [misfit.frame == t for t in range(len(misfit.nodes))]
+        lowest = np.array([height[m].min() if m.any() else np.inf for m in mine])
+        floor = float(np.quantile(lowest[np.isfinite(lowest)], LOWEST_SHARE))
+        if model.min() > floor - PENETRATION_SD * noise:
+            return []
+        return [[np.array([floor, 0.0, 0.0])]]
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        up, origin = up_of(setup), middle_of(setup).numpy()
+        first, second = (axis.numpy() for axis in horizontal(setup.gravity))
+        normal = up - values["slope_1"] * first - values["slope_2"] * second
+        point = origin + values["height"] * up
+        return Exported((*beside, records.Plane(records.vector(point), records.vector(normal))))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (
@@ -43,18 +78,14 @@ class SupportPlane(Effect):
         )
 
 
-def up_and_normal(setup: Setup, slope_1: Tensor, slope_2: Tensor) -> tuple[Tensor, Tensor]:
-    """(3,), (3,) against gravity, and across a plane of these slopes along the horizontal axes."""
-    first, second = horizontal(setup.gravity)
-    up = -setup.gravity.detach() / setup.gravity.detach().norm()
-    normal = up - slope_1 * first - slope_2 * second
-    return up, normal / normal.norm()
-
-
-def touching(segments: int) -> Tensor:
-    """(N+1,) shares of the nodes in contact: some sixty nodes stand for the others, which bounds
-    the cost of contact."""
-    every = max(1, segments // 60)
-    share = torch.zeros(segments + 1, dtype=torch.float64)
-    share[::every] = float(every)
-    return share
+def bearing_point(misfit: Misfit, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the centre (3,) [m] of what a plane of such values bears in the frame where it bears
+    most, against the middle of the ends, and the plane's normal (3,). None: it bears nothing."""
+    height, slopes = values[0], torch.from_numpy(np.array(values[1:]))
+    up, normal = (v.numpy() for v in up_and_normal(misfit.setup, *slopes))
+    place = misfit.nodes - middle_of(misfit.setup).numpy()
+    depth = np.maximum(-((place - height * up) @ normal), 0.0)
+    most = int(depth.sum(axis=1).argmax())
+    if not depth[most].any():
+        return None
+    return np.average(place[most], axis=0, weights=depth[most]), normal

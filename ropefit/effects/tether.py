@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.place import at_point, middle_of
+from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.place import at_point, middle_of, nearest_node
+from ropefit.exporters import effects as records
 from ropefit.rod.setup import Potential, Setup
 
 
@@ -33,6 +38,27 @@ class Tether(Effect):
             return 0.5 * stiffness * (arm * arm).sum(-1) - (arm * pull).sum(-1)
 
         return setup._replace(potentials=(*setup.potentials, Potential(energy, share)))
+
+    def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Return the force k (anchor - x) on the place, per unit of k and of k anchor."""
+        share = at_point(setup.arc.detach(), torch.tensor(place[0])).numpy()
+        arm = np.einsum("k,fka->fa", share, x) - middle_of(setup).numpy()
+        load = np.zeros((len(x), 4, x.shape[1], 3))
+        load[:, 0] = -share[None, :, None] * arm[:, None, :]
+        for a in range(3):
+            load[:, 1 + a, :, a] = share
+        return load
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        if values["stiffness"] <= 0:
+            return Exported(beside, note="tether could not be turned into the simulator's terms")
+        pull = np.array([values[f"pull_{axis}"] for axis in "xyz"])
+        anchor = middle_of(setup).numpy() + pull / values["stiffness"]
+        node = nearest_node(setup, values["arc_length"], nodes)
+        spring = records.Tether(node, records.vector(anchor), values["stiffness"], 0.0)
+        return Exported((*beside, spring))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

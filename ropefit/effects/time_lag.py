@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
 
 class TimeLag(Effect):
-    """The ends are recorded `lag` [s] after they were there: their true place is that of `lag`
-    later in the recording."""
+    """The ends are recorded `lag` [s] late: their true pose is the one recorded `lag` later."""
 
     name = "time_lag"
     kind = "measurement"
     quantities = (Quantity("lag", "s", 0.02, -0.3, 0.3),)
+    calibration = Calibration("clock", ("lag",), "time_lag", own_sensor=True)
 
     def applies(self, setup: Setup) -> bool:
         return setup.motion is not None and bool((setup.motion.end_velocity != 0).any())

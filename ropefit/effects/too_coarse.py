@@ -11,7 +11,8 @@ from ropefit.rod.setup import Setup
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import solve
 
-COARSE = 4  # times the segment length
+COARSENING = 4  # of the segment length
+FEWEST_SEGMENTS = 16
 
 
 class TooCoarse(Effect):
@@ -26,7 +27,7 @@ class TooCoarse(Effect):
     quantities = (Quantity("amount", "1", 0.5, 0.0, 60.0),)
 
     def applies(self, setup: Setup) -> bool:
-        return setup.segments % COARSE == 0 and setup.segments >= 4 * COARSE
+        return setup.segments % COARSENING == 0 and setup.segments >= FEWEST_SEGMENTS
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         drift = setup.seen.drift + values[0] * coarse_error(setup)
@@ -35,32 +36,32 @@ class TooCoarse(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         return (
             "the shapes are those of a simulation with segments "
-            f"{COARSE * max(values['amount'], 0) ** 0.5:.2g} times as long as ours"
+            f"{COARSENING * max(values['amount'], 0) ** 0.5:.2g} times as long as ours"
         )
 
 
 def coarse_error(setup: Setup) -> Tensor:
-    """(F, N+1, 3) [m] nodes of the coarse rod, interpolated, minus those of the fine one."""
+    """Return (F, N+1, 3) [m] nodes of the coarse rod, interpolated, minus those of the fine one."""
     p = setup.properties
     few = Properties(
         *(
-            value.detach().reshape(-1, COARSE, *value.shape[1:]).mean(1)
+            value.detach().reshape(-1, COARSENING, *value.shape[1:]).mean(1)
             for value in p
         )
     )  # fmt: skip
-    few = few._replace(length=p.length.detach().reshape(-1, COARSE).sum(1))
-    nodes = setup.segments // COARSE + 1
+    few = few._replace(length=p.length.detach().reshape(-1, COARSENING).sum(1))
+    nodes = setup.segments // COARSENING + 1
     coarse = setup._replace(
         properties=few,
         load=torch.zeros(nodes, 3, dtype=torch.float64),
         kinks=torch.zeros(nodes, 3, dtype=torch.float64),
-        stretch=setup.stretch.detach().reshape(-1, COARSE).mean(1),
+        stretch=setup.stretch.detach().reshape(-1, COARSENING).mean(1),
         potentials=(),
     )
     held = Conditions(setup.ends.detach(), setup.clamp.detach())
     fine = solve(setup._replace(potentials=()).rod(), held).x
     rough = torch.from_numpy(solve(coarse.rod(), held).x)
-    at = torch.arange(setup.segments + 1) / COARSE
+    at = torch.arange(setup.segments + 1) / COARSENING
     low = at.floor().clamp(max=nodes - 2).long()
     share = (at - low)[:, None]
     # A cubic through the coarse nodes, as the data are compared with a smooth curve.

@@ -20,8 +20,8 @@ from ropefit.solvers.jacobi import Jacobi
 from ropefit.solvers.start import frames_along
 from ropefit.solvers.xpbd import Eta, Settings, State
 
-NODES = 20  # of the chain that stands for the solver's own
-KEPT = 4  # results
+NODES = 20  # of the chain that represents the solver's own
+MOST_KEPT = 4  # results in the cache
 _latest: dict[tuple, tuple[Tensor, Tensor]] = {}
 
 
@@ -49,7 +49,7 @@ class UnderConverged(Effect):
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         amount, drop, reach = values
-        still, fallen = _remembered(setup, float(drop), float(reach))
+        still, fallen = _cached(setup, float(drop), float(reach))
         seen = setup.seen._replace(
             lag=setup.seen.lag + amount, toward=still, drift=setup.seen.drift + fallen - still
         )
@@ -64,39 +64,41 @@ class UnderConverged(Effect):
 
 
 def iterations(reach: float) -> float:
-    """After how many a correction has travelled over a share of the length."""
+    """Return the number of iterations after which a correction has travelled over a share of the
+    length: it diffuses."""
     return (reach * (NODES - 1)) ** 2
 
 
-def _remembered(setup: Setup, drop: float, reach: float) -> tuple[Tensor, Tensor]:
-    """(F, N + 1, 3) [m] where the iterations leave the nodes, without the drop and with it.
+def _cached(setup: Setup, drop: float, reach: float) -> tuple[Tensor, Tensor]:
+    """Return (F, N + 1, 3) [m] where the iterations leave the nodes, without the drop and with it.
 
-    Most of what a fit varies makes no difference here: the latest are kept.
+    Most of what a fit varies makes no difference here: the latest results are cached.
     """
     rod = setup._replace(potentials=()).rod()
     held = Conditions(setup.ends.detach(), setup.clamp.detach())
     arrays = (*rod, held.ends, held.clamp, setup.gravity, setup.properties.length)
     key = (drop, reach, setup.clamped, *(a.detach().numpy().tobytes() for a in arrays))
-    found = _latest.get(key)
-    if found is None:
+    result = _latest.get(key)
+    if result is None:
         start = _sampled(solve(rod, held, limit=0, continuation=False).x)
         both = _stopped(setup, start, drop, iterations(reach))
-        found = (_along(both[0], setup.segments), _along(both[1], setup.segments))
-        while len(_latest) >= KEPT:
+        result = (_along(both[0], setup.segments), _along(both[1], setup.segments))
+        while len(_latest) >= MOST_KEPT:
             _latest.pop(next(iter(_latest)), None)
-        _latest[key] = found
-    return found
+        _latest[key] = result
+    return result
 
 
 def _sampled(x: np.ndarray) -> Tensor:
-    """(F, NODES, 3) places on a rope's nodes (F, N+1, 3)."""
+    """Return (F, NODES, 3) places on a rope's nodes (F, N+1, 3)."""
     at = np.linspace(0, x.shape[1] - 1, NODES)
     low = np.minimum(at.astype(int), x.shape[1] - 2)
     return torch.from_numpy(x[:, low] + (at - low)[:, None] * (x[:, low + 1] - x[:, low]))
 
 
 def _stopped(setup: Setup, x: Tensor, drop: float, count: float) -> tuple[Tensor, Tensor]:
-    """(F, NODES, 3) [m] particles after `count` iterations from x, without the drop and with it."""
+    """Return (F, NODES, 3) [m] particles after `count` iterations from x, without the drop and
+    with it."""
     clamp = setup.clamp.detach()
     q = frames_along(x, clamp[:, 0], clamp[:, 1])
     start = State(x.expand(2, *x.shape), q.expand(2, *q.shape))
@@ -111,7 +113,7 @@ def _stopped(setup: Setup, x: Tensor, drop: float, count: float) -> tuple[Tensor
     whole = max(math.floor(count), 1)
 
     def after(start: State, number: int, fall: bool) -> State:
-        """`number` iterations on; dt is such that the particles fall by drop along down."""
+        """Return the state `number` iterations later; dt makes the particles fall by drop."""
         settings = Settings(steps=1, iterations=number, dt=math.sqrt(2.0))
         own = eta if fall else eta._replace(gravity=torch.zeros_like(falls))
         return simulate_compiled(start, rest, chain, own, Jacobi(), down, settings)
@@ -123,13 +125,13 @@ def _stopped(setup: Setup, x: Tensor, drop: float, count: float) -> tuple[Tensor
 
 
 def _along(few: Tensor, segments: int) -> Tensor:
-    """(F, segments + 1, 3) a cubic through values (F, NODES, 3)."""
+    """Return (F, segments + 1, 3) on a cubic through values (F, NODES, 3)."""
     return torch.matmul(_cubic(segments), few)
 
 
 @cache
 def _cubic(segments: int) -> Tensor:
-    """(segments + 1, NODES) weights of the values."""
+    """Return (segments + 1, NODES) the weights of the values."""
     few = torch.eye(NODES, dtype=torch.float64)
     at = torch.linspace(0, NODES - 1, segments + 1, dtype=torch.float64)
     low = at.floor().clamp(max=NODES - 2).long()

@@ -1,4 +1,4 @@
-"""A rope that goes on bending under the same load: polymers, tired cables."""
+"""Viscoelastic creep: a rope that goes on bending under the same load."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ropefit.rod.setup import Setup
 
 
 class ViscoelasticCreep(Effect):
-    """A rope stiffer by `share` when it is bent quickly, which fades within `time` [s]. It is fully
-    relaxed in the first frame."""
+    """A Maxwell branch: a rope stiffer by `share` when it is bent quickly, which relaxes with time
+    constant `time` [s]. It is fully relaxed in the first frame."""
 
     name = "viscoelastic_creep"
     quantities = (

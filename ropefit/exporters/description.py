@@ -8,15 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ropefit.errors import BadInput
-from ropefit.exporters.effects import (
-    Cylinder,
-    Effect,
-    EndTwist,
-    Plane,
-    PointMass,
-    Sphere,
-    Tether,
-)
+from ropefit.exporters.effects import Cylinder, Effect, EndTwist, Plane, PointMass, Sphere, Tether
 
 EndKind = Literal["free", "pinned", "clamped"]
 KINDS = ("free", "pinned", "clamped")

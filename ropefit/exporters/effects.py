@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
+
+
+def vector(v: Iterable[float]) -> Vector:
+    """Return three numbers as a `Vector`."""
+    x, y, z = map(float, v)
+    return x, y, z
 
 
 @dataclass(frozen=True)

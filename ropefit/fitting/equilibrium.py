@@ -99,7 +99,8 @@ def nominal_fit(
         start = forward.start()
         if start.size:
             start[place] = shift
-        forward.last = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
+        states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
+        forward = forward.starting_from(states)
         try:
             found = fit(forward, data, noise, bins, start, 12 if start.size else 1)
         except ArithmeticError:

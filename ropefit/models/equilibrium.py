@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.effects.base import Effect
 from ropefit.models.history import WalkedPoint, walk
 from ropefit.models.response import Change, Point
 from ropefit.rod.rod import Rod
@@ -35,7 +36,7 @@ class Term:
     """A part of a model: `apply` takes values in SI; a value is scale * (search variable).
 
     start, lower, upper (n,) in SI; prior (n,) one-sigma in SI, inf for none; log: the search
-    variable is the logarithm of the value over its start.
+    variable is the logarithm of the value over its start. effect: that the term stands for, if any.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Term:
     prior: np.ndarray
     log: bool = False
     nuisance: bool = False
+    effect: Effect | None = None
 
     @property
     def size(self) -> int:
@@ -91,6 +93,12 @@ class Forward:
     @property
     def size(self) -> int:
         return sum(term.size for term in self.terms)
+
+    def starting_from(self, states: States) -> Forward:
+        """Return the same model, which goes on from other states of its frames."""
+        out = Forward(self.base, self.terms, states)
+        out.path, out.reached = self.path, self.reached
+        return out
 
     def split(self, u: np.ndarray) -> list[np.ndarray]:
         """Search variables term by term."""

@@ -13,14 +13,7 @@ import numpy as np
 import torch
 
 from ropefit.models.bends import darboux, merged, spun, stacked, vector_change, vectors
-from ropefit.models.response import (
-    STEP,
-    Change,
-    Point,
-    add_sensor,
-    directions_of,
-    slopes_of,
-)
+from ropefit.models.response import STEP, Change, Point, add_sensor, directions_of, slopes_of
 from ropefit.models.rubbing import loose, rubbings
 from ropefit.rod import friction, memory
 from ropefit.rod.friction import Grip

@@ -9,17 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from torch import Tensor
 
-from ropefit.effects import (
-    DepthBias,
-    DepthGain,
-    EndOffset,
-    GravityMisalignment,
-    ScaleError,
-    TimeLag,
-)
+from ropefit.effects import CATALOGUE, Effect
 from ropefit.effects.base import turned_clamp
 from ropefit.models.equilibrium import Apply, Term
 from ropefit.rod.setup import Setup
@@ -70,48 +62,47 @@ def turn_clamp(end: int) -> Apply:
 
 
 def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0) -> list[Term]:
-    """All calibration errors as nuisances.
+    """Return all calibration errors as nuisances: the camera, effects that are one, the clamps.
 
     shared: data and ends come from the same sensor, whose errors then turn and shift both alike
     (the rest of it is the error of gravity), and whose clock is one. surface [m]: one sigma of how
     far the points lie in front of the rope's axis, besides what preprocess corrected.
     """
-    d, m = DEGREE, "m"
+    sd = {**vars(priors), "surface": surface}
     terms = []
     if not shared:
-        rotation = priors.camera_rotation * d
+        rotation = priors.camera_rotation * DEGREE
         terms += [
             nuisance("camera_rotation", ["x", "y", "z"], ["rad"] * 3, turn_camera, [rotation] * 3),
             nuisance(
-                "camera_translation", ["x", "y", "z"], [m] * 3, shift_camera,
+                "camera_translation", ["x", "y", "z"], ["m"] * 3, shift_camera,
                 [priors.camera_translation] * 3,
             ),
-            nuisance("depth_gain", ["gain"], ["1"], DepthGain().apply, [priors.depth_gain]),
         ]  # fmt: skip
-        if TimeLag().applies(setup):
-            terms.append(nuisance("clock", ["lag"], ["s"], TimeLag().apply, [priors.time_lag]))
-    if surface > 0:
-        terms.append(nuisance("surface", ["depth"], [m], DepthBias().apply, [surface]))
-    terms += [
-        nuisance("scale", ["scale"], ["1"], ScaleError().apply, [priors.scale]),
-        nuisance(
-            "gravity", ["x", "y"], ["rad"] * 2, GravityMisalignment().apply,
-            [priors.gravity * d] * 2,
-        ),
-    ]  # fmt: skip
-    for end in range(2):
-        if not bool(torch.isnan(setup.ends[:, end]).any()):
-            terms.append(
-                nuisance(
-                    f"end_{end}", ["x", "y", "z"], [m] * 3, EndOffset(end).apply,
-                    [priors.end_position] * 3,
-                )
-            )  # fmt: skip
-        if setup.clamped[end]:
+    for end in (None, 0, 1):
+        for kind in CATALOGUE:
+            if (kind.locus == "end") == (end is not None):
+                terms += _small_effect(kind(end or 0), setup, sd, shared)
+        if end is not None and setup.clamped[end]:
             terms.append(
                 nuisance(
                     f"clamp_{end}", ["x", "y", "z"], ["rad"] * 3, turn_clamp(end),
-                    [priors.end_orientation * d] * 3,
+                    [priors.end_orientation * DEGREE] * 3,
                 )
             )  # fmt: skip
     return terms
+
+
+def _small_effect(
+    effect: Effect, setup: Setup, priors: dict[str, float], shared: bool
+) -> list[Term]:
+    """Return the term of an effect that is a calibration error, where the set-up can have it."""
+    error = effect.calibration
+    if error is None or (shared and error.own_sensor) or not effect.applies(setup):
+        return []
+    sd = priors[error.prior] * (DEGREE if error.degrees else 1.0)
+    if sd <= 0:
+        return []
+    name = f"{error.name}_{effect.end}" if effect.locus == "end" else error.name
+    units = [q.unit for q in effect.quantities]
+    return [nuisance(name, list(error.values), units, effect.apply, [sd] * len(units))]

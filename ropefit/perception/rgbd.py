@@ -10,12 +10,7 @@ from ropefit.perception.cloud import LONGEST, SHORTEST, without_overshoot
 from ropefit.perception.cues import lab_of
 from ropefit.perception.follow import even, settle
 from ropefit.perception.segment import Looked, Segmentation, segment_rope
-from ropefit.perception.trace import (
-    FrameRejected,
-    Trace,
-    polyline_arc,
-    resample,
-)
+from ropefit.perception.trace import FrameRejected, Trace, polyline_arc, resample
 
 LEAST_DEPTHS = 20
 STRETCH = 12  # px along the path, to each side

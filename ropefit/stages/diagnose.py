@@ -1,4 +1,4 @@
-"""diagnose: what the nominal model left out, from observations and the identified rope."""
+"""diagnose: the physics or measurement errors that the nominal model leaves out."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, seg
 from ropefit.adapters.shapes_only import shapes_only
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.diagnosis import search as engine
+from ropefit.diagnosis.noise_measurement import on_edge
+from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.branch import nearer_branch
-from ropefit.inference.diagnosis import search as engine
-from ropefit.inference.diagnosis.background import on_edge
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.sandwich import INTERVAL
@@ -35,9 +36,11 @@ from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.solvers.branches import follow
 
-FEWEST = 4  # frames
-GJ_SD = 0.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section
-THROUGH = 2  # times the frames that are compared: those that a rope with memory goes through
+FEWEST_FRAMES = 4
+GJ_PRIOR_SD = 0.5  # of the logarithm of GJ/EI, about that of a solid round section
+PATH_FRAMES = 2  # times the compared frames: those that a path-dependent rope goes through
+LEAST_PRIOR_SD = 1e-4  # search variables
+LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run knows an error
 
 
 class DiagnoseSettings(StageSettings):
@@ -51,7 +54,14 @@ class DiagnoseSettings(StageSettings):
 
 
 def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context) -> dict[str, Any]:
-    """The contents of diagnosis.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of diagnosis.h5. Raises BadInput, NotConverged, WrongUsage."""
+    return diagnosed(inputs, settings, context, RULES)
+
+
+def diagnosed(
+    inputs: dict[str, Any], settings: DiagnoseSettings, context: Context, rules: Rules
+) -> dict[str, Any]:
+    """Return the contents of diagnosis.h5 by other rules. Raises like `compute`."""
     o: Observations = inputs[Observations.file_name]
     model: Model = inputs[Model.file_name]
     shapes_only(model.nominal, "diagnose")
@@ -76,38 +86,39 @@ def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context
     bins = STATIONS
     context.progress(0.02, "nominal fit")
     with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
-        errors = calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))
-        if settings.calibration:
-            errors = calibrated(errors, context.external["calibration"])
+        known = context.external["calibration"] if settings.calibration else None
+        errors = set_up_errors(setup, o, known) if rules.calibration else []
         nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-        found = None
-        for _ in range(2):  # with what is found, other frames may come to the edge
-            edge = on_edge(found.final if found else nominal)
-            if (~edge).sum() < FEWEST:
-                if found:
+        result = None
+        for _ in range(2):  # with an effect, other frames may be near instability
+            edge = on_edge(result.final if result else nominal)
+            if (~edge).sum() < FEWEST_FRAMES:
+                if result:
                     break
                 raise BadInput(
                     "nearly every frame is at the edge of its stability, where a hair's breadth "
                     "decides the shape; record poses in which the rope hangs firmly"
                 )
             if edge.any():
-                told = ", ".join(map(str, o.frames[used[edge]]))
-                context.say(f"left out, at the edge of stability: frames {told}")
+                excluded = ", ".join(map(str, o.frames[used[edge]]))
+                context.say(f"excluded, at the edge of stability: frames {excluded}")
                 firm = np.flatnonzero(~edge)
                 used, data = used[firm], data.frames(firm)
                 setup = setup.frames(torch.from_numpy(firm))
                 nominal = _nominal(setup, [*terms, *errors], data, noise, bins)
-            if found is None or edge.any():
-                found = engine.search(nominal, data, noise, bins, settings.seed, context.progress)
-        assert found is not None
-        return content(o, found, used, every, bins)
+            if result is None or edge.any():
+                result = engine.search(
+                    nominal, data, noise, bins, settings.seed, context.progress, rules
+                )
+        assert result is not None
+        return content(o, result, used, every, bins)
 
 
 def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:
-    """The setup in the frames `used`, which a rope with memory comes to through some of the
-    others: as many again, evenly spread."""
+    """Return the setup in the frames `used`, which a path-dependent rope reaches through some of
+    the others: as many again, evenly spread."""
     every = np.arange(len(setup.ends))
-    between = spread_evenly(every, np.zeros_like(every), THROUGH * most)
+    between = spread_evenly(every, np.zeros_like(every), PATH_FRAMES * most)
     passed = np.union1d(used, between)
     through = setup.frames(torch.from_numpy(passed))._replace(past=None)
     return through.frames(torch.from_numpy(np.searchsorted(passed, used)))
@@ -116,11 +127,11 @@ def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:
 def nominal_terms(
     o: Observations, source: Model, setup: Setup, prior: bool
 ) -> tuple[list[Term], Setup]:
-    """The rope's own parameters, starting where they were identified; at their usual values where
-    the search ran to a bound.
+    """Return the rope's own parameters, starting where they were identified; at their usual values
+    where the search ran to a bound.
 
     prior: they are known from another run, within that run's intervals, and the points of a rest
-    curve, which hang together, within its covariance. GJ joins them where both clamps hold twist.
+    curve, which are correlated, within its covariance. GJ joins them where both clamps hold twist.
     """
     group = next(iter(source.nominal.groups.values()))
     if prior:
@@ -141,8 +152,8 @@ def nominal_terms(
     terms = []
     for name in names:
         term = PARAMETERS[name].term(setup)
-        if name == "GJ":  # where no twist is seen it would go astray
-            term = _with_prior(term, GJ_SD)
+        if name == "GJ":  # without visible twist it is undetermined
+            term = _with_prior(term, GJ_PRIOR_SD)
         p = group.parameters.get(name)
         if prior and p is not None and p.ci95 is not None:
             sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
@@ -157,20 +168,26 @@ def nominal_terms(
 
 
 def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
-    """The noise of markers, no smaller than what the rope of another recording misses there: it
-    will miss as much here, and that is no cause."""
+    """Return the noise of markers, no smaller than the rms misfit of the rope in the recording it
+    was identified from: as much misfit here has no cause of its own."""
     if o.source != "markers" or source.recording == o.recording:
         return noise
     return replace(noise, marker=max(noise.marker, source.nominal.rms_fit / 3**0.5))
 
 
 def _with_prior(term: Term, sd: float) -> Term:
-    return replace(term, prior=np.array([max(sd, 1e-4)]))
+    return replace(term, prior=np.array([max(sd, LEAST_PRIOR_SD)]))
+
+
+def set_up_errors(setup: Setup, o: Observations, known: Model | None) -> list[Term]:
+    """Return the calibration errors, those of camera and gravity as another run knows them."""
+    errors = calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))
+    return calibrated(errors, known) if known else errors
 
 
 def calibrated(errors: list[Term], source: Model) -> list[Term]:
-    """The errors of camera and gravity as another run of the same set-up found them, and only as
-    uncertain; the ends are held anew in every recording. Raises WrongUsage."""
+    """Return the errors of camera and gravity as another run of the same set-up has them, with its
+    uncertainty; the ends are held anew in every recording. Raises WrongUsage."""
     if source.nominal.balance is None or not source.nominal.balance.calibration:
         raise WrongUsage(
             "--calibration: that run has no calibration; identify it with --solver equilibrium"
@@ -184,7 +201,7 @@ def calibrated(errors: list[Term], source: Model) -> list[Term]:
             continue
         value = np.array([item.value for item in found if item])
         sd = np.array([item.sd for item in found if item])
-        prior = np.clip(sd, 1e-3 * term.prior, term.prior)
+        prior = np.clip(sd, LEAST_CALIBRATION_SD * term.prior, term.prior)
         out.append(replace(term, start=value, prior=prior))
     return out
 
@@ -192,16 +209,18 @@ def calibrated(errors: list[Term], source: Model) -> list[Term]:
 def _nominal(setup: Setup, terms: list[Term], data, noise: Noise, bins: int) -> Fit:
     forward = Forward(setup, terms)
     start = forward.start()
-    forward.last = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
+    states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
+    forward = forward.starting_from(states)
     try:
         # Twist is a small correction: while the set-up's errors are still large it would be misled.
         late = np.repeat([t.name == "GJ" for t in terms], [t.size for t in terms])
         if late.any():
-            early = Forward(setup, [t for t in terms if t.name != "GJ"], forward.last)
+            early = Forward(setup, [t for t in terms if t.name != "GJ"], states)
             start[~late] = fit(early, data, noise, bins, None, 30, tolerance=1e-4).point.u
-            forward.last = early.last
+            assert early.last is not None
+            forward = forward.starting_from(early.last)
         first = fit(forward, data, noise, bins, start, 30, tolerance=1e-5)
-        forward.last = nearer_branch(first, data, bins)
+        forward = first.forward.starting_from(nearer_branch(first, data, bins))
         return fit(forward, data, noise, bins, first.point.u, 30, tolerance=1e-5)
     except ArithmeticError as error:
         raise NotConverged(f"{error}; look at the ends and the length of the recording")

@@ -105,7 +105,7 @@ def _reason(export: Export, off: np.ndarray) -> str:
             f"{millimetres(float(np.nanmax(export.other[twice])))} away, where it may have gone"
         )
     if (far & ~twice).any():
-        left_out = [note for note in export.notes if "damping" not in note]
+        left_out = [note for note in export.notes if not note.startswith("damping:")]
         reasons.append(
             "the simulator cannot express everything (see below)"
             if left_out

@@ -7,16 +7,7 @@ from markupsafe import Markup
 
 from ropefit.artifacts import Diagnosis
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import (
-    AFTER,
-    BEFORE,
-    MARK,
-    Figure,
-    evenly,
-    places,
-    space,
-    thinned,
-)
+from ropefit.reporting.figures import AFTER, BEFORE, MARK, Figure, evenly, places, space, thinned
 from ropefit.reporting.html import sequence
 from ropefit.reporting.sections.overlay import from_camera
 from ropefit.reporting.words import number

@@ -1,4 +1,4 @@
-"""Frames that a fit left on the wrong one of two equilibria, found by their residual."""
+"""Frames that a fit left on the wrong one of two equilibria, detected by their residual."""
 
 from __future__ import annotations
 
@@ -6,24 +6,37 @@ import numpy as np
 import torch
 
 from ropefit.inference.bins import Data, match
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
 from ropefit.solvers.equilibrium import States
 
-FAR = 4.0  # times the usual residual of a frame
+SUSPECT_RATIO = 4.0  # of a frame's residual to the median one
+GAIN_RATIO = 0.7  # of the misfit on another branch to that before
+EVALUATIONS = 20
 
 
-def repaired(found: Fit, data: Data, bins: int) -> States | None:
-    """States in which such frames start from their neighbours' side, None if nothing is gained."""
-    point, frame = found.point, found.stations.frame
+def on_right_branches(fitted: Fit, data: Data, noise: Noise, bins: int) -> Fit:
+    """Bring frames on the wrong branch to the right one and refit; the same fit if none gains."""
+    states = repaired(fitted, data, bins)
+    if states is None:
+        return fitted
+    forward = Forward(fitted.forward.base, fitted.forward.terms, states)
+    again = fit(forward, data, noise, bins, fitted.point.u, EVALUATIONS, tolerance=1e-5)
+    return again if again.cost < fitted.cost else fitted
+
+
+def repaired(fitted: Fit, data: Data, bins: int) -> States | None:
+    """Return states in which such frames are settled from their neighbours', None if none gains."""
+    point, frame = fitted.point, fitted.stations.frame
     if point.setup.remembers:  # each frame's states follow from the ones before
         return None
-    z = found.z.reshape(len(frame), -1)
+    z = fitted.z.reshape(len(frame), -1)
     frames = len(point.seen)
     size = np.array(
         [np.sqrt((z[frame == t] ** 2).mean()) if (frame == t).any() else 0.0 for t in range(frames)]
     )
-    far = np.flatnonzero(size > FAR * max(float(np.median(size)), 1.0))
+    far = np.flatnonzero(size > SUSPECT_RATIO * max(float(np.median(size)), 1.0))
     if len(far) == 0 or len(far) > frames // 3:
         return None
     out, gained = point.solution.states, False
@@ -38,7 +51,7 @@ def repaired(found: Fit, data: Data, bins: int) -> States | None:
             if not there.solution.converged.all():
                 continue
             now = _misfit(data, there.seen, int(t), 0, bins)
-            if now < 0.7 * best:
+            if now < GAIN_RATIO * best:
                 best, gained = now, True
                 out.put(int(t), there.solution, 0)
     return out if gained else None

@@ -10,8 +10,9 @@ from scipy import ndimage
 from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
 
-SIGNIFICANT = 3.0  # sd of a mean over three stations in three frames
-MOST = 6
+SIGNIFICANT_SD = 3.5  # of a mean over three stations in three frames
+FEWEST_STATIONS = 3  # of a region
+MOST_REGIONS = 6
 
 
 @dataclass(frozen=True)
@@ -24,26 +25,26 @@ class Mismatch:
     direction: np.ndarray
 
 
-def misfit(found: Fit, bins: int) -> np.ndarray:
-    """(F, bins, 3) [m] mean offset of data from model, NaN where nothing was seen."""
-    s = found.stations
+def misfit(fitted: Fit, bins: int) -> np.ndarray:
+    """Return (F, bins, 3) [m] the mean offset of data from model, NaN where nothing was seen."""
+    s = fitted.stations
     place = np.clip((s.share * bins).astype(int), 0, bins - 1) if _markers(s) else s.bin
-    total = np.zeros((len(found.point.seen), bins, 3))
+    total = np.zeros((len(fitted.point.seen), bins, 3))
     count = np.zeros((*total.shape[:2], 1))
     np.add.at(total, (s.frame, place), np.einsum("md,mda->ma", s.residual, s.basis))
     np.add.at(count, (s.frame, place), 1.0)
     return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
 
 
-def regions(found: Fit, bins: int) -> list[Mismatch]:
-    """The largest connected regions of significant misfit."""
-    s = found.stations
+def regions(fitted: Fit, bins: int) -> list[Mismatch]:
+    """Return the largest connected regions of significant misfit."""
+    s = fitted.stations
     place, edges = _places(s, bins)
     bins = len(edges) - 1
-    offset = np.full((len(found.point.seen), bins, 3), np.nan)
+    offset = np.full((len(fitted.point.seen), bins, 3), np.nan)
     offset[s.frame, place] = np.einsum("md,mda->ma", s.residual, s.basis)
     z = np.zeros((len(offset), bins, s.residual.shape[1]))
-    z[s.frame, place] = found.z.reshape(s.residual.shape)
+    z[s.frame, place] = fitted.z.reshape(s.residual.shape)
     seen = np.isfinite(offset[..., 0]).astype(float)
     kernel = np.ones((3, 3))
     count = ndimage.convolve(seen, kernel, mode="constant")
@@ -54,12 +55,12 @@ def regions(found: Fit, bins: int) -> list[Mismatch]:
         )
         / np.sqrt(np.maximum(count, 1))[..., None]
     )
-    strong = (np.abs(mean).max(-1) > SIGNIFICANT + 0.5) & (seen > 0)
+    strong = (np.abs(mean).max(-1) > SIGNIFICANT_SD) & (seen > 0)
     labels, many = ndimage.label(strong, kernel)  # type: ignore[misc]
     out = []
     for k in range(1, many + 1):
         inside = labels == k
-        if inside.sum() < 3:
+        if inside.sum() < FEWEST_STATIONS:
             continue
         frames, places = np.nonzero(inside)
         vectors = np.nan_to_num(offset[inside])
@@ -74,7 +75,7 @@ def regions(found: Fit, bins: int) -> list[Mismatch]:
             )
         )
     out.sort(key=lambda r: -r.rms * (r.arc[1] - r.arc[0]) * (r.frames[1] - r.frames[0] + 1))
-    return out[:MOST]
+    return out[:MOST_REGIONS]
 
 
 def _markers(s: Stations) -> bool:
@@ -82,8 +83,8 @@ def _markers(s: Stations) -> bool:
 
 
 def _places(s: Stations, bins: int) -> tuple[np.ndarray, np.ndarray]:
-    """Which stretch every station (M,) is in, and where stretches (B,) begin and end (B + 1,), as
-    shares of the length: one for each marker, halfway to the next."""
+    """Return the stretch of every station (M,), and the stretches' edges (B + 1,) as shares of the
+    length: one stretch for each marker, halfway to the next."""
     if not _markers(s):
         return s.bin, np.linspace(0, 1, bins + 1)
     names, column = np.unique(s.bin, return_inverse=True)

@@ -1,19 +1,18 @@
-"""Which motion would tell two causes apart: the one for which their fits predict the most different
-shapes."""
+"""The motion that would tell two candidates apart: their fits predict the most different shapes."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 
-from ropefit.inference.diagnosis.weigh import Rival
+from ropefit.diagnosis.candidate import Candidate
 from ropefit.models.equilibrium import Forward
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Motion, Setup
 
 
 def motions(setup: Setup) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
-    """Ends (5, 2, 3) and clamps (5, 2, 4) of candidate motions, from the first recorded pose on."""
+    """Return ends (5, 2, 3) and clamps (5, 2, 4) of motions from the first recorded pose on."""
     first, clamp = setup.ends[0].clone(), setup.clamp[0].clone()
     length = float(setup.properties.length.sum())
     up = -(setup.gravity / setup.gravity.norm()).detach()
@@ -65,14 +64,16 @@ def _rotate(turns: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
     return vector + 2 * (w * cross + torch.linalg.cross(v, cross))
 
 
-def next_motion(first: Rival, second: Rival) -> tuple[str, float]:
-    """The candidate motion that tells two fits apart best, and how far apart they are there (rms,
-    [m]); empty where none settles."""
+def next_motion(first: Candidate, second: Candidate) -> tuple[str, float]:
+    """Return the motion that tells two fits apart best, and their rms distance [m] in it.
+
+    An empty name where none settles.
+    """
     best, name = 0.0, ""
     for label, (ends, clamp) in motions(first.fit.forward.base).items():
         shapes = []
-        for rival in (first, second):
-            base = rival.fit.forward.base
+        for candidate in (first, second):
+            base = candidate.fit.forward.base
             seen = base.seen._replace(
                 origin=base.seen.origin[:1].expand(5, 1, 3),
                 normal=base.seen.normal[:1].expand(5, 1, 3),
@@ -83,7 +84,7 @@ def next_motion(first: Rival, second: Rival) -> tuple[str, float]:
             moved = base._replace(
                 ends=ends, clamp=clamp, seen=seen, motion=slow, time=None, past=None
             )
-            point = Forward(moved, rival.fit.forward.terms).at(rival.fit.point.u)
+            point = Forward(moved, candidate.fit.forward.terms).at(candidate.fit.point.u)
             shapes.append(point.seen)
         apart = float(np.sqrt(np.nanmean(((shapes[0] - shapes[1]) ** 2).sum(-1))))
         if apart > best:

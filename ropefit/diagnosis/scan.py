@@ -1,9 +1,10 @@
-"""Log Bayes factors of effects from a scan, with nominal and calibration parameters projected out.
+"""Log Bayes factors of hypotheses, with nominal and calibration parameters projected out.
 
-For columns S of an effect at one place and the whitened residual z of the nominal fit, what the
-nominal parameters and the calibration errors cannot absorb is A = SᵀGS, and Sᵀz is already free of
-it. With sizes drawn from N(0, τ²) (in usual sizes), averaged over places and a spread of τ, the
-factor pays for every look by itself (DIAGNOSIS, section 2).
+This is a score test (Rao 1948). For the sensitivity S to an effect at one place and the whitened
+residual z of the nominal fit, A = SᵀGS is the part of S that nominal parameters and calibration
+errors cannot reproduce, and Sᵀz is already free of the rest. With sizes drawn from N(0, τ²) (in
+usual sizes), averaged over places and a spread of τ, the factor corrects for the number of places
+and sizes tried.
 """
 
 from __future__ import annotations
@@ -13,30 +14,31 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
-from ropefit.inference.diagnosis.columns import Columns
-from ropefit.inference.diagnosis.families import Family
+from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.inference.least_squares import Fit
 
-SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
-ANYTHING = 100.0  # search variables: how far a free parameter may be off
-EDGE = 1e-9  # search variables: what is nearer to its bound is at it
-FAR, NEARLY = 0.2, 0.6  # of the rope; of the best place's log factor: a second place to start from
+PRIOR_SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)  # usual sizes: τ
+FREE_PRIOR_SD = 100.0  # search variables: of parameters without a prior
+BOUND_TOLERANCE = 1e-9  # search variables: a parameter nearer to its bound is at it
+SECOND_DISTANCE = 0.2  # of the rope: how far a second start is from the best place
+SECOND_FACTOR = 0.6  # of the best place's log factor: least of a second start
 
 
 class Projection:
     """G = 1 - J (JᵀJ + prior⁻²)⁻¹ Jᵀ of a fit, without the parameters at their bounds.
 
-    z (M D,): the residual where the linearised fit is at its very best: a search stops a little
-    short of that, which would pass for an effect that the model has already.
+    z (M D,): the residual at the optimum of the linearised fit. A search stops a little short of
+    it, and the difference would look like an effect that the model has already.
     """
 
     def __init__(self, fit: Fit) -> None:
         low, high = fit.forward.bounds()
-        inside = (fit.point.u > low + EDGE) & (fit.point.u < high - EDGE)
+        inside = (fit.point.u > low + BOUND_TOLERANCE) & (fit.point.u < high - BOUND_TOLERANCE)
         self.jacobian = fit.jacobian * inside
         held = np.isfinite(fit.prior)
-        # What nothing shows any more (where a stretch ends that covers all of the rope) is held.
-        weight = np.where(held, 1 / fit.prior**2, ANYTHING**-2)
+        # Parameters without any sensitivity (an edge beyond the rope) are held by a broad prior.
+        weight = np.where(held, 1 / fit.prior**2, FREE_PRIOR_SD**-2)
         information = self.jacobian.T @ self.jacobian + np.diag(weight)
         self.inverse = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
         self.prior_sd = np.where(held, fit.prior, 0.0)
@@ -45,21 +47,21 @@ class Projection:
         self.z = fit.z - self.jacobian @ left
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """G values, (M D, ...)."""
+        """Return G values, (M D, ...)."""
         flat = values.reshape(len(values), -1)
         flat = flat - self.jacobian @ (self.inverse @ (self.jacobian.T @ flat))
         return flat.reshape(values.shape)
 
 
 @dataclass(frozen=True)
-class Scored:
-    """A family against a residual: log Bayes factor, and its best place and sizes there.
+class Score:
+    """A hypothesis scored against a residual: log Bayes factor, best place, and sizes there.
 
     score: T² of the best place; places (Q,): log factor at each. second: another place, far from
-    the best and nearly as good, with its sizes.
+    the best and nearly as good, with the sizes there.
     """
 
-    family: Family
+    hypothesis: Hypothesis
     log_factor: float
     best: int
     sizes: np.ndarray  # (k,) in SI, at the best place
@@ -68,17 +70,17 @@ class Scored:
     second: tuple[np.ndarray, np.ndarray] | None = None
 
     def starts(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Sizes and place from which full fits set out."""
-        best = (self.sizes, self.family.places[self.best])
+        """Return the sizes and places from which full fits start."""
+        best = (self.sizes, self.hypothesis.places[self.best])
         return [best] if self.second is None else [best, self.second]
 
 
 class Scorer:
-    """Scores one family against any number of residuals."""
+    """Score one hypothesis against any number of residuals."""
 
-    def __init__(self, columns: Columns, project: Projection, scales: np.ndarray) -> None:
-        self.family, self.scales = columns.family, scales
-        s = columns.values
+    def __init__(self, sensitivity: Sensitivity, project: Projection, scales: np.ndarray) -> None:
+        self.hypothesis, self.scales = sensitivity.hypothesis, scales
+        s = sensitivity.values
         self.flat = s.reshape(len(s), -1)
         kept = project(s)
         self.a = np.einsum("mqk,mql->qkl", s, kept)
@@ -86,55 +88,58 @@ class Scorer:
         self.strength = np.maximum(values, 0.0)
 
     def log_factors(self, z: np.ndarray) -> np.ndarray:
-        """(Q, R) log Bayes factors at every place for residuals z (M D, R)."""
+        """Return (Q, R) log Bayes factors at every place for residuals z (M D, R)."""
         b = (self.flat.T @ z).reshape(*self.a.shape[:2], -1)
         turned = np.einsum("qkl,qkr->qlr", self.vectors, b)
         parts = []
-        for tau in SIZES:
+        for tau in PRIOR_SIZES:
             precision = self.strength + 1 / tau**2
             value = 0.5 * (turned**2 / precision[..., None]).sum(1)
             value -= 0.5 * np.log1p(tau**2 * self.strength).sum(1)[:, None]
-            if self.family.positive:
+            if self.hypothesis.positive:
                 mean = turned[:, 0] / precision[:, :1] * np.sign(self.vectors[:, 0, 0])[:, None]
                 value += np.log(2.0) + log_ndtr(mean * np.sqrt(precision[:, :1]))
             parts.append(value)
-        return logsumexp(np.stack(parts), axis=0) - np.log(len(SIZES))
+        return logsumexp(np.stack(parts), axis=0) - np.log(len(PRIOR_SIZES))
 
-    def family_factor(self, z: np.ndarray) -> np.ndarray:
-        """(R,) averaged over places."""
-        found = self.log_factors(z)
-        return logsumexp(found, axis=0) - np.log(len(found))
+    def averaged(self, z: np.ndarray) -> np.ndarray:
+        """Return (R,) log Bayes factors, averaged over places."""
+        factors = self.log_factors(z)
+        return logsumexp(factors, axis=0) - np.log(len(factors))
 
-    def __call__(self, z: np.ndarray) -> Scored:
-        """Against one residual (M D,)."""
+    def __call__(self, z: np.ndarray) -> Score:
+        """Score one residual (M D,)."""
         places = self.log_factors(z[:, None])[:, 0]
         best = int(np.argmax(places))
         sizes, score = self._sizes(z, best)
         factor = float(logsumexp(places) - np.log(len(places)))
         second = None
-        at = self.family.places
+        at = self.hypothesis.places
         if at.shape[1]:
-            apart = np.abs(at[:, 0] - at[best, 0]) > FAR * (at[:, 0].max() - at[:, 0].min())
+            apart = np.abs(at[:, 0] - at[best, 0]) > SECOND_DISTANCE * (
+                at[:, 0].max() - at[:, 0].min()
+            )
             other = int(np.argmax(np.where(apart, places, -np.inf)))
-            if apart[other] and places[other] > NEARLY * places[best]:
+            if apart[other] and places[other] > SECOND_FACTOR * places[best]:
                 second = (self._sizes(z, other)[0], at[other])
-        return Scored(self.family, factor, best, sizes, score, places, second)
+        return Score(self.hypothesis, factor, best, sizes, score, places, second)
 
     def _sizes(self, z: np.ndarray, place: int) -> tuple[np.ndarray, float]:
-        """Sizes (k,) in SI to be expected at a place, and T² of the best there."""
+        """Return expected sizes (k,) in SI at a place, and T² of the best-fitting ones."""
         b = self.flat.reshape(len(z), *self.a.shape[:2])[:, place].T @ z
         best = np.linalg.pinv(self.a[place], rcond=1e-8, hermitian=True) @ b
-        # The best go far in a direction that hardly shows: it is the expected that lead somewhere.
+        # The best-fitting sizes are far off in directions with little sensitivity; their posterior
+        # means are useful starts.
         strength, turned = self.strength[place], self.vectors[place].T @ b
-        tau = np.array(SIZES)[:, None]
+        tau = np.array(PRIOR_SIZES)[:, None]
         precision = strength + 1 / tau**2
         factor = (turned**2 / precision - np.log1p(tau**2 * strength)).sum(axis=1)
         expected = self.vectors[place] @ (turned / precision[np.argmax(factor)])
         return expected * self.scales, float(b @ best)
 
     def detectable(self, threshold: float) -> float:
-        """Size (of the first quantity, SI) whose expected log factor reaches the threshold,
-        typical over places."""
+        """Return the size (first quantity, SI) whose expected log factor reaches the threshold, as
+        the median over places."""
         strength = np.sqrt(np.maximum(self.a[:, 0, 0], 1e-300))
         cost = 2.0 + np.log(max(len(self.a), 1)) + 0.5 * self.a.shape[1]
         return float(np.median(np.sqrt(2 * (threshold + cost)) / strength) * self.scales[0])
@@ -143,8 +148,8 @@ class Scorer:
 def null_residuals(
     fit: Fit, project: Projection, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """(M D, count) residuals of nominal fits to recordings with nothing left out: noise, and
-    calibration errors drawn from their priors."""
+    """Return (M D, count) residuals of nominal fits to recordings with nothing left out: noise,
+    and calibration errors drawn from their priors."""
     noise = rng.normal(size=(len(fit.z), count))
     errors = project.prior_sd[:, None] * rng.normal(size=(len(project.prior_sd), count))
     return project(noise + fit.jacobian @ errors)

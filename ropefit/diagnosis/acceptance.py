@@ -1,0 +1,61 @@
+"""Acceptance: a candidate must be plausible and significant, and held-out data must support it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.held_out import by_stretches, heldout_rms
+from ropefit.inference.least_squares import Fit
+
+IMPLAUSIBLE_SIZE = 30.0  # usual sizes
+LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
+MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
+CHANCE_GAIN = 1.0  # nats that a held-out block may gain by chance
+LEAST_BLOCKS = 2  # that gain more than that
+LOST_SHARE = 0.3  # of what blocks gain, at most lost by the others
+
+
+def first_acceptable(
+    candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]
+) -> Candidate | None:
+    """Return the first candidate that passes every gate; reasons of the others go to `refused`.
+
+    candidates: highest evidence first; current: the model without any of them.
+    """
+    for candidate in candidates:
+        if candidate.evidence < threshold:
+            return None
+        why = _refusal(candidate, current)
+        if not why:
+            return candidate
+        refused.append(f"{candidate.hypothesis.name}: {why}")
+    return None
+
+
+def _refusal(candidate: Candidate, current: Fit) -> str:
+    """Return why a candidate is not accepted; empty if it is."""
+    along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
+    before, after = (heldout_rms(fit, along)[0] for fit in (current, candidate.fit))
+    k = candidate.hypothesis.size
+    sizes = np.abs(candidate.values()[:k]) / candidate.term.scale[:k]
+    if effect.linear and sizes.max() > IMPLAUSIBLE_SIZE:
+        return "larger than anything plausible"
+    if candidate.significance() < LEAST_SIGNIFICANCE:
+        return "its size is not significantly different from zero"
+    # A calibration error far outside its prior explains held-out frames as well as the effect of
+    # the same kind does: there the evidence is in the prior.
+    supported = effect.prior_decides or agreeing(candidate.gains)
+    if after > MOST_RMS_RATIO * before or not supported:
+        return "held-out frames do not support it"
+    return ""
+
+
+def agreeing(gains: np.ndarray) -> bool:
+    """Return whether held-out blocks support an effect, by their gains [nats].
+
+    More than one gains, and the others lose little against that. A rope may touch a plane in few
+    frames: the others neither gain nor lose; a barely visible effect gains and loses by chance.
+    """
+    lost, gained = -gains[gains < 0].sum(), gains[gains > 0].sum()
+    return bool((gains > CHANCE_GAIN).sum() >= LEAST_BLOCKS and lost <= LOST_SHARE * gained)

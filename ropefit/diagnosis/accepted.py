@@ -1,0 +1,41 @@
+"""An accepted effect: a candidate that passed, with those that explain as much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.equivalence import equivalents, ordered
+from ropefit.inference.least_squares import Fit
+
+CLOSE_EVIDENCE = 0.5  # of the best's: candidates with less do not win beside other effects either
+MOST_BEATEN = 3  # kept for reassessment
+LEAST_P = 1e-300
+
+
+@dataclass
+class Accepted:
+    """An accepted effect, candidates that explain as much, its evidence and p-value, and the
+    candidates that it beat."""
+
+    candidate: Candidate
+    equivalent: list[Candidate]
+    evidence: float
+    p_value: float
+    beaten: list[Candidate] = field(default_factory=list)
+
+
+def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: int) -> Accepted:
+    """Accept the best of some candidates, or the one that is named first in a tie.
+
+    without: the model without any of them; tried: how many hypotheses were scanned, for which the
+    p-value is corrected (Bonferroni).
+    """
+    first, same = ordered(best, equivalents(best, candidates, without.cost))
+    p = min(1.0, tried * float(np.exp(-min(first.evidence, 690.0))))
+    close = [
+        c for c in candidates if c is not first and c.evidence > CLOSE_EVIDENCE * first.evidence
+    ]
+    return Accepted(first, same, first.evidence, max(p, LEAST_P), close[:MOST_BEATEN])

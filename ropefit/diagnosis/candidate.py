@@ -1,0 +1,189 @@
+"""A candidate: a hypothesis fitted in full on top of a model, with its log evidence over it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ropefit.diagnosis.held_out import block_losses, by_stretches
+from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.scan import Projection
+from ropefit.inference.bins import Data
+from ropefit.inference.known import settled
+from ropefit.inference.least_squares import Fit, attempted, sensitivity
+from ropefit.inference.noise import Noise
+from ropefit.models.equilibrium import Forward, Term
+
+SIZE_PRIOR_SD = 3.0  # usual sizes
+PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
+START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
+EVALUATIONS = 25
+SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
+SLOW_ROUNDS = 4  # so often it is continued
+SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
+DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
+UNMOVED = 1e-8  # m
+INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
+
+
+@dataclass
+class Candidate:
+    """A hypothesis fitted in full: log evidence [nats] over the smaller model, and its gain in
+    every held-out block [nats]."""
+
+    hypothesis: Hypothesis
+    term: Term
+    fit: Fit
+    evidence: float
+    gains: np.ndarray
+
+    def values(self) -> np.ndarray:
+        """Return (k + p,) values in SI."""
+        return self.term.value(self._mine(self.fit.point.u))
+
+    def sd(self) -> np.ndarray:
+        """Return (k + p,) standard errors in SI."""
+        return self._mine(self.fit.sd()) * self.term.slope(self._mine(self.fit.point.u))
+
+    def covariance(self) -> np.ndarray:
+        """Return (k + p, k + p) the covariance of its values in search coordinates."""
+        mine = self._mine(np.arange(len(self.fit.point.u)))
+        return self.fit.covariance[np.ix_(mine, mine)]
+
+    def significance(self) -> float:
+        """Return how many standard errors its sizes are from zero, together."""
+        mine, k = self._mine(self.fit.point.u), self.hypothesis.size
+        zero = self.term.search(np.zeros(self.term.size))[:k]
+        covariance = self.covariance()[:k, :k]
+        off = mine[:k] - zero
+        return float(np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0)))
+
+    def magnitude(self) -> tuple[float, float]:
+        """Return the length of a vector of sizes, and its standard error, in SI."""
+        k = self.hypothesis.size
+        values, slope = self.values()[:k], self.term.slope(self._mine(self.fit.point.u))[:k]
+        size = float(np.linalg.norm(values))
+        along = slope * values / max(size, 1e-300)
+        return size, float(np.sqrt(max(along @ self.covariance()[:k, :k] @ along, 0.0)))
+
+    def _mine(self, u: np.ndarray) -> np.ndarray:
+        """Return its part of the fit's values (P,), whatever was added to the model after it."""
+        forward = self.fit.forward
+        parts = zip(forward.terms, forward.split(u), strict=True)
+        return next(part for term, part in parts if term is self.term)
+
+
+def fit_candidate(
+    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, data: Data, noise: Noise, bins: int
+) -> Candidate | None:
+    """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle."""
+    setup = smaller.forward.base
+    limits = hypothesis.term(setup, start)
+    for share in START_SHARES if hypothesis.effect.linear else (1.0,):
+        at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
+        term = hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
+        forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
+        begin = np.concatenate([_revived(smaller), np.zeros(term.size)])
+        first = settled(forward, begin)
+        if first.solution.converged.all():
+            break
+    else:
+        return None
+    if _distorted(smaller):
+        begin[: -term.size] = _refitted_beside(smaller, first.seen)
+    slow = hypothesis.effect.slow
+    if slow and np.allclose(first.seen, smaller.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
+        return None  # nothing is touched: there is no gradient
+    most = SLOW_EVALUATIONS if slow else EVALUATIONS
+    fitted = attempted(forward, data, noise, bins, begin, most, tolerance=1e-5)
+    if slow and fitted is not None and fitted.cost < smaller.cost:
+        fitted = _continued(smaller.cost, fitted, data, noise, bins)
+    if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.solution.converged.all():
+        return None
+    if len(fitted.z) != len(smaller.z):  # a frame did not settle at the start: no comparison
+        return None
+    return compared(hypothesis, term, smaller, fitted)
+
+
+def _continued(before: float, fitted: Fit, data: Data, noise: Noise, bins: int) -> Fit:
+    """Continue a slow fit as long as it gains: contact comes and goes, and gains soon shrink."""
+    for _ in range(SLOW_ROUNDS):
+        if fitted.converged:
+            break
+        again = attempted(
+            fitted.forward, data, noise, bins, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4
+        )
+        least = max(SLOW_COST, SLOW_SHARE * (before - fitted.cost))
+        if again is None or again.cost > fitted.cost - least:
+            break
+        fitted = again
+    return fitted
+
+
+def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> Candidate:
+    """Compare a fitted hypothesis, its term the last one, with the smaller model.
+
+    The log evidence is Laplace's approximation, with broad priors; noise that turns out larger
+    than assumed scales it down.
+    """
+    spread = max(1.0, fitted.scale**2)
+    evidence = 0.5 * (smaller.cost - fitted.cost) / spread - occam_factor(fitted, term)
+    along = by_stretches(fitted)
+    gains = block_losses(smaller, along) - block_losses(fitted, along)
+    return Candidate(hypothesis, term, fitted, float(evidence), gains / spread)
+
+
+def _revived(smaller: Fit) -> np.ndarray:
+    """Return (P,) where a larger model starts: at the smaller one's values.
+
+    Positive parameters without a prior that ran to where the data are insensitive to them start
+    anew: without a gradient they would stay there. (A rope that is too short becomes as soft as
+    its bounds allow.)
+    """
+    u, terms = smaller.point.u.copy(), smaller.forward.terms
+    logs = np.repeat([t.log for t in terms], [t.size for t in terms])
+    unseen = np.linalg.norm(smaller.jacobian, axis=0) < INSENSITIVE
+    u[logs & unseen & ~np.isfinite(smaller.prior)] = 0.0
+    return u
+
+
+def _distorted(smaller: Fit) -> bool:
+    """Return whether a calibration error is too large to be one: it stands for missing physics."""
+    held = np.isfinite(smaller.prior)
+    return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
+
+
+def _refitted_beside(smaller: Fit, seen: np.ndarray) -> np.ndarray:
+    """Return (P,) the best values of the smaller model, to first order, beside an effect that
+    makes its rope `seen` (F, K, 3): they need not stand for that effect any more."""
+    s, u = smaller.stations, smaller.point.u
+    moved = sensitivity((seen - smaller.point.seen)[None], s, s, smaller.whitener)[:, 0]
+    project = Projection(smaller)
+    held = np.isfinite(smaller.prior)
+    pull = np.where(held, u / smaller.prior**2, 0.0)
+    step = project.inverse @ (project.jacobian.T @ (smaller.z - moved) - pull)
+    low, high = smaller.forward.bounds()
+    return np.clip(u + step, low, high)
+
+
+def occam_factor(fitted: Fit, term: Term) -> float:
+    """Return half the log of how much the data narrow the term's values, from broad priors."""
+    k = term.size
+    held = np.isfinite(fitted.prior)
+    information = fitted.jacobian.T @ fitted.jacobian + np.diag(
+        np.where(held, 1 / fitted.prior**2, 1e-12)
+    )
+    others = information[:-k, :-k]
+    cross = information[:-k, -k:]
+    own = information[-k:, -k:] - cross.T @ np.linalg.pinv(others, hermitian=True) @ cross
+    length = float(fitted.forward.base.properties.length.sum())
+    places = term.effect.place_names if term.effect else ()
+    prior = np.array(
+        [
+            PLACE_PRIOR_SD * length / s if name in places else SIZE_PRIOR_SD
+            for name, s in zip(term.names, term.scale, strict=True)
+        ]
+    )
+    strength = np.linalg.eigvalsh(own * np.outer(prior, prior))
+    return 0.5 * float(np.log1p(np.maximum(strength, 0.0)).sum())

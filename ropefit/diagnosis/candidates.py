@@ -1,0 +1,106 @@
+"""Full fits of what the scan and the effects themselves propose, on top of a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ropefit.diagnosis.branch_repair import on_right_branches
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
+from ropefit.diagnosis.scan import Score
+from ropefit.diagnosis.stretches import significant_interval
+from ropefit.effects.base import MAY_LEAVE
+from ropefit.inference.bins import Data
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.noise import Noise
+
+MOST_LEADERS = 6
+LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
+FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
+
+
+@dataclass
+class Fits:
+    """Candidates on top of one model, the best of each hypothesis."""
+
+    current: Fit
+    data: Data
+    noise: Noise
+    bins: int
+    best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
+
+    def add(self, choices: list[Start]) -> None:
+        """Fit the first start that settles."""
+        fitted = (self._fitted(start) for start in choices)
+        candidate = next((c for c in fitted if c is not None), None)
+        if candidate is None:
+            return
+        better = on_right_branches(candidate.fit, self.data, self.noise, self.bins)
+        if better is not candidate.fit:
+            candidate = self._fitted((candidate.hypothesis, candidate.values())) or candidate
+        known = self.best_of.get(candidate.hypothesis.key)
+        if known is None or candidate.evidence > known.evidence:
+            self.best_of[candidate.hypothesis.key] = candidate
+
+    def _fitted(self, start: Start) -> Candidate | None:
+        return fit_candidate(self.current, *start, self.data, self.noise, self.bins)
+
+    def best(self) -> Candidate | None:
+        return max(self.best_of.values(), key=lambda c: c.evidence, default=None)
+
+    def explained_by(self, candidate: Candidate) -> bool:
+        """Return whether a candidate leaves next to nothing."""
+        return unexplained(candidate.fit) <= MAY_LEAVE * unexplained(self.current)
+
+
+def fit_candidates(
+    current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
+    data: Data, noise: Noise, bins: int, threshold: float,
+    names: tuple[str, ...] | None = None,
+) -> list[Candidate]:  # fmt: skip
+    """Fit the leaders of a scan and what effects propose, on top of a model; best first.
+
+    slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
+    effects that may be proposed; None: all.
+    """
+    fits = Fits(current, data, noise, bins)
+    for choices in _leaders(scan, threshold) + quick:
+        fits.add(choices)
+    first = fits.best()
+    if (
+        first
+        and first.hypothesis.effect.locus == "interval"
+        and first.evidence > threshold
+        and not fits.explained_by(first)
+    ):
+        start = significant_interval(current, first.hypothesis, data, noise, bins)
+        fits.add([] if start is None else [(first.hypothesis, start)])
+        first = fits.best()
+    if first is None or not fits.explained_by(first) or uneven(first.fit):
+        for choices in slow:
+            fits.add(choices)
+        first = fits.best()
+        if first and first.evidence > threshold:
+            effect, values = first.hypothesis.effect, first.values()
+            for choices in proposals_beside(effect, values, first.fit, names):
+                fits.add(choices)
+    return sorted(fits.best_of.values(), key=lambda c: -c.evidence)
+
+
+def _leaders(scan: list[Score], threshold: float) -> list[list[Start]]:
+    """Return the starts of full fits that a scan, highest first, proposes."""
+    highest = max((s.log_factor for s in scan), default=0.0)
+    least = min(threshold, LEADER_SHARE * highest)
+    return [
+        [(s.hypothesis, np.concatenate([sizes, place]))]
+        for s in [s for s in scan if s.log_factor > least][:MOST_LEADERS]
+        if s.log_factor > FITTED_SHARE * threshold
+        for sizes, place in s.starts()
+    ]
+
+
+def unexplained(fitted: Fit) -> float:
+    """Return the χ² in excess of what noise alone has."""
+    return float(fitted.z @ fitted.z) - len(fitted.z)

@@ -1,0 +1,57 @@
+"""Equivalence: candidates that explain as much as the best, and which of them is named first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.hypotheses import NARROWEST
+
+TIE_NATS = 3.0
+SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little behind
+UNRESOLVED_WIDTH = 1.5  # narrowest widths: a section below is no better than a point
+LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
+
+
+def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+    """Return the candidate that is named first in a tie, and the others."""
+    return _measurement_first(*_simplest_first(best, same))
+
+
+def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> list[Candidate]:
+    """Return candidates of other effects that are within reach of the best, or that explain nearly
+    all that it does and are hardly worse.
+
+    before: χ² of the model without any of them.
+    """
+    out = []
+    for one in candidates:
+        same_effect = one.hypothesis.name == best.hypothesis.name
+        if one is best or same_effect or one.significance() < LEAST_SIGNIFICANCE:
+            continue
+        behind = best.evidence - one.evidence
+        share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
+        if behind < TIE_NATS or (share > SAME_SHARE and behind < SAME_NATS):
+            out.append(one)
+    return out
+
+
+def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+    """Of a tie, name the candidate with the fewest values first. A section too narrow to be
+    resolved is a point."""
+    width = dict(zip(best.term.names, best.values(), strict=True)).get("width", np.inf)
+    length = float(best.fit.forward.base.properties.length.sum())
+    reach = SAME_NATS if width < UNRESOLVED_WIDTH * NARROWEST * length else TIE_NATS
+    tied = [c for c in (best, *same) if best.evidence - c.evidence < reach]
+    first = min(tied, key=lambda c: (c.term.size, -c.evidence))
+    return first, [c for c in (best, *same) if c is not first]
+
+
+def _measurement_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+    """Of a tie between physics and measurement, name the measurement first."""
+    if best.hypothesis.effect.kind == "measurement":
+        return best, same
+    for one in same:
+        if one.hypothesis.effect.kind == "measurement":
+            return one, [best, *(c for c in same if c is not one)]
+    return best, same

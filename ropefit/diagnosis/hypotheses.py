@@ -1,0 +1,101 @@
+"""Hypotheses: an effect with all its places, as the scan tries it, and as a term of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ropefit.effects import Effect
+from ropefit.models.equilibrium import Term
+from ropefit.plugins import concrete
+from ropefit.rod.setup import Setup
+
+NARROWEST = 0.04  # of the length: a narrower section is a point
+WIDEST = 1.2  # of the length: bound of a section's width
+PLACE_SCALE = 0.05  # of the length: a fair step of a search over places
+NO_PLACE = np.zeros((1, 0))
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An effect (at one end, if it has one) and the places (Q, p) where it may be: its shaping
+    quantities, then where on the rope [m]."""
+
+    effect: Effect
+    places: np.ndarray
+
+    @property
+    def name(self) -> str:
+        return self.effect.name
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """What tells hypotheses apart: the class of the effect, and its end."""
+        return type(self.effect).__name__, self.effect.end
+
+    @property
+    def size(self) -> int:
+        """Return the number of quantities at one place."""
+        return len(self.effect.quantities) - self.effect.shaping
+
+    @property
+    def positive(self) -> bool:
+        return self.size == 1 and self.effect.quantities[0].lower == 0.0
+
+    def scales(self, setup: Setup) -> np.ndarray:
+        """Return (k,) usual sizes in SI."""
+        return np.array([q.size(setup) for q in self.effect.quantities[: self.size]])
+
+    def term(self, setup: Setup, values: np.ndarray) -> Term:
+        """Return a term of a model that starts at values (k + p,): quantities, then the place."""
+        length = float(setup.properties.length.sum())
+        quantities = self.effect.quantities
+        limits = {
+            "arc_length": (0.0, length), "centre": (0.0, length),
+            "width": (NARROWEST * length, WIDEST * length),
+        }  # fmt: skip
+        place, step = self.effect.place_names, PLACE_SCALE * length
+        return Term(
+            self.name, self.effect.names, (*(q.unit for q in quantities), *("m" for _ in place)),
+            self.effect.apply, np.asarray(values, dtype=float),
+            np.array([*(q.size(setup) for q in quantities), *(step for _ in place)]),
+            np.array([*(q.lower for q in quantities), *(limits[p][0] for p in place)]),
+            np.array([*(q.upper for q in quantities), *(limits[p][1] for p in place)]),
+            self.effect.start_sd(setup), effect=self.effect,
+        )  # fmt: skip
+
+    def term_at(self, setup: Setup, values: np.ndarray) -> Term:
+        """Return a term of the quantities (k,) only, starting at values (k + p,): the place is
+        fixed."""
+        k, fixed = self.size, torch.tensor(values[self.size :])
+        quantities = self.effect.quantities[:k]
+
+        def apply(setup: Setup, v: torch.Tensor) -> Setup:
+            return self.effect.apply(setup, torch.cat([v, fixed]))
+
+        return Term(
+            self.name, tuple(q.name for q in quantities), tuple(q.unit for q in quantities), apply,
+            values[:k], self.scales(setup), np.array([q.lower for q in quantities]),
+            np.array([q.upper for q in quantities]), np.full(k, np.inf), effect=self.effect,
+        )  # fmt: skip
+
+
+def hypotheses(setup: Setup, names: tuple[str, ...] | None = None) -> list[Hypothesis]:
+    """Return a hypothesis for every effect that a setup can have and a scan can show."""
+    every = effects_of(setup, names)
+    return [Hypothesis(e, e.scan_places(setup)) for e in every if e.scanned]
+
+
+def effects_of(setup: Setup, names: tuple[str, ...] | None = None) -> Iterator[Effect]:
+    """Yield all effects that can occur in a setup, or those of some names, at each of their ends.
+
+    Effects of installed add-ons are among them, see docs/adding-an-effect.md.
+    """
+    for kind in concrete(Effect, "ropefit.effects"):
+        for end in (0, 1) if kind.locus == "end" else (0,):
+            effect = kind(end)  # pyright: ignore[reportAbstractUsage]
+            if (names is None or effect.name in names) and effect.applies(setup):
+                yield effect

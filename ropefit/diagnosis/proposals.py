@@ -1,0 +1,75 @@
+"""Starts of full fits that effects propose themselves, from what a fit leaves.
+
+A scan looks at small changes of a fit. What has no small beginnings (contact), or hides in a fit
+that has gone astray (inertia), says by itself where it may be.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, effects_of
+from ropefit.effects import Effect
+from ropefit.effects.misfit import Misfit
+from ropefit.inference.least_squares import Fit
+
+UNEVEN_SD = 5.0  # standard errors by which one frame must be worse than the median one
+
+# A hypothesis with the values (SI) from which its fit starts.
+Start = tuple[Hypothesis, np.ndarray]
+
+
+def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) -> list[list[Start]]:
+    """Return starts, each with alternatives in case it does not settle, of effects whose fits are
+    slow or of the others; names: only of these effects."""
+    misfit = misfit_of(current)
+    return [
+        [(Hypothesis(effect, NO_PLACE), values) for values in choices]
+        for effect in effects_of(misfit.setup, names)
+        if effect.slow == slow
+        for choices in effect.starts(misfit)
+    ]
+
+
+def proposals_beside(
+    leader: Effect, values: np.ndarray, fitted: Fit, names: tuple[str, ...] | None = None
+) -> list[list[Start]]:
+    """Return starts of effects that may fit as well as `leader`, fitted with values (n,), does."""
+    misfit = misfit_of(fitted)
+    return [
+        [(Hypothesis(effect, NO_PLACE), at) for at in choices]
+        for effect in effects_of(misfit.setup, names)
+        for choices in effect.starts_beside(leader, values, misfit)
+    ]
+
+
+def misfit_of(fitted: Fit) -> Misfit:
+    """Return what a fit leaves, as effects see it."""
+    s, point = fitted.stations, fitted.point
+    nodes = np.where(np.isnan(point.seen), np.nan, point.solution.x)
+    return Misfit(
+        setup=point.setup,
+        nodes=nodes,
+        frame=s.frame,
+        places=s.places(nodes),
+        moves=np.einsum("md,mda->ma", s.residual, s.basis),
+        variance=float(np.trace(s.white().mean(axis=0))) if len(s.frame) else 0.0,
+        excess=excess(fitted),
+        terms=frozenset(term.name for term in fitted.forward.terms),
+    )
+
+
+def uneven(fitted: Fit) -> bool:
+    """Return whether some frames are left far worse than the median one."""
+    return bool((excess(fitted) > UNEVEN_SD).any())
+
+
+def excess(fitted: Fit) -> np.ndarray:
+    """Return (F,) standard errors by which the frames' mean squares exceed the median one."""
+    s, frames = fitted.stations, len(fitted.point.seen)
+    square = (fitted.z.reshape(len(s.frame), -1) ** 2).mean(axis=1)
+    count = np.bincount(s.frame, minlength=frames)
+    mean = np.bincount(s.frame, square, frames) / np.maximum(count, 1)
+    usual = float(np.median(mean[count > 0]))
+    spread = np.sqrt(2 / np.maximum(count * s.residual.shape[1], 1))
+    return np.where(count > 0, (mean / usual - 1) / spread, 0.0)

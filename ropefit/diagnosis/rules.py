@@ -1,0 +1,83 @@
+"""The rules of the diagnosis as values: thresholds, noise, and how candidates are selected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from ropefit.diagnosis.acceptance import first_acceptable
+from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.candidates import fit_candidates
+from ropefit.diagnosis.proposals import Start
+from ropefit.diagnosis.scan import Score
+from ropefit.inference.bins import Data
+from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.noise import Noise
+from ropefit.models.equilibrium import Forward
+
+RESTART_EVALUATIONS = 20
+
+
+class Selection:
+    """How each round selects a candidate: by evidence, held-out data, and the restarted nominal."""
+
+    def candidates(
+        self, current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
+        data: Data, noise: Noise, bins: int, threshold: float, names: tuple[str, ...] | None,
+    ) -> list[Candidate]:  # fmt: skip
+        """Return the candidates of a round, highest evidence first; see `fit_candidates`."""
+        return fit_candidates(current, scan, quick, slow, data, noise, bins, threshold, names)
+
+    def restarted(
+        self, current: Fit, best: Candidate, data: Data, noise: Noise, bins: int, share: float
+    ) -> Fit | None:
+        """Return the smaller model as fitted from the best candidate's values, if that is better.
+
+        The smaller model had then been in a local minimum. share: of the candidate's evidence, at
+        least gained without it.
+        """
+        begin = best.fit.point.u[: current.forward.size]
+        forward = Forward(current.forward.base, current.forward.terms, best.fit.point.solution)
+        again = attempted(forward, data, noise, bins, begin, RESTART_EVALUATIONS, tolerance=1e-5)
+        if again is None:
+            return None
+        return again if again.cost < current.cost - share * best.evidence else None
+
+    def acceptable(
+        self, candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]
+    ) -> Candidate | None:
+        """Return the candidate that is accepted, if any; see `first_acceptable`."""
+        return first_acceptable(candidates, threshold, current, refused)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Thresholds and choices.
+
+    least_evidence [nats]: no effect is accepted below (at 5 one clean recording in a hundred had
+    one). replicates: number of simulated clean recordings; false_alarms: share of them in which
+    some effect may reach the threshold; latent_margin [nats] that a latent force must have over
+    them. most_effects: with more, anything could be explained, and the verdict is unknown.
+    any_mismatch [nats]: evidence of anything missing, below which contact is not tried.
+    restart_share: of a candidate's evidence, gained without it by a restart of the smaller model.
+    scan_explains: share of the misfit that a scan explains in one place, above which the noise is
+    measured without further fits. calibration: whether fits include calibration errors. noise:
+    measured with its correlation, or assumed white. effects: names of those that are looked for;
+    None: all.
+    """
+
+    least_evidence: float = 6.0
+    replicates: int = 100
+    false_alarms: float = 0.01
+    latent_margin: float = 10.0
+    most_effects: int = 2
+    any_mismatch: float = 2.0
+    restart_share: float = 0.2
+    scan_explains: float = 0.7
+    calibration: bool = True
+    noise: Literal["measured", "white"] = "measured"
+    effects: tuple[str, ...] | None = None
+    selection: Selection = field(default_factory=Selection)
+
+
+RULES = Rules()

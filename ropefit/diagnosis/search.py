@@ -1,0 +1,232 @@
+"""The diagnosis: accept one effect at a time, until what is left is noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ropefit.diagnosis.accepted import Accepted, accept
+from ropefit.diagnosis.branch_repair import on_right_branches
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidates import fit_candidates, unexplained
+from ropefit.diagnosis.confounding import confounded
+from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.latent_force import LatentForce, latent_force
+from ropefit.diagnosis.noise_measurement import measured_noise
+from ropefit.diagnosis.proposals import Start, proposals, uneven
+from ropefit.diagnosis.reassessment import reassessed
+from ropefit.diagnosis.rules import RULES, Rules
+from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
+from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
+from ropefit.inference.bins import Data, match
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
+
+MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
+CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
+EULER = 0.5772  # of Gumbel's law
+
+
+@dataclass
+class Diagnosis:
+    """verdict; accepted effects; the nominal fit and the last; scans; thresholds; latent force."""
+
+    verdict: str
+    accepted: list[Accepted]
+    nominal: Fit
+    final: Fit
+    noise: Noise
+    scan: list[Score]
+    threshold: float
+    latent: LatentForce
+    detectable: dict[str, float]
+    units: dict[str, str]
+    refused: list[str] = field(default_factory=list)
+
+
+Progress = Callable[[float, str], None]
+
+
+class Scan:
+    """All hypotheses scored against what a fit leaves, highest first, and the latent force."""
+
+    def __init__(self, current: Fit, known: list[Sensitivity]) -> None:
+        self.current, self.sensitivities = current, known
+        self.project = Projection(current)
+        setup = current.point.setup
+        self.scorers = [Scorer(s, self.project, s.hypothesis.scales(setup)) for s in known]
+        scores = [score(self.project.z) for score in self.scorers]
+        self.scores: list[Score] = sorted(scores, key=lambda s: -s.log_factor)
+
+    @cached_property
+    def latent(self) -> LatentForce:
+        return latent_force(self.current, self.project)
+
+    def contact(self, rules: Rules) -> list[list[Start]]:
+        """Return starts of slow fits, if anything is missing: contact acts in some frames."""
+        strongest = max(self.latent.evidence, self.scores[0].log_factor)
+        anything = strongest > rules.any_mismatch or uneven(self.current)
+        return proposals(self.current, slow=True, names=rules.effects) if anything else []
+
+
+@dataclass
+class Limits:
+    """What simulated clean recordings show: threshold [nats] of an effect and of the latent force;
+    the size and unit of each effect that would reach the threshold."""
+
+    threshold: float
+    latent: float
+    detectable: dict[str, float]
+    units: dict[str, str]
+
+
+def search(
+    nominal: Fit, data: Data, noise: Noise, bins: int, seed: int, progress: Progress,
+    rules: Rules = RULES,
+) -> Diagnosis:  # fmt: skip
+    """Diagnose a recording, from a nominal fit with white noise."""
+    rng = np.random.default_rng(seed)
+    nominal = on_right_branches(nominal, data, noise, bins)
+    every, data = data, data.settled(nominal.point.seen)
+    progress(0.1, "scan")
+    nominal, noise = _with_noise(nominal, data, noise, bins, rules)
+    current, accepted, refused = nominal, [], []
+    first, limits, crowded, most = None, None, False, rules.most_effects
+    for round_ in range(rules.most_effects + MORE_ROUNDS):
+        progress(0.2 + 0.16 * round_, "scan")
+        scan = Scan(current, sensitivities(current, data, bins, accepted, rules.effects))
+        if first is None or limits is None:
+            first, limits = scan, _limits(scan, rng, rules)
+            refused += confounded(current, scan.sensitivities)
+        scan.latent.threshold, latent = limits.latent, scan.latent
+        if len(accepted) == most:
+            # One effect more may be there; if no known one is like it, a free force shows it.
+            highest = scan.scores[0].log_factor / (CROWDED_FACTOR * limits.threshold)
+            crowded = min(highest, latent.evidence / limits.latent) > 1
+            break
+        progress(0.24 + 0.16 * round_, "fits of the leaders")
+        candidates = rules.selection.candidates(
+            current, scan.scores, proposals(current, slow=False, names=rules.effects),
+            scan.contact(rules), data, noise, bins, limits.threshold, rules.effects,
+        )  # fmt: skip
+        if candidates and candidates[0].evidence >= limits.threshold:
+            again = rules.selection.restarted(
+                current, candidates[0], data, noise, bins, rules.restart_share
+            )
+            if again is not None:
+                current = again
+                continue
+        best = rules.selection.acceptable(candidates, limits.threshold, current, refused)
+        if best is None:
+            break
+        tried = len(scan.sensitivities)
+        accepted.append(accept(best, candidates, current, tried))
+        best = accepted[-1].candidate
+        most += not best.hypothesis.effect.counted
+        data = every.settled(best.fit.point.seen)
+        forward = best.fit.forward.starting_from(best.fit.point.solution)
+        current = fit(forward, data, noise, bins, best.fit.point.u, 10, tolerance=1e-5)
+        current, accepted = reassessed(
+            current, accepted, limits.threshold, tried, data, noise, bins
+        )
+    assert first is not None
+    assert limits is not None
+    return Diagnosis(
+        _verdict(nominal, current, accepted, latent, crowded), accepted, nominal, current, noise,
+        first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,
+    )  # fmt: skip
+
+
+def _with_noise(
+    nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules
+) -> tuple[Fit, Noise]:
+    """Measure the noise and fit the nominal model with it."""
+    if not data.material:  # one white noise for all fits, as at the nominal one
+        seen = match(data, nominal.point.seen, bins).scatter[0]
+        noise = replace(noise, white=tuple(float(v) for v in seen))
+        nominal = fit(nominal.forward, data, noise, bins, nominal.point.u, 5, tolerance=1e-5)
+    noise = _noise(nominal, data, noise, bins, rules)
+    forward = nominal.forward.starting_from(nominal.point.solution)
+    return fit(forward, data, noise, bins, nominal.point.u, 20, tolerance=1e-5), noise
+
+
+def _noise(nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules) -> Noise:
+    """Measure the noise beside what effects explain.
+
+    Effects that no scan shows to the full (contact, path dependence) are fitted: otherwise they
+    would be taken for noise of the ends, and then for nothing. Nor can noise be measured against a
+    rope at rest that is in motion.
+    """
+    if rules.noise == "white":
+        return replace(noise, correlated=0.0, ends=None)
+    for choices in proposals(nominal, slow=False, names=rules.effects):
+        fitted = (fit_candidate(nominal, *start, data, noise, bins) for start in choices)
+        moving = next((c for c in fitted if c is not None), None)
+        if moving is not None and moving.evidence > rules.least_evidence:
+            nominal = moving.fit
+    steady = sensitivities(nominal, data, bins, [], rules.effects)
+    measured = measured_noise(nominal, steady, noise, [])
+    if not measured.coloured:
+        return measured
+    scan = Scan(nominal, steady)
+    if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
+        return measured
+    hidden = [s for s in scan.scores if s.hypothesis.effect.shaping]
+    candidates = fit_candidates(
+        nominal, hidden, [], scan.contact(rules), data, noise, bins, rules.least_evidence,
+        rules.effects,
+    )  # fmt: skip
+    seen = nominal.stations.residual
+    moves = [
+        seen - c.fit.stations.residual for c in candidates if c.evidence > rules.least_evidence
+    ]
+    return measured_noise(nominal, steady, noise, moves) if moves else measured
+
+
+def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
+    """Simulate clean recordings with this recording's noise and calibration errors."""
+    null = null_residuals(scan.current, scan.project, rules.replicates, rng)
+    highest = np.max([s.averaged(null) for s in scan.scorers], axis=0)
+    # The quantile of a Gumbel law through the replicates.
+    spread = np.sqrt(6) / np.pi * highest.std()
+    upper = float(highest.mean() + spread * (-np.log(rules.false_alarms) - EULER))
+    threshold = max(rules.least_evidence, upper)
+    strongest = float(np.quantile(scan.latent.null(null), 1 - rules.false_alarms))
+    out = Limits(threshold, strongest + rules.latent_margin, {}, {})
+    for s in scan.scorers:
+        name, size = s.hypothesis.name, s.detectable(threshold)
+        of = s.hypothesis.effect.quantities[0]
+        if size < of.upper:  # a larger one cannot exist: such a recording cannot show it
+            out.detectable[name] = min(size, out.detectable.get(name, np.inf))
+            out.units[name] = of.unit
+    return out
+
+
+def _verdict(
+    nominal: Fit, final: Fit, accepted: list[Accepted], latent: LatentForce, crowded: bool
+) -> str:
+    """Return none, found or unknown. crowded: more effects would be needed than may be accepted."""
+    left, was = unexplained(final), max(unexplained(nominal), 1e-9)
+    effects = [one.candidate.hypothesis.effect for one in accepted]
+    may_leave = max((effect.may_leave for effect in effects), default=0.0)
+    explained = bool(accepted) and left <= may_leave * was
+    if crowded and not (explained and any(not effect.exact for effect in effects)):
+        return "unknown"
+    if latent.evidence > latent.threshold and not explained:
+        return "unknown"
+    return "found" if accepted else "none"
+
+
+def sensitivities(
+    current: Fit, data: Data, bins: int, accepted: list[Accepted],
+    names: tuple[str, ...] | None = None,
+) -> list[Sensitivity]:  # fmt: skip
+    """Return the sensitivities to every hypothesis, but to accepted ones with no other place."""
+    responses = Sensitivities(current, data, bins)
+    known = [one.candidate.hypothesis for one in accepted]
+    taken = {h.key for h in known if not h.effect.place_names}
+    every = hypotheses(current.point.setup, names)
+    return [responses.of(h) for h in every if h.key not in taken]

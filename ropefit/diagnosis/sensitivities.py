@@ -1,0 +1,97 @@
+"""Whitened sensitivities of all stations to every effect at every place, without refit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.inference.bins import Data, match
+from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.models.equilibrium import Forward, change_by
+from ropefit.models.response import Point
+from ropefit.solvers.implicit import Directions, tangent
+
+PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity."""
+
+    hypothesis: Hypothesis
+    values: np.ndarray
+
+
+class Sensitivities:
+    """Compute sensitivities at a fit's point; what they share is computed once."""
+
+    def __init__(self, fit: Fit, data: Data, bins: int) -> None:
+        self.fit, self.point = fit, fit.point
+        self.now = match(data, np.where(np.isfinite(fit.point.seen), fit.point.seen, 0.0), bins)
+        self.setup = fit.point.setup
+
+    def whiten(self, dx: np.ndarray) -> np.ndarray:
+        """Return (M D, P) whitened changes at the stations of changes dx (P, F, K, 3) [m]."""
+        return sensitivity(np.nan_to_num(dx), self.now, self.fit.stations, self.fit.whitener)
+
+    def of(self, hypothesis: Hypothesis) -> Sensitivity:
+        """Return the sensitivity to a hypothesis: by its loads, its tangent or finite responses."""
+        loads = self._loads(hypothesis)
+        if loads is not None:
+            dx = loads_to_nodes(self.point, loads)
+        elif hypothesis.effect.tangent:
+            dx = self._tangents(hypothesis)
+        else:
+            dx = self._finite_responses(hypothesis)
+        rows = self.whiten(dx)
+        shape = (len(rows), len(hypothesis.places), hypothesis.size)
+        return Sensitivity(hypothesis, rows.reshape(shape))
+
+    def _tangents(self, hypothesis: Hypothesis) -> np.ndarray:
+        zero = np.zeros(hypothesis.size)
+        terms = [
+            hypothesis.term_at(self.setup, np.concatenate([zero, place]))
+            for place in hypothesis.places
+        ]
+        point = self.point
+        if hypothesis.effect.path_dependent:
+            start = np.zeros(sum(term.size for term in terms))
+            point = Forward(self.setup, terms, point.solution).at(start)
+        return point.respond(
+            [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
+        )
+
+    def _finite_responses(self, hypothesis: Hypothesis) -> np.ndarray:
+        scales, out = hypothesis.scales(self.setup), []
+        for place in hypothesis.places:
+            for k in range(hypothesis.size):
+                values = np.zeros(hypothesis.size)
+                values[k] = PROBE * scales[k]
+                changed = self.response(hypothesis, np.concatenate([values, place]))
+                out.append((changed - self.point.seen) / PROBE)
+        return np.stack(out)
+
+    def response(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
+        """Return (F, K, 3) nodes as seen with the effect at values (k + p,), NaN if unsettled."""
+        setup = self.setup.after(lambda s: hypothesis.effect.apply(s, torch.from_numpy(values)))
+        return Forward(setup, [], self.point.solution).at(np.empty(0)).seen
+
+    def _loads(self, hypothesis: Hypothesis) -> np.ndarray | None:
+        """Return (F, Q k, K, 3) [N] on the nodes per usual size, where an effect is such a load."""
+        x, out = self.point.solution.x, []
+        for place in hypothesis.places:
+            loads = hypothesis.effect.unit_loads(self.setup, x, place)
+            if loads is None:
+                return None
+            out.append(loads)
+        scales = hypothesis.scales(self.setup)[:, None, None]
+        return (np.stack(out, axis=1) * scales).reshape(len(x), -1, x.shape[1], 3)
+
+
+def loads_to_nodes(point: Point, load: np.ndarray) -> np.ndarray:
+    """Return (P, F, K, 3) [m] changes of the nodes for loads (F, P, K, 3) [N] on them."""
+    dx, _ = tangent(point.solution, Directions(load=load))
+    return np.moveaxis(dx, 1, 0)

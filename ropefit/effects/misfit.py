@@ -1,0 +1,30 @@
+"""What a fit leaves, as an effect needs it to propose where its own fits start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ropefit.rod.setup import Setup
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Where data and fitted rope differ.
+
+    setup: as fitted; nodes (F, N+1, 3) [m] of the rope, where they are and not where a misplaced
+    camera reports them, NaN in frames without equilibrium. At the M stations: frame (M,), places
+    (M, 3) [m] on the rope, moves (M, 3) [m] from the rope to the data. variance [m²] of the noise
+    of a point, summed over the components that count; excess (F,) standard errors by which a
+    frame's mean square exceeds the median one; terms: names of all parts of the model.
+    """
+
+    setup: Setup
+    nodes: np.ndarray
+    frame: np.ndarray
+    places: np.ndarray
+    moves: np.ndarray
+    variance: float
+    excess: np.ndarray
+    terms: frozenset[str]
