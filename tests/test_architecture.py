@@ -28,6 +28,7 @@ FLOORS = [
     {"reporting"},
     {"diagnosis"},
     {"inference"},
+    {"models"},
     {"effects"},
     {"exporters"},
     {"losses", "solvers"},
