@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
 from threadpoolctl import threadpool_limits
 
-from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.artifacts import Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import rest_curve
 from ropefit.inference.correlated import correlated
@@ -23,7 +22,7 @@ from ropefit.inference.noise import Noise
 from ropefit.inference.terms import ROPE, calibration, rope_term
 from ropefit.inference.uncertainty import INTERVAL
 from ropefit.rod.setup import Setup
-from ropefit.runs.protocol import Context, Stage, StageSettings
+from ropefit.runs.protocol import Context
 from ropefit.solvers.branches import follow
 from ropefit.stages.diagnosis_content import content
 from ropefit.stages.equilibrium_model import calibration_name
@@ -37,21 +36,12 @@ from ropefit.stages.identify_equilibrium import (
     unit_scale,
 )
 from ropefit.stages.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
+from ropefit.stages.settings import DiagnoseSettings
 from ropefit.stages.shapes_only import shapes_only
 
 FEWEST = 4  # frames
 GJ_SD = 0.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section
 THROUGH = 2  # times the frames that are compared: those that a rope with memory goes through
-
-
-class DiagnoseSettings(StageSettings):
-    """seed of the replicates; most_frames used, evenly spread; nominal: another run's rope;
-    calibration: another run's camera and gravity."""
-
-    seed: int = 0
-    most_frames: int = Field(default=48, ge=4)
-    nominal: bool = False
-    calibration: bool = False
 
 
 def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context) -> dict[str, Any]:
@@ -215,6 +205,3 @@ def _nominal(setup: Setup, terms: list[Term], data, noise: Noise, bins: int) -> 
         return fit(forward, data, noise, bins, first.point.u, 30, tolerance=1e-5)
     except ArithmeticError as error:
         raise NotConverged(f"{error}; look at the ends and the length of the recording")
-
-
-STAGE = Stage(name="diagnose", reads=(Observations, Model), writes=Diagnosis, compute=compute)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +18,9 @@ from ropefit.runs.code import code_sha256
 from ropefit.runs.loading import load
 from ropefit.runs.lock import working_on
 from ropefit.runs.protocol import Progress
-from ropefit.stages.export import Exported
+
+if TYPE_CHECKING:
+    from ropefit.stages.export import Exported
 
 
 def check(exported: Exported, target: str, text: Path, python: Path, progress: Progress) -> Check:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ropefit.artifacts import FittedModel, Iterated, Model, Observations
+from ropefit.artifacts import FittedModel, Iterated, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import minimise
 from ropefit.inference.evaluate import agreement, convergence, settle_frames
@@ -16,7 +16,7 @@ from ropefit.inference.identify import Task
 from ropefit.inference.parameters import Space
 from ropefit.inference.rope import MEANING, bounds, eta_names
 from ropefit.losses.objectives import OBJECTIVES
-from ropefit.runs.protocol import Context, Stage
+from ropefit.runs.protocol import Context
 from ropefit.solvers.xpbd import Settings
 from ropefit.stages import identify_equilibrium, identify_motion, identify_searched
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
@@ -145,6 +145,3 @@ def _check_names(settings: IdentifySettings, names: tuple[str, ...]) -> None:
         low, high = bounds(name)
         if not low <= value <= high:
             raise WrongUsage(f"start {name} = {value:g} is outside its bounds {low:g}..{high:g}")
-
-
-STAGE = Stage(name="identify", reads=(Observations,), writes=Model, compute=compute)
