@@ -12,10 +12,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.artifacts.exports import Export
+from ropefit.errors import BadInput, WrongUsage
 from ropefit.runs.execute import execute
 from ropefit.runs.loading import load, load_if_there
 from ropefit.runs.protocol import Context, Outcome, Stage, StageSettings
@@ -24,6 +25,9 @@ from ropefit.solvers.compiling import telling
 from ropefit.stages import pipeline
 from ropefit.stages.identify_settings import IdentifySettings
 from ropefit.stages.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+
+if TYPE_CHECKING:
+    from ropefit.recordings import Recording
 
 Given = Mapping[str, Any]
 
@@ -35,10 +39,12 @@ def preprocess(
     context: Context,
     force: bool = False,
     debug_images: Path | None = None,
+    replaces: bool = False,
 ) -> Outcome[Observations]:
     """Make observations.h5 of a recording.
 
     debug_images: a folder for pictures of every step, which are drawn only while it computes.
+    Raises WrongUsage where the run holds another recording, unless `force` or `replaces`.
     """
     from ropefit.recordings import Masks, fingerprint, open_recording
 
@@ -46,11 +52,30 @@ def preprocess(
     chosen = PreprocessSettings(**settings)
     new_run(run)
     external = {"recording": fingerprint(opened)}
+    if not (force or replaces):
+        _refuse_another(run, opened, external["recording"])
     if chosen.mask:
         external["mask"] = Masks(Path(chosen.mask)).sha256()
     objects = {"recording": opened, "debug_images": debug_images}
     anew = force or debug_images is not None
     return _stage(pipeline.PREPROCESS, run, chosen, context, objects, external, anew)
+
+
+def _refuse_another(run: Path, recording: Recording, fingerprint: str) -> None:
+    """Refuse a recording that lies elsewhere and holds other data than the run's. The same folder
+    with changed files, or the same files in another folder, are the same recording."""
+    path = run / Observations.file_name
+    try:
+        held = read(path, Observations)[0] if path.exists() else None
+    except BadInput:  # damaged: it cannot be said whose it is, and is made anew
+        return
+    if held is None or held.provenance.inputs.get("recording") == fingerprint:
+        return
+    if Path(held.recording_path) != Path(recording.path).resolve():
+        raise WrongUsage(
+            f"{run}: holds the recording {held.recording} ({held.recording_path}), not "
+            f"{recording.name} ({recording.path}); give another --run, or --force to replace it"
+        )
 
 
 def identify(

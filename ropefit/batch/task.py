@@ -125,8 +125,9 @@ class _Progress:
 
 
 def _preprocess(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary:
-    given = task.settings["preprocess"]
-    return summaries.preprocessed(runs.preprocess(Path(task.recording), run, given, Context()))
+    given, recording = task.settings["preprocess"], Path(task.recording)
+    # A run is called after its recording: another one of that name takes its place.
+    return summaries.preprocessed(runs.preprocess(recording, run, given, Context(), replaces=True))
 
 
 def _identify(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary:
