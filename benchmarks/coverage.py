@@ -18,6 +18,7 @@ import torch
 from scipy import stats
 
 from benchmarks.document import parser, publish
+from ropefit.fitting.equilibrium import calibrated_fit
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import fit
 from ropefit.inference.limits import limits
@@ -26,7 +27,6 @@ from ropefit.inference.stations import Data
 from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
-from ropefit.stages.identify_equilibrium import calibrated_fit
 
 FRAMES, NODES = 24, 20
 COARSE, FINE = 152, 608  # segments of the fit's rod and of the truth's

@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.command import ropefit
 from ropefit.artifacts import Model, Observations, read
+from ropefit.fitting.motion import restored_motion
 from ropefit.inference.stations import match
-from ropefit.stages.identify_motion import restored_motion
 
 APART = 100.0  # s between clips in a joined recording
 FREE = "EI,GJ,EA,bend_damping,air_damping,rest_curve,length"

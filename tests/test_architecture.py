@@ -3,6 +3,9 @@
 import ast
 from pathlib import Path
 
+import typer
+
+from ropefit.cli import app
 from tests.conftest import ROOT
 
 PACKAGE = ROOT / "ropefit"
@@ -13,6 +16,8 @@ FLOORS = [
     {"batch"},
     {"api", "differentiable"},
     {"stages"},
+    {"fitting"},
+    {"adapters"},
     {"viewing"},
     {"reporting"},
     {"exporters"},
@@ -92,6 +97,14 @@ def test_every_module_is_imported_somewhere():
     for path in sources():
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
         assert name in used | entry, f"{name} is imported by nobody"
+
+
+def test_stages_are_the_commands():
+    """One file a command, but for those that only call others or show what there is."""
+    commands = set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    named = {"import": "importing"}  # `import` is a word of the language
+    files = {path.stem for path in (PACKAGE / "stages").glob("*.py")} - {"__init__"}
+    assert files == {named.get(name, name) for name in commands - {"run", "batch", "view"}}
 
 
 def test_files_are_short():

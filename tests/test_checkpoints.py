@@ -10,9 +10,12 @@ import h5py
 import numpy as np
 import pytest
 
+from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.api.pipeline import CONTROL, DIAGNOSE, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Checkpoint, content_sha256, read, write
 from ropefit.artifacts.packing import packed, unpacked
 from ropefit.errors import StageFailed
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.diagnosis import search
 from ropefit.inference.diagnosis.families import Family, families
 from ropefit.recordings import fingerprint, open_recording
@@ -22,9 +25,6 @@ from ropefit.runs.checkpoint import checkpoint_name
 from ropefit.runs.execute import execute
 from ropefit.runs.journal import Entries, Journal, journal, keeping
 from ropefit.runs.protocol import Context, Outcome
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.pipeline import CONTROL, DIAGNOSE, IDENTIFY, PREPROCESS
-from ropefit.stages.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 

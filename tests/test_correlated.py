@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.frozen import covariance_of
 from ropefit.inference import rest_curve
 from ropefit.inference.correlated import correlated
 from ropefit.inference.diagnosis.latent import Latent
 from ropefit.inference.forward import Forward
-from ropefit.stages.frozen import covariance_of
 from tests.concealed import rope
 
 NAMES = ["curvature_1_at_25", "curvature_1_at_50", "curvature_2_at_0"]

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.effects import ContactFriction
 from ropefit.inference.noise import Noise
 from ropefit.stages.diagnose import with_what_is_missed
-from ropefit.stages.diagnosis_content import sizes_of
 from tests.conftest import ROOT
 
 

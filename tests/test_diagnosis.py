@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.artifacts.model import Calibration
 from ropefit.effects import (
     FreeCurvature,
@@ -39,7 +40,6 @@ from ropefit.inference.terms import ROPE, Priors, calibration, rope_term
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 from ropefit.stages.diagnose import calibrated
-from ropefit.stages.equilibrium_model import calibration_name
 from tests.concealed import BINS, EYE, nominal_fit, recorded, rope, with_effect
 
 

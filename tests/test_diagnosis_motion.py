@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.motion_of import motion_of
 from ropefit.effects import Inertia
 from ropefit.inference.diagnosis.in_motion import inertial
 from ropefit.inference.diagnosis.motion import next_motion
@@ -19,7 +20,6 @@ from ropefit.inference.terms import Priors, calibration, rope_term, set_bend
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
-from ropefit.stages.motion_of import motion_of
 
 FRAMES, SEGMENTS, EI = 8, 40, 0.02
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)

@@ -15,9 +15,9 @@ from benchmarks.discovery import falsified, score, table, worked
 from benchmarks.discovery.cases import listed
 from benchmarks.discovery.made import Made, write
 from benchmarks.discovery.make import make
+from ropefit.adapters.rope_setup import data_in_space
 from ropefit.artifacts import Observations, read
 from ropefit.recordings.ply import read_ply
-from ropefit.stages.rope_setup import data_in_space
 
 
 @pytest.fixture(scope="module")

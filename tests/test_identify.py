@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.scene import rope_of
+from ropefit.adapters.settings import ControlSettings, PreprocessSettings
+from ropefit.adapters.targets import read_targets
+from ropefit.api.pipeline import CONTROL, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Checkpoint, Control, Model, Observations, read
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.identify import Task
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -19,12 +24,7 @@ from ropefit.runs import checkpoint
 from ropefit.runs.execute import execute
 from ropefit.runs.protocol import Context
 from ropefit.solvers.xpbd import Settings
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.pipeline import CONTROL, IDENTIFY, PREPROCESS
-from ropefit.stages.scene import rope_of
-from ropefit.stages.settings import ControlSettings, PreprocessSettings
 from ropefit.stages.simulate import simulate_recording
-from ropefit.stages.targets import read_targets
 
 TRUE = {"eta_x_G": 0.12, "eta_q_B": 0.35}
 QUICK = {"solver": "thomas", "steps": 20, "iterations": 10}
@@ -287,8 +287,8 @@ def test_moving_the_orientation_reaches_what_the_position_cannot(fitted, tmp_pat
 
 def test_start_of_a_frame_follows_the_control_point(fitted):
     """The start moves with the control point, so a far move needs no new start."""
+    from ropefit.adapters.scene import rope_of
     from ropefit.solvers.xpbd import Settings
-    from ropefit.stages.scene import rope_of
 
     o = read(fitted / Observations.file_name, Observations)[0]
     rope = rope_of(o, solver="thomas", settings=Settings(40, 20), control_node=0, two_sided=False)

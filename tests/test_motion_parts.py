@@ -5,13 +5,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ropefit.adapters.motion_of import clips_of, rates
+from ropefit.fitting.motion import held_back
 from ropefit.inference.motion import finer, refine
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.carried import along, carried, continuous, third
 from ropefit.solvers.dynamics import Drive
 from ropefit.solvers.turns import from_turn, to_turn
-from ropefit.stages.identify_motion import held_back
-from ropefit.stages.motion_of import clips_of, rates
 from tests.moving_ropes import turned
 
 

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ropefit.adapters.targets import read_targets
 from ropefit.artifacts import Observations, identity, read, write
 from ropefit.errors import BadInput
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.recordings.clouds import read_cloud
 from ropefit.stages.simulate import _read_spec
-from ropefit.stages.targets import read_targets
 from tests.factories import (
     cloud_recording,
     example,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.frames import calmest
 from ropefit.inference import rest_curve
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import director, multiply
@@ -13,7 +14,6 @@ from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import solve
-from ropefit.stages.identify_equilibrium import calmest
 
 LENGTH, EI, MASS, CURVATURE = 0.6, 0.1, 0.6, 1.5
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)

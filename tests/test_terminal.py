@@ -181,7 +181,7 @@ def test_rerun_and_viser_show_every_frame(run):
     viser = pytest.importorskip("viser")
     import threading
 
-    from ropefit.stages.contents import read_run
+    from ropefit.adapters.contents import read_run
     from ropefit.viewing.rerun import write_rerun
     from ropefit.viewing.viser import serve_run
 

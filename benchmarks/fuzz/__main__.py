@@ -19,7 +19,7 @@ import atheris
 from benchmarks.document import parser, publish
 from benchmarks.fuzz.one import HANG, MEMORY, fuzz, slug
 
-ROOMS = ["ropefit.recordings", "ropefit.artifacts", "ropefit.importers", "ropefit.stages.targets"]
+ROOMS = ["ropefit.recordings", "ropefit.artifacts", "ropefit.importers", "ropefit.adapters.targets"]
 with atheris.instrument_imports(  # type: ignore[attr-defined]
     include=[*ROOMS, "ropefit.stages.simulate"]
 ):

@@ -13,9 +13,9 @@ import torch
 from benchmarks.paper.pipeline import Experiment
 from benchmarks.paper.recordings import load_truth
 from benchmarks.paper.runner import Place
+from ropefit.adapters.scene import pinhole
 from ropefit.artifacts import Control, FittedModel, Model, Observations
 from ropefit.runs.loading import load
-from ropefit.stages.scene import pinhole
 
 PAPER_WEIGHTS = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")
 SYMBOL = {

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ropefit.adapters.contents import read_run
+from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.api import pipeline
 from ropefit.artifacts import (
     Artifact,
     Control,
@@ -24,15 +27,12 @@ from ropefit.artifacts import (
     write,
 )
 from ropefit.errors import BadInput, WrongUsage
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.recordings import Masks, Recording, fingerprint, open_recording, sample_path
 from ropefit.reporting.contents import RunContents as Run
 from ropefit.runs.execute import made
 from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.runs.run_directory import existing_run, new_run
-from ropefit.stages import pipeline
-from ropefit.stages.contents import read_run
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
 
 if TYPE_CHECKING:
     from ropefit.exporters import ExportResult
@@ -267,7 +267,7 @@ def _of(*artifacts: Artifact) -> dict[str, str]:
 
 
 def _targets(points: np.ndarray, arc: np.ndarray | None, length: float) -> Any:
-    from ropefit.stages.targets import Targets
+    from ropefit.adapters.targets import Targets
 
     points = np.asarray(points, dtype=float)
     points = points[None] if points.ndim == 2 else points

@@ -1,6 +1,6 @@
 """The stages in a run directory: up to date or computed, their inputs refused where stale.
 
-settings: of the stage, by name (`ropefit.stages.settings`). context: where progress and sentences
+settings: of the stage, by name (`ropefit.adapters.settings`). context: where progress and sentences
 go. Every function returns the artifact with its path, and whether it was computed now. All failures
 are `ropefit.errors.RopefitError`.
 """
@@ -14,17 +14,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.api import pipeline
 from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.artifacts.exports import Export
 from ropefit.errors import BadInput, WrongUsage
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.runs.execute import execute
 from ropefit.runs.loading import load, load_if_there
 from ropefit.runs.protocol import Context, Outcome, Stage, StageSettings
 from ropefit.runs.run_directory import existing_run, new_run
 from ropefit.solvers.compiling import telling
-from ropefit.stages import pipeline
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
 
 if TYPE_CHECKING:
     from ropefit.recordings import Recording
@@ -134,7 +134,7 @@ def control(
     objects: dict[str, Any] = {}
     external: dict[str, str] = {}
     if target is not None:
-        from ropefit.stages.targets import read_targets
+        from ropefit.adapters.targets import read_targets
 
         objects["targets"] = read_targets(target, load(run, Observations)[0].length)
         external["target"] = objects["targets"].sha256
@@ -183,17 +183,16 @@ def export(
     rest in the simulator that `python` has.
     """
     from ropefit.exporters.resimulate import version
-    from ropefit.stages.export_check import check, record
 
     python = python or Path(sys.executable)
     if checks:  # before anything is written
         version(target, python)
     existing_run(run)
+    from ropefit.stages.export import check, export_run, record, write_export
+
     started = time.monotonic()
     o, model = load(run, Observations)[0], load(run, Model)[0]
     diagnosis = load_if_there(run, Diagnosis)
-    from ropefit.stages.export import export_run, write_export
-
     with telling(context.say):
         made = export_run(o, model, diagnosis, target, mass)
     files = write_export(made.result, out)

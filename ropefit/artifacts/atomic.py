@@ -1,10 +1,15 @@
-"""Files that are whole or not there: a kill at any instant leaves the old one or the new one."""
+"""Files and folders that are whole or not there, whenever the process is killed."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from ropefit.errors import StageFailed
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -19,3 +24,30 @@ def write_bytes(path: Path, content: bytes) -> None:
         os.replace(temporary, path)
     finally:
         Path(temporary).unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Give a temporary folder to fill, which becomes `out` if nothing fails.
+
+    Raises StageFailed where `out` has something in it or nothing can be written.
+    """
+    refuse_filled(out)
+    temporary = None
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        yield temporary
+        os.chmod(temporary, 0o755)
+        os.replace(temporary, out)
+    except OSError as error:
+        raise StageFailed(f"cannot write {out}: {error.strerror or error}")
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def refuse_filled(out: Path) -> None:
+    """Raise StageFailed where `out` is a file, or a folder with something in it."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise StageFailed(f"{out}: exists already; give a new directory as --out")

@@ -13,9 +13,8 @@ from ropefit.batch.engines import Dask, Engine, Local, WorkerDied
 from ropefit.batch.index import write_index
 from ropefit.batch.names import find_recordings
 from ropefit.batch.records import Batch, Record, read_record, write_record
-from ropefit.batch.task import Task
+from ropefit.batch.task import Task, code_of_stages
 from ropefit.errors import StageFailed, WrongUsage
-from ropefit.runs.code import code_sha256
 from ropefit.runs.protocol import Context
 
 Settings = dict[str, dict[str, Any]]
@@ -67,7 +66,7 @@ def run_batch(
 
 
 def _tasks(found: dict[str, Path], runs: Path, settings: Settings, until: str) -> list[Task]:
-    code = code_sha256()
+    code = code_of_stages()
     text = json.dumps([settings, until, code], sort_keys=True)
     key = hashlib.sha256(text.encode()).hexdigest()
     session = uuid.uuid4().hex

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ropefit.api import runs, summaries
+from ropefit.api.pipeline import COMPUTED
 from ropefit.artifacts import Model
 from ropefit.batch.records import Record, State, read_record, write_record
 from ropefit.batch.results import results
@@ -42,6 +43,11 @@ class Task:
     key: str
     code: str
     session: str
+
+
+def code_of_stages() -> str:
+    """Return the hash of the code of every stage that computes; the report only shows."""
+    return code_sha256(*(stage.module for stage in COMPUTED))
 
 
 def run_task(task: Task) -> tuple[str, State, str]:
@@ -85,7 +91,7 @@ class _Progress:
         """Every stage; the record that is left."""
         fresh: list[str] = []
         try:
-            if code_sha256() != self.task.code:
+            if code_of_stages() != self.task.code:
                 raise RuntimeError("this worker has other code than the one that started the batch")
             for stage in STAGES[: STAGES.index(self.task.until) + 1]:
                 if self._stage(stage, fresh):

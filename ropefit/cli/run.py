@@ -81,8 +81,8 @@ def run(
 
 def show_answer(session: Session, run: Path) -> list[str]:
     """Print the answer in three sentences, and return them."""
+    from ropefit.adapters.contents import read_run
     from ropefit.reporting.answer import answer
-    from ropefit.stages.contents import read_run
 
     sentences = answer(read_run(run))
     session.answer(sentences)

@@ -26,8 +26,8 @@ def view(
 ) -> None:
     """Show a run in 3D: as a file for rerun, or in the browser."""
     with start_session(json, quiet, debug) as session:
+        from ropefit.adapters.contents import read_run
         from ropefit.runs.run_directory import existing_run
-        from ropefit.stages.contents import read_run
 
         contents = read_run(existing_run(run))
         if serve:

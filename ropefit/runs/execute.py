@@ -75,7 +75,8 @@ def _compute(
     why: str,
 ) -> Outcome[Any]:
     path = directory / stage.writes.file_name
-    key = hashlib.sha256((code_sha256() + key_of(settings, hashes)).encode()).hexdigest()
+    code = code_sha256(stage.module)
+    key = hashlib.sha256((code + key_of(settings, hashes)).encode()).hexdigest()
     with checkpointed(directory, stage.name, key, context.say) as checkpoint:
         artifact = made(stage, inputs, hashes, settings, context)
     write(path, artifact)
@@ -96,9 +97,9 @@ def made(
     provenance = Provenance(
         stage=stage.name,
         package_version=__version__,
-        code_sha256=code_sha256(),
+        code_sha256=code_sha256(stage.module),
         inputs=dict(hashes),
-        settings=settings.model_dump(mode="json"),
+        settings=settings.used(),
         settings_sha256=settings.sha256(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         seconds=time.monotonic() - started,

@@ -18,12 +18,16 @@ A = TypeVar("A", bound=Artifact)
 
 
 class StageSettings(BaseModel):
-    """Settings of one stage: only what it uses, so that nothing else makes it stale."""
+    """Settings of one stage. What it uses of them is recorded, and makes it stale."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    def used(self) -> dict[str, Any]:
+        """Return the settings that the output depends on, as JSON has them: all, or fewer."""
+        return self.model_dump(mode="json")
+
     def sha256(self) -> str:
-        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        text = json.dumps(self.used(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -51,6 +55,7 @@ class Stage(Generic[S]):
     reads: tuple[type[Artifact], ...]
     writes: type[Artifact]
     compute: Callable[[dict[str, Any], S, Context], dict[str, Any]]
+    module: str  # of the computation, whose code and imports the output depends on
 
 
 @dataclass(frozen=True)

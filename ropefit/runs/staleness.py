@@ -37,13 +37,12 @@ def up_to_date(
         return None, f"{', '.join(changed)} changed"
     if was.package_version != __version__:
         return None, f"ropefit was {was.package_version}, is {__version__}"
-    if was.code_sha256 != code_sha256():
+    if was.code_sha256 != code_sha256(stage.module):
         return None, "ropefit's code changed"
     if was.settings_sha256 != settings.sha256():
-        new = settings.model_dump(mode="json")
         differ = [
             f"{key} {was.settings.get(key)} -> {value}"
-            for key, value in new.items()
+            for key, value in settings.used().items()
             if was.settings.get(key) != value
         ]
         return None, "settings changed: " + ", ".join(differ)

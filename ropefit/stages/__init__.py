@@ -1,1 +1,1 @@
-"""One file a subcommand, all of the same shape; see stage.py."""
+"""One file a subcommand, all of the same shape; see runs/protocol.py."""

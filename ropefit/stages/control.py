@@ -9,6 +9,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from ropefit.adapters.control_rope import control_guess, rope_at
+from ropefit.adapters.scene import build_scene, check_loss, control_positions, pinhole
+from ropefit.adapters.settings import ControlSettings
+from ropefit.adapters.shapes_only import shapes_only
+from ropefit.adapters.targets import Targets
 from ropefit.artifacts import FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import minimise
@@ -17,11 +22,6 @@ from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.minimise import Search
 from ropefit.losses.objectives import OBJECTIVES, Pinhole
 from ropefit.runs.protocol import Context
-from ropefit.stages.control_rope import control_guess, rope_at
-from ropefit.stages.scene import build_scene, check_loss, control_positions, pinhole
-from ropefit.stages.settings import ControlSettings
-from ropefit.stages.shapes_only import shapes_only
-from ropefit.stages.targets import Targets
 
 STARTS = 6  # recorded poses from which shape control tries to set out
 

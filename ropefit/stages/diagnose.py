@@ -9,8 +9,19 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
+from ropefit.adapters.diagnosis_content import content
+from ropefit.adapters.equilibrium_model import calibration_name
+from ropefit.adapters.frames import spread_evenly
+from ropefit.adapters.frozen import covariance_of, frozen_values
+from ropefit.adapters.priors import noise_of, priors_of
+from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
+from ropefit.adapters.settings import DiagnoseSettings
+from ropefit.adapters.shapes_only import shapes_only
+from ropefit.adapters.start_values import started_setup
+from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.fitting.branch import nearer_branch
 from ropefit.inference import rest_curve
 from ropefit.inference.correlated import correlated
 from ropefit.inference.diagnosis import search as engine
@@ -24,20 +35,6 @@ from ropefit.inference.uncertainty import INTERVAL
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 from ropefit.solvers.branches import follow
-from ropefit.stages.diagnosis_content import content
-from ropefit.stages.equilibrium_model import calibration_name
-from ropefit.stages.frames import spread_evenly
-from ropefit.stages.frozen import covariance_of, frozen_values
-from ropefit.stages.identify_equilibrium import (
-    nearer_branch,
-    noise_of,
-    priors_of,
-    started_setup,
-    unit_scale,
-)
-from ropefit.stages.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
-from ropefit.stages.settings import DiagnoseSettings
-from ropefit.stages.shapes_only import shapes_only
 
 FEWEST = 4  # frames
 GJ_SD = 0.5  # of the logarithm of GJ/EI, whose usual value is that of a solid round section

@@ -1,30 +1,29 @@
-"""export: the identified rope, with what was found to be left out, as text for a simulator."""
+"""export: the identified rope, with what was found to be left out, as text for a simulator.
+
+What was exported goes into exports.h5, with where it comes to rest in the simulator itself.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import hashlib
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import torch
 
-from ropefit.artifacts import Diagnosis, Model, Observations
-from ropefit.artifacts.diagnosis import Cause
-from ropefit.effects.place import horizontal, middle_of
-from ropefit.errors import NotConverged, StageFailed, WrongUsage
-from ropefit.exporters import ExportResult, RopeDescription, export
-from ropefit.exporters import effects as records
-from ropefit.inference.forward import Forward
-from ropefit.rod.setup import Setup
-from ropefit.stages.frames import spread_evenly
-from ropefit.stages.identify_equilibrium import started_setup, unit_scale
-from ropefit.stages.restore import effect_of
-from ropefit.stages.rope_setup import base_setup
-from ropefit.stages.shapes_only import shapes_only
-
-POSES = 6
-BAR = 2.0  # m: length of a bar that the model takes as endless
+from ropefit import __version__
+from ropefit.adapters.contents import current_exports
+from ropefit.adapters.rope_description import described
+from ropefit.adapters.shapes_only import shapes_only
+from ropefit.artifacts import Diagnosis, Exports, Model, Observations, Provenance, write
+from ropefit.artifacts.exports import Check, Export
+from ropefit.errors import BadInput, StageFailed, WrongUsage
+from ropefit.exporters import ExportResult, RopeDescription, export, resimulate
+from ropefit.runs.code import code_sha256
+from ropefit.runs.loading import load
+from ropefit.runs.lock import working_on
+from ropefit.runs.protocol import Progress
 
 
 @dataclass(frozen=True)
@@ -51,49 +50,9 @@ def export_run(
         raise WrongUsage(
             "the rope's mass is not known, and shapes fix only ratios to it; weigh it: --mass KG"
         )
-    o = o.model_copy(update={"mass": mass or o.mass})
-    known = model.nominal.balance.mass_known
-    nodes = len(o.node_arc)
-    index = np.arange(len(o.frames))
-    used = spread_evenly(index, np.zeros(len(index), dtype=np.int64), POSES)
-    setup = base_setup(o, nodes - 1).frames(torch.from_numpy(used))
-    group = next(iter(model.nominal.groups.values()))
-    density = float(setup.properties.density.mean())
-    factor = 1.0 if known else density * float(setup.gravity.norm())
-    fitted = {name: p.value for name, p in group.parameters.items()}
-    if diagnosis and diagnosis.causes:  # the rope's own values, fitted along with the causes
-        fitted |= {name: size.value for name, size in diagnosis.rope.items()}
-    values = {name: value * (factor if name != "length" else 1.0) for name, value in fitted.items()}
-    scale = unit_scale(o)
-    setup = started_setup(setup, values, scale)
-    notes = []
-    extras: list[Any] = []
-    whole = setup
-    for cause in diagnosis.causes.values() if diagnosis else []:
-        effect = effect_of(cause)
-        if cause.name == "contact_friction":  # of what the rope touches, which goes along already
-            extras = [_rough(extra, float(cause.values[0])) for extra in extras]
-            continue
-        changed = effect.apply(whole, torch.tensor(cause.values))
-        if changed.remembers:
-            notes.append(f"{cause.name}: no target's rope remembers how it was bent; left out")
-            continue
-        whole = changed
-        record = _record(cause, whole, nodes)
-        if record is not None:
-            extras.append(record)
-        elif cause.name in ("point_mass", "tether", "support_plane", "obstacle"):
-            notes.append(f"{cause.name} could not be turned into the simulator's terms")
-        elif cause.name == "distributed_load":
-            notes.append("distributed_load: no target takes it; add it as a force on every node")
-        else:
-            setup = effect.apply(setup, torch.tensor(cause.values))
-    point = Forward(whole, []).at(np.empty(0))
-    if not point.solution.converged.all():
-        raise NotConverged("the rope reaches no equilibrium in some poses; export fewer frames")
-    rope = _description(o, setup, whole, point.solution.x, tuple(extras))
-    result = export(rope, target)
-    return Exported(result, rope, o.frames[used], [*notes, *result.not_expressed])
+    found = described(o.model_copy(update={"mass": mass or o.mass}), model.nominal, diagnosis)
+    result = export(found.rope, target)
+    return Exported(result, found.rope, found.frames, [*found.notes, *result.not_expressed])
 
 
 def write_export(result: ExportResult, out: Path) -> list[str]:
@@ -110,79 +69,69 @@ def write_export(result: ExportResult, out: Path) -> list[str]:
     return written
 
 
-def _record(cause: Cause, setup: Setup, nodes: int) -> Any:
-    """What goes along as a thing of its own; None for what changes the rope itself."""
-    v = dict(zip(cause.value_names, cause.values.tolist(), strict=True))
-    length = float(setup.properties.length.sum())
-    origin = middle_of(setup).numpy()
-    up = -(setup.gravity / setup.gravity.norm()).detach().numpy()
-    if cause.name in ("point_mass", "tether"):
-        node = round(v["arc_length"] / length * (nodes - 1))
-    if cause.name == "point_mass":
-        return records.PointMass(node, v["mass"])
-    if cause.name == "tether" and v["stiffness"] > 0:
-        pull = np.array([v["pull_x"], v["pull_y"], v["pull_z"]])
-        anchor = origin + pull / v["stiffness"]
-        return records.Tether(node, _three(anchor), v["stiffness"], 0.0)
-    if cause.name == "support_plane":
-        first, second = _horizontal(setup)
-        normal = up - v["slope_1"] * first - v["slope_2"] * second
-        return records.Plane(_three(origin + v["height"] * up), _three(normal))
-    if cause.name == "obstacle":
-        first, second = _horizontal(setup)
-        axis = np.cos(v["heading"]) * first + np.sin(v["heading"]) * second
-        middle = origin + np.array([v["x"], v["y"], v["z"]])
-        start, stop = _three(middle - BAR / 2 * axis), _three(middle + BAR / 2 * axis)
-        return records.Cylinder(start, stop, v["radius"])
-    return None
+def check(exported: Exported, target: str, text: Path, python: Path, progress: Progress) -> Check:
+    """Every pose at rest in the simulator that `python` has. A pose that does not come to rest is
+    marked. Raises StageFailed where the simulator is missing."""
+    rope, shapes, failures = exported.rope, [], []
+    simulator = resimulate.version(target, python)
+    for pose, frame in enumerate(exported.frames):
+        progress(pose / rope.poses, f"{simulator}, frame {frame}")
+        try:
+            shapes.append(resimulate.settle(rope, target, text, pose, python))
+            failures.append("")
+        except resimulate.NotSettled as error:
+            shapes.append(np.full(rope.x[pose].shape, np.nan))
+            failures.append(str(error))
+    return Check(simulator=simulator, x=np.array(shapes), failures=failures)
 
 
-def _rough(extra: Any, coefficient: float) -> Any:
-    if isinstance(extra, records.Plane | records.Cylinder):
-        return replace(extra, friction=coefficient)
-    return extra
-
-
-def _horizontal(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
-    first, second = horizontal(setup.gravity)
-    return first.numpy(), second.numpy()
-
-
-def _three(v: np.ndarray) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])
-
-
-def _description(
-    o: Observations, setup: Setup, whole: Setup, x: np.ndarray, extras: tuple[Any, ...]
-) -> RopeDescription:
-    p = setup.properties
-    rest = p.length.numpy()
-    rod = setup.rod()
-    at_nodes = 0.5 * (rest[1:] + rest[:-1])
-    turn = 0.5 * (
-        rest[1:, None] * p.curvature[1:].numpy() + rest[:-1, None] * p.curvature[:-1].numpy()
+def record(
+    run: Path,
+    target: str,
+    file: Path,
+    exported: Exported,
+    diagnosis: Diagnosis | None,
+    model: Model,
+    checked: Check | None,
+    seconds: float,
+) -> Export:
+    """Put an export into exports.h5, beside those to other targets of the same rope."""
+    frames = exported.frames
+    balance = model.nominal.balance
+    place = np.searchsorted(model.frames, frames)
+    export = Export(
+        file=file.name,
+        sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
+        frames=frames,
+        x=exported.rope.x,
+        other=np.full(len(frames), np.nan) if balance is None else balance.other[place],
+        effects=[cause.name for cause in diagnosis.causes.values()] if diagnosis else [],
+        notes=exported.notes,
+        check=checked,
     )
-    curvature = (turn + setup.kinks[1:-1].numpy()) / at_nodes[:, None]
-    half = 0.5 * (p.density * p.length).numpy()
-    return RopeDescription(
-        length=float(rest.sum()),
-        rest_lengths=rest.copy(),
-        EA=(1 / rod.supple[:, 2]).numpy(),  # infinite where it does not stretch
-        GA=(1 / rod.supple[:, 0]).numpy(),
-        EI=rod.stiff[1:-1, 0].numpy() * at_nodes / 4,
-        GJ=rod.stiff[1:-1, 2].numpy() * at_nodes / 4,
-        rest_curvature=curvature[:, :2].copy(),
-        rest_twist=curvature[:, 2].copy(),
-        masses=np.pad(half, (0, 1)) + np.pad(half, (1, 0)),
-        diameter=o.diameter,
-        gravity=setup.gravity.detach().numpy().copy(),
-        end_kinds=tuple(  # type: ignore[arg-type]
-            "free" if k == "free" else ("clamped" if c else "pinned")
-            for k, c in zip(o.end_kind, whole.clamped, strict=True)
-        ),
-        end_positions=whole.ends.numpy().copy(),
-        end_orientations=whole.clamp.numpy().copy(),
-        x=x.copy(),
-        effects=extras,
-        name=o.recording,
-    )
+    with working_on(run):
+        inputs = {kind.file_name: load(run, kind)[1] for kind in (Observations, Model)}
+        if diagnosis is not None:
+            inputs[Diagnosis.file_name] = load(run, Diagnosis)[1]
+        made = Exports(
+            provenance=Provenance(
+                stage="export",
+                package_version=__version__,
+                code_sha256=code_sha256(__name__),
+                inputs=inputs,
+                created=datetime.now(UTC).isoformat(timespec="seconds"),
+                seconds=seconds,
+            ),
+            length=exported.rope.length,
+            exports=_others(run, inputs) | {target: export},
+        )
+        write(run / Exports.file_name, made)
+    return export
+
+
+def _others(run: Path, inputs: dict[str, str]) -> dict[str, Export]:
+    try:
+        old = current_exports(run)
+    except BadInput:  # damaged, and about to be replaced
+        return {}
+    return dict(old.exports) if old and old.provenance.inputs == inputs else {}

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ropefit.errors import BadInput, StageFailed
+from ropefit.artifacts.atomic import new_folder
+from ropefit.errors import BadInput
 from ropefit.importers import About, Draft, importer, parse_options
 from ropefit.recordings import open_recording
 
@@ -38,23 +36,11 @@ def import_recording(
     """
     kind = importer(format)
     options = parse_options(kind, given)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise StageFailed(f"{out}: exists already; give a new directory as --out")
-    temporary = None
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    with new_folder(out) as temporary:
         draft = Draft(temporary, about, progress)
         kind().read(source, options, draft)
         draft.finish()
         recording = _checked(temporary, out, source)
-        os.chmod(temporary, 0o755)
-        os.replace(temporary, out)
-    except OSError as error:
-        raise StageFailed(f"cannot write {out}: {error.strerror or error}")
-    finally:
-        if temporary is not None:
-            shutil.rmtree(temporary, ignore_errors=True)
     return {
         "stage": "import",
         "recording": str(out),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ropefit.adapters.settings import PreprocessSettings
 from ropefit.artifacts import DroppedFrame, View
 from ropefit.errors import BadInput
 from ropefit.perception.album import Album
@@ -22,7 +23,6 @@ from ropefit.runs.arrays import as_arrays, from_arrays
 from ropefit.runs.journal import Arrays, journal
 from ropefit.runs.protocol import Context
 from ropefit.runs.threads import threads
-from ropefit.stages.settings import PreprocessSettings
 
 MOST_GAPS = 0.2  # of the frames: more are no gaps but steps
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from ropefit.adapters.contents import read_run
 from ropefit.artifacts import Control, Diagnosis, Exports, Model
 from ropefit.artifacts.atomic import write_bytes
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.runs.lock import working_on
 from ropefit.runs.protocol import Progress
 from ropefit.runs.run_directory import REPORT, existing_run
-from ropefit.stages.contents import read_run
 
 
 def write_report(directory: Path, say: Callable[[str], None]) -> Path:

@@ -8,6 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.adapters.equilibrium_model import calibration_name
+from ropefit.adapters.priors import priors_of
+from ropefit.adapters.rope_setup import base_setup
+from ropefit.adapters.start_values import started_setup, with_values
+from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
@@ -19,9 +24,6 @@ from ropefit.inference.terms import calibration
 from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states
-from ropefit.stages.equilibrium_model import calibration_name
-from ropefit.stages.identify_equilibrium import priors_of, started_setup, unit_scale
-from ropefit.stages.rope_setup import base_setup
 
 
 def restored_rope(
@@ -119,19 +121,6 @@ def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) ->
         if gap[1] < gap[0]:
             near.put(t, found, t)
     return replace(rope, near=near)
-
-
-def with_values(setup: Setup, values: Tensor) -> Setup:
-    """The setup with values (4,) in the order of NAMES, the same everywhere."""
-    p = setup.properties
-    bend, twist, axial, length = values
-    p = p._replace(
-        bend=bend.expand_as(p.bend),
-        twist=twist.expand_as(p.twist),
-        axial=axial.expand_as(p.axial),
-        length=p.length * (length / p.length.sum()),
-    )
-    return setup._replace(properties=p)
 
 
 def restored_values(o: Observations, model: FittedModel) -> Tensor:

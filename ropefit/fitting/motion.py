@@ -7,8 +7,14 @@ from typing import Any
 import numpy as np
 import torch
 
+from ropefit.adapters.motion_model import motion_model, told_units
+from ropefit.adapters.motion_of import clips_of
+from ropefit.adapters.motion_setup import EVERY, Span, span_of
+from ropefit.adapters.priors import priors_of
 from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.fitting.choices import held_node
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference import rest_curve
 from ropefit.inference.forward import Term
 from ropefit.inference.least_squares import Noise, data_without, fit
@@ -18,11 +24,6 @@ from ropefit.inference.motion_terms import grips, unknowns
 from ropefit.inference.stations import Data
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
-from ropefit.stages.identify_equilibrium import held_node, priors_of
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.motion_model import motion_model, told_units
-from ropefit.stages.motion_of import clips_of
-from ropefit.stages.motion_setup import EVERY, Span, span_of
 
 SHORTEST = 20  # frames of a clip
 OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
 from ropefit.artifacts import Control, Diagnosis, Model, Observations
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.runs.protocol import Context, Stage
 from ropefit.solvers.compiling import telling
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
 
 Contents = dict[str, Any]
 
@@ -44,7 +44,8 @@ def _control(inputs: Contents, settings: ControlSettings, context: Context) -> C
         return compute(inputs, settings, context)
 
 
-PREPROCESS = Stage("preprocess", reads=(), writes=Observations, compute=_preprocess)
-IDENTIFY = Stage("identify", reads=(Observations,), writes=Model, compute=_identify)
-DIAGNOSE = Stage("diagnose", reads=(Observations, Model), writes=Diagnosis, compute=_diagnose)
-CONTROL = Stage("control", reads=(Observations, Model), writes=Control, compute=_control)
+PREPROCESS = Stage("preprocess", (), Observations, _preprocess, "ropefit.stages.preprocess")
+IDENTIFY = Stage("identify", (Observations,), Model, _identify, "ropefit.stages.identify")
+DIAGNOSE = Stage("diagnose", (Observations, Model), Diagnosis, _diagnose, "ropefit.stages.diagnose")
+CONTROL = Stage("control", (Observations, Model), Control, _control, "ropefit.stages.control")
+COMPUTED = (PREPROCESS, IDENTIFY, DIAGNOSE, CONTROL)  # in order

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ropefit.adapters.equilibrium_model import calibration_of
+from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Observations
 from ropefit.artifacts.diagnosis import Candidate, Cause, Detectable, Region, Size
 from ropefit.inference.diagnosis import search as engine
@@ -16,8 +18,6 @@ from ropefit.inference.diagnosis.weigh import Rival, heldout_rms, touches
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.uncertainty import INTERVAL
-from ropefit.stages.equilibrium_model import calibration_of
-from ropefit.stages.identify_equilibrium import unit_scale
 
 
 def content(

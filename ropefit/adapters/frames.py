@@ -5,11 +5,15 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput, WrongUsage
+from ropefit.rod.setup import Setup
 
 LEAST_TO_HOLD_OUT = 8
+CALM = 0.05  # of the frames of a rope in motion
+LIVELY = 0.05  # of gravity: where a rope accelerates less, any frame is calm
 
 
 def group_frames(observations: Observations, spec: str) -> np.ndarray:
@@ -82,3 +86,15 @@ def spread_evenly(frames: np.ndarray, group: np.ndarray, most: int) -> np.ndarra
         count = max(1, most // len(groups))
         kept.append(mine[np.unique(np.linspace(0, mine.size - 1, count).round().astype(int))])
     return np.sort(np.concatenate(kept))
+
+
+def calmest(frames: np.ndarray, setup: Setup, least: int) -> np.ndarray:
+    """Of frames (their indices) of a rope in motion, those in which it accelerates least, `least`
+    of them or more: there a model at rest is nearest to the truth. All of a rope at rest."""
+    if setup.motion is None:
+        return frames
+    size = setup.motion.acceleration[torch.from_numpy(frames)].square().sum(-1).mean(-1)
+    if float(size.median().sqrt()) < LIVELY * float(setup.gravity.norm()):
+        return frames
+    count = max(least, round(CALM * len(frames)))
+    return np.sort(frames[np.argsort(size.numpy(), kind="stable")[:count]])

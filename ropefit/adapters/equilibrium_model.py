@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from ropefit.adapters.scene import build_scene
 from ropefit.artifacts import (
     Balance,
     Calibration,
@@ -26,7 +27,6 @@ from ropefit.inference.stations import Data, match, offsets
 from ropefit.rod.setup import Setup
 from ropefit.solvers.branches import other_states
 from ropefit.solvers.equilibrium import stability
-from ropefit.stages.scene import build_scene
 
 Part = tuple[Fit, Noise, Point, dict[str, Limits]]
 

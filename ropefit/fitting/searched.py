@@ -8,8 +8,17 @@ from typing import Any
 import numpy as np
 import torch
 
+from ropefit.adapters.equilibrium_model import meanings, model_of
+from ropefit.adapters.frames import group_frames, held_out, spread_evenly
+from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
+from ropefit.adapters.scene import build_scene
+from ropefit.adapters.start_values import started_setup, with_values
+from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Observations
 from ropefit.errors import NotConverged, WrongUsage
+from ropefit.fitting.choices import free_names, given_values, held_node
+from ropefit.fitting.search import describe, run_search
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference import minimise
 from ropefit.inference.equilibrium_rope import NAMES, EquilibriumRope, ranges
 from ropefit.inference.forward import Forward
@@ -17,20 +26,6 @@ from ropefit.inference.identify import Task
 from ropefit.inference.parameters import Space
 from ropefit.losses.objectives import OBJECTIVES
 from ropefit.runs.protocol import Context
-from ropefit.stages.equilibrium_model import meanings, model_of
-from ropefit.stages.frames import group_frames, held_out, spread_evenly
-from ropefit.stages.identify_equilibrium import (
-    free_names,
-    given_values,
-    held_node,
-    started_setup,
-    unit_scale,
-)
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.restore import with_values
-from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
-from ropefit.stages.scene import build_scene
-from ropefit.stages.search import describe, run_search
 
 
 def _accelerator(name: str) -> torch.device | None:

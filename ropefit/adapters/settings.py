@@ -5,7 +5,7 @@ They stand apart from the stages' work so that they can be checked without loadi
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -47,3 +47,11 @@ class ControlSettings(StageSettings):
     turn: bool | None = None  # None: not in an estimate, yes in shape control
     evaluations: int = Field(default=200, ge=1)
     target: bool = False
+
+    def used(self) -> dict[str, Any]:
+        """Return the settings that the output depends on: a target replaces loss and key points."""
+        return {
+            name: value
+            for name, value in super().used().items()
+            if not (self.target and name in ("loss", "key"))
+        }

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from ropefit.adapters.restore import restored_rope
+from ropefit.adapters.scene import rope_of
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.rope import Rope, eta_names
 from ropefit.solvers.xpbd import Settings
-from ropefit.stages.restore import restored_rope
-from ropefit.stages.scene import rope_of
 
 REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 

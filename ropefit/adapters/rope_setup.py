@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ropefit.adapters.motion_of import centrelines, motion_of
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
 from ropefit.inference.stations import Data, match
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
-from ropefit.stages.motion_of import centrelines, motion_of
 
 FINEST = 160  # segments, about: at 80 a pinned rope's EI is 0.2 to 0.5 % off, a clamped one's 2 %
 CLAMPED = 240

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ropefit.artifacts import Control, Diagnosis, Model, Observations
+from ropefit.artifacts import Control, Diagnosis, Exports, Model, Observations
+from ropefit.errors import StageFailed
 from ropefit.reporting.contents import RunContents
 from ropefit.runs.loading import load, load_if_there
-from ropefit.stages.export_check import current_exports
 
 
 def read_run(directory: Path) -> RunContents:
@@ -23,3 +23,14 @@ def read_run(directory: Path) -> RunContents:
         load_if_there(directory, Diagnosis),
         current_exports(directory),
     )
+
+
+def current_exports(run: Path) -> Exports | None:
+    """exports.h5 of the rope as it is now; None where there is none, or an earlier rope's."""
+    path = run / Exports.file_name
+    try:
+        made = load(run, Exports)[0] if path.exists() else None
+    except StageFailed:  # the rope was identified again since
+        return None
+    diagnosed = (run / Diagnosis.file_name).exists()
+    return made if made and (Diagnosis.file_name in made.provenance.inputs) == diagnosed else None

@@ -6,6 +6,9 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
+from ropefit.adapters.motion_of import centrelines
+from ropefit.adapters.motion_setup import Span
+from ropefit.adapters.scene import build_scene
 from ropefit.artifacts import (
     Calibration,
     FittedModel,
@@ -21,9 +24,6 @@ from ropefit.inference.motion_spread import Spread
 from ropefit.inference.motion_terms import unknowns
 from ropefit.inference.stations import Data, match, offsets
 from ropefit.rod.setup import Setup
-from ropefit.stages.motion_of import centrelines
-from ropefit.stages.motion_setup import Span
-from ropefit.stages.scene import build_scene
 
 
 def told_units(o: Observations, setup: Setup) -> dict[str, float]:

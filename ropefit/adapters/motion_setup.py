@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from ropefit.adapters.motion_of import centrelines, clips_of
+from ropefit.adapters.rope_setup import base_setup, data_in_space
 from ropefit.artifacts import Observations
 from ropefit.inference.stations import Data
 from ropefit.rod.carried import carried, continuous, third
 from ropefit.rod.moving import Damping
 from ropefit.rod.setup import Setup
-from ropefit.stages.motion_of import centrelines, clips_of
-from ropefit.stages.rope_setup import base_setup, data_in_space
 
 SEGMENTS = 24  # a clip of 500 frames takes some 50 ms
 EVERY = 2  # nodes between which a clip's first state is pulled to the observed rope

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.adapters.shapes_only import shapes_only
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.model import ParameterGroup
 from ropefit.errors import WrongUsage
 from ropefit.inference import rest_curve
 from ropefit.inference.uncertainty import INTERVAL
-from ropefit.stages.shapes_only import shapes_only
 
 
 def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]:

@@ -6,12 +6,12 @@ import numpy as np
 import torch
 
 from ropefit.artifacts import Observations, Parameter, ParameterGroup
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference import minimise
 from ropefit.inference.identify import Task, gradient_search, grid_search, uncertainty
 from ropefit.inference.minimise import Search
 from ropefit.inference.uncertainty import verdicts
 from ropefit.runs.protocol import Context
-from ropefit.stages.identify_settings import IdentifySettings
 
 FLAT = np.log(3.0)  # an interval beyond a factor of three up and down determines nothing
 

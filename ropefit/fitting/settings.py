@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from ropefit.errors import WrongUsage
 from ropefit.losses.names import LossName
 from ropefit.runs.protocol import StageSettings
+
+# What a fit uses besides what every fit does; a search adds its own limits.
+EVERY_FIT = {"solver", "loss", "search", "free", "control_at", "holdout", "most_frames"}
+OF_WEIGHTS = {"start", "groups", "two_sided", "steps", "iterations", "dt", "compliance"}
+OF_EQUILIBRIUM = {"start", "groups", "from_run"}
+OF_BATCHED_EQUILIBRIUM = {*OF_EQUILIBRIUM, "device"}
+OF_SEARCH = {
+    "gradient": {"evaluations"},
+    "grid": {"levels", "rounds"},
+    "least-squares": {"evaluations"},
+}
 
 
 class IdentifySettings(StageSettings):
@@ -69,6 +80,19 @@ class IdentifySettings(StageSettings):
         """The search, chosen by the solver if not given."""
         shapes = self.solver in ("equilibrium", "dynamics")
         return self.search or ("least-squares" if shapes else "gradient")
+
+    def used(self) -> dict[str, Any]:
+        """Return the settings that the chosen solver and search use, the search by its name.
+
+        The others may be given and change nothing.
+        """
+        names = EVERY_FIT | OF_SEARCH[self.how]
+        if self.solver in ("jacobi", "thomas"):
+            names |= OF_WEIGHTS
+        elif self.solver == "equilibrium":
+            names |= OF_EQUILIBRIUM if self.how == "least-squares" else OF_BATCHED_EQUILIBRIUM
+        whole = super().used() | {"search": self.how}
+        return {name: value for name, value in whole.items() if name in names}
 
     @field_validator("compliance")
     @classmethod

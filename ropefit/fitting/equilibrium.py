@@ -8,29 +8,29 @@ from typing import Any
 import numpy as np
 import torch
 
+from ropefit.adapters.equilibrium_model import Part, describe_group, fitted_model
+from ropefit.adapters.frames import calmest, group_frames, held_out, spread_evenly
+from ropefit.adapters.priors import noise_of, priors_of
+from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
+from ropefit.adapters.start_values import started_setup
+from ropefit.adapters.units import unit_scale
 from ropefit.artifacts import Observations
-from ropefit.errors import NotConverged, WrongUsage
+from ropefit.errors import NotConverged
+from ropefit.fitting.branch import nearer_branch
+from ropefit.fitting.choices import free_names, given_values, held_node
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference import rest_curve
-from ropefit.inference.equilibrium_rope import NAMES, ranges
+from ropefit.inference.equilibrium_rope import ranges
 from ropefit.inference.forward import Forward, Term
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.limits import limits
 from ropefit.inference.noise import Noise, estimate
-from ropefit.inference.stations import Data, match
-from ropefit.inference.terms import PAIR, ROPE, Priors, calibration, rope_term
+from ropefit.inference.stations import Data
+from ropefit.inference.terms import ROPE, calibration, rope_term
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Progress
-from ropefit.solvers.branches import follow, other_states
-from ropefit.solvers.equilibrium import Solution
-from ropefit.stages.equilibrium_model import Part, describe_group, fitted_model
-from ropefit.stages.frames import group_frames, held_out, spread_evenly
-from ropefit.stages.frozen import frozen_values
-from ropefit.stages.identify_settings import IdentifySettings
-from ropefit.stages.rope_setup import base_setup, data_in_space, segments_of
-from ropefit.stages.scene import node_at
+from ropefit.solvers.branches import follow
 
-CALM = 0.05  # of the frames of a rope in motion
-LIVELY = 0.05  # of gravity: where a rope accelerates less, any frame is calm
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 
 
@@ -69,91 +69,6 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     }
 
 
-def calmest(frames: np.ndarray, setup: Setup, least: int) -> np.ndarray:
-    """Of frames (their indices) of a rope in motion, those in which it accelerates least, `least`
-    of them or more: there a model at rest is nearest to the truth. All of a rope at rest."""
-    if setup.motion is None:
-        return frames
-    size = setup.motion.acceleration[torch.from_numpy(frames)].square().sum(-1).mean(-1)
-    if float(size.median().sqrt()) < LIVELY * float(setup.gravity.norm()):
-        return frames
-    count = max(least, round(CALM * len(frames)))
-    return np.sort(frames[np.argsort(size.numpy(), kind="stable")[:count]])
-
-
-def held_node(o: Observations, control_at: float | None) -> int:
-    """The control point as a node: an end. Raises WrongUsage for a place inside."""
-    node = node_at(o, control_at)
-    if 0 < node < len(o.node_arc) - 1:
-        raise WrongUsage(
-            f"--control-at {control_at:g}: the equilibrium rope is held at its ends only; give 0 "
-            f"or {o.length:g}, or --solver thomas"
-        )
-    return node
-
-
-def given_values(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, float]:
-    """Where parameters start or stay, as told: another run's, then the user's. Raises
-    WrongUsage."""
-    if not settings.from_run:
-        return settings.start
-    return (
-        frozen_values(context.external["from"], f"--from {context.external['from_path']}", o)
-        | settings.start
-    )
-
-
-def free_names(settings: IdentifySettings, o: Observations) -> list[str]:
-    """The parameters that are fitted. Raises WrongUsage."""
-    free = settings.free
-    if free is None and settings.from_run:
-        return []
-    if free is None:
-        return ["EI"] + (["length"] if o.length_source == "estimated" else [])
-    free = rest_curve.spelled_out(free)
-    for name in free:
-        if name not in (*NAMES, *rest_curve.NAMES):
-            known = ", ".join((*NAMES, *rest_curve.UNIFORM, rest_curve.SHORT))
-            raise WrongUsage(f"unknown parameter {name}; one of {known}")
-    return free
-
-
-def unit_scale(o: Observations) -> dict[str, tuple[float, str]]:
-    """Factor and unit in which each parameter is told: ratios to the weight if no mass is known."""
-    weight = 1.0 if o.mass else 1.0 / float(np.linalg.norm(o.gravity))
-    rigid = "N m^2" if o.mass else "m^3"
-    return {
-        "EI": (weight, rigid),
-        "GJ": (weight, rigid),
-        "EA": (weight, "N" if o.mass else "m"),
-        "length": (1.0, "m"),
-        **dict.fromkeys(rest_curve.NAMES, (1.0, "1/m")),
-    }
-
-
-def started_setup(
-    setup: Setup, start: dict[str, float], scale: dict[str, tuple[float, str]]
-) -> Setup:
-    """The setup with some parameters set. Raises WrongUsage for values out of reach."""
-    for name in sorted(start):  # EI before GJ, which otherwise follows it
-        if name in rest_curve.NAMES:
-            curvature = torch.tensor([start[name]], dtype=torch.float64)
-            setup = rest_curve.apply(name)(setup, curvature)
-            continue
-        if name not in NAMES:
-            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(NAMES)}")
-        value = start[name] / scale[name][0]
-        _, low, high = ranges(setup)[name]
-        if not low <= value <= high:
-            f = scale[name][0]
-            raise WrongUsage(
-                f"start {name} = {start[name]:g} is outside its bounds {low * f:g}..{high * f:g}"
-            )
-        given = torch.tensor([value], dtype=torch.float64)
-        setup = setup.after(lambda s, apply=ROPE[name], v=given: apply(s, v))
-    return setup
-
-
 def rope_terms(setup: Setup, free: list[str]) -> list[Term]:
     """One term for each free parameter, starting where the setup has it."""
     known = ranges(setup)
@@ -166,18 +81,6 @@ def rope_terms(setup: Setup, free: list[str]) -> list[Term]:
         start = 1e3 * low if not np.isfinite(start) else start
         terms.append(rope_term(name, "", start, low, high, ROPE[name]))
     return terms
-
-
-def noise_of(o: Observations, data: Data) -> Noise:
-    """White noise only: that of markers is measured by preprocess, that of points by stations."""
-    return Noise(marker=float(np.median(o.noise)) if data.material else 0.0)
-
-
-def priors_of(o: Observations) -> Priors:
-    """The recording's own priors over the defaults. Two markers tell a clamp's direction badly."""
-    given = {k: v for k, v in o.priors.model_dump().items() if v is not None}
-    pairs = {} if o.end_twist_known else {"end_orientation": PAIR}
-    return Priors(**(pairs | given))
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:
@@ -247,22 +150,6 @@ def calibrated_fit(
     missed = max(1.0, loose * first.scale) if loose > 1 else 1.0
     noise = estimate(first.stations, Noise(marker=missed * noise.marker))
     return fit(full, data, noise, bins, first.point.u, evaluations), noise
-
-
-def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
-    """Of two stable states of a frame, the one that the data show."""
-    point = result.point
-    found, apart = other_states(point.rod, point.conditions, point.solution)
-    last = point.solution.copy()
-    for t in np.flatnonzero(np.isfinite(apart)):
-        one = np.array([t])
-        gaps = [
-            np.median(np.abs(match(data.frames(one), s.x[one], bins).residual))
-            for s in (last, found)
-        ]
-        if gaps[1] < gaps[0]:
-            last.put(t, found, t)
-    return last
 
 
 def _fit_group(

@@ -1,0 +1,1 @@
+"""Between artifacts and models: setups, data, units, values, and models made again from files."""

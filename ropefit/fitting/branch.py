@@ -1,0 +1,26 @@
+"""Which of two stable equilibria the data show."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.stations import Data, match
+from ropefit.solvers.branches import other_states
+from ropefit.solvers.equilibrium import Solution
+
+
+def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
+    """Of two stable states of a frame, the one that the data show."""
+    point = result.point
+    found, apart = other_states(point.rod, point.conditions, point.solution)
+    last = point.solution.copy()
+    for t in np.flatnonzero(np.isfinite(apart)):
+        one = np.array([t])
+        gaps = [
+            np.median(np.abs(match(data.frames(one), s.x[one], bins).residual))
+            for s in (last, found)
+        ]
+        if gaps[1] < gaps[0]:
+            last.put(t, found, t)
+    return last

@@ -1,0 +1,155 @@
+"""identify by the paper's solvers: the weights of Algorithm 1, by a loss of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from ropefit.adapters.frames import group_frames, held_out, spread_evenly
+from ropefit.adapters.scene import build_scene, control_positions, node_at, rope_of
+from ropefit.artifacts import FittedModel, Iterated, Observations
+from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.fitting.search import describe, run_search
+from ropefit.fitting.settings import IdentifySettings
+from ropefit.inference import minimise
+from ropefit.inference.evaluate import agreement, convergence, settle_frames
+from ropefit.inference.identify import Task
+from ropefit.inference.parameters import Space
+from ropefit.inference.rope import MEANING, Rope, bounds, eta_names
+from ropefit.losses.objectives import OBJECTIVES
+from ropefit.runs.protocol import Context
+from ropefit.solvers.xpbd import Settings
+
+DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this has not converged
+
+
+def compute(
+    observations: Observations, settings: IdentifySettings, context: Context
+) -> dict[str, Any]:
+    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    full = _task(observations, settings)
+    group = full.group.numpy()
+    out = held_out(len(group), settings.holdout)
+    train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
+    task = full.frames(torch.from_numpy(train))
+    search = run_search(task, settings, context)
+    if (search.status == minimise.DIVERGED).any():
+        raise NotConverged(
+            f"the {settings.solver} solver diverges from the starting weights; lower them with "
+            "--start or use fewer --steps"
+        )
+    values = task.space.to_values(search.u).detach().numpy()
+    context.progress(0.95, "simulating all frames")
+    states = _states(observations, settings, full, values)
+    groups = {}
+    for number in range(task.groups):
+        context.progress(0.97, "uncertainty")
+        mine = torch.nonzero(task.group == number)[:, 0]
+        part = task.frames(mine)
+        part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
+        groups[f"group_{number}"] = describe(
+            part, values[number], search, number, observations, group == number, MEANING
+        )
+    if not out.any():
+        context.say("too few frames to hold any out: the fit is judged on its own frames")
+    rms = states["rms"]
+    fitted = FittedModel(
+        **states,
+        groups=groups,
+        heldout=out,
+        trace=torch.stack(search.trace).sum(dim=1).numpy(),
+        rms_fit=float(np.sqrt(np.mean(rms[train] ** 2))),
+        rms_heldout=float(np.sqrt(np.mean(rms[out] ** 2))) if out.any() else None,
+    )
+    return {
+        "recording": observations.recording,
+        "length": observations.length,
+        "frames": observations.frames,
+        "models": {"nominal": fitted},
+    }
+
+
+def _task(o: Observations, settings: IdentifySettings) -> Task:
+    """The search over all frames. Raises BadInput, WrongUsage."""
+    names = eta_names(settings.two_sided)
+    _check_names(settings, names)
+    space = Space.of(names, settings.free or list(names), settings.start)
+    node = node_at(o, settings.control_at)
+    usable = np.isfinite(control_positions(o, node)).all(axis=1)
+    if settings.two_sided and not 0 < node < len(o.node_arc) - 1:
+        raise WrongUsage(
+            "two gravity weights need a control point inside the rope: give --control-at"
+        )
+    usable |= o.end_kind[0] == "free" and node == 0
+    if not usable.all():
+        raise BadInput(
+            f"frame {o.frames[np.argmin(usable)]}: the control point at "
+            f"{settings.control_at} m is not seen; choose a visible place or drop the frame"
+        )
+    rope = rope_of(
+        o,
+        solver=settings.solver,
+        settings=Settings(settings.steps, settings.iterations, settings.dt, *settings.compliance),
+        control_node=node,
+        two_sided=settings.two_sided,
+    )
+    group = torch.from_numpy(group_frames(o, settings.groups))
+    return Task(rope, build_scene(o), OBJECTIVES[settings.loss], space, group)
+
+
+def _states(
+    o: Observations, settings: IdentifySettings, full: Task, values: np.ndarray
+) -> dict[str, Any]:
+    """The part of the model on the states of all frames, with values (groups, n). Raises
+    NotConverged."""
+    rope, eta = full.rope, torch.from_numpy(values)[full.group]
+    assert isinstance(rope, Rope)
+    state = settle_frames(rope, eta)
+    if not torch.isfinite(state.x).all():
+        raise NotConverged(
+            f"the {settings.solver} solver diverges in some frames; use more --steps"
+        )
+    first = torch.from_numpy(np.tile(full.space.start, (len(full.group), 1)))
+    before = settle_frames(rope, first)
+    progress = convergence(rope, eta, state.x)
+    now, then = agreement(state.x, full.scene), agreement(before.x, full.scene)
+    return {
+        "solver": settings.solver,
+        "loss": settings.loss,
+        "search": settings.how,
+        "control_node": node_at(o, settings.control_at),
+        "fixed_nodes": list(rope.held_nodes),
+        "two_sided": settings.two_sided,
+        "x": state.x.numpy(),
+        "q": state.q.numpy(),
+        "x_initial": before.x.numpy(),
+        "residual": now.residual,
+        "rms": now.rms,
+        "rms_initial": then.rms,
+        "rms_px": now.rms_px,
+        "solver_converged": float(np.median(progress.drift)) < DRIFT_ALLOWED,
+        "iterated": Iterated(
+            steps=settings.steps,
+            iterations=settings.iterations,
+            dt=settings.dt,
+            compliance=settings.compliance,
+            iteration=progress.iteration,
+            distance_violation=progress.distance_violation,
+            length_error=progress.length_error,
+            drift=progress.drift,
+            drift_allowed=DRIFT_ALLOWED,
+        ),
+    }
+
+
+def _check_names(settings: IdentifySettings, names: tuple[str, ...]) -> None:
+    for name in [*(settings.free or []), *settings.start]:
+        if name not in names:
+            raise WrongUsage(f"unknown parameter {name}; one of {', '.join(names)}")
+    for name, value in settings.start.items():
+        low, high = bounds(name)
+        if not low <= value <= high:
+            raise WrongUsage(f"start {name} = {value:g} is outside its bounds {low:g}..{high:g}")
