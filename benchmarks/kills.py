@@ -29,15 +29,16 @@ import numpy as np
 import torch
 
 from benchmarks.document import parser, publish
-from ropefit import commands, commands_show
+from ropefit.api import runs
 from ropefit.artifacts import ARTIFACTS
 from ropefit.artifacts.store import identity, read
-from ropefit.console import Session
 from ropefit.diagnosis.rules import Rules
 from ropefit.runs import checkpoint
 from ropefit.runs.journal import Entries
+from ropefit.runs.protocol import Context
 from ropefit.runs.run_directory import CHECKPOINTS, REPORT
 from ropefit.stages import diagnose
+from ropefit.stages.report import write_report
 from tests.factories import marker_recording
 
 KILLED = -signal.SIGKILL
@@ -65,23 +66,22 @@ class Chain:
 
 def chains(recording: Path) -> list[Chain]:
     """All stages with the paper's solver, and with the equilibrium and its diagnosis."""
-    quiet = Session(quiet=True)
 
     def observe(nodes: int) -> Callable[[Path], Any]:
         settings = {"nodes": nodes, "project": "auto"}
-        return lambda run: commands.preprocess(quiet, recording, run, settings, False)
+        return lambda run: runs.preprocess(recording, run, settings, Context())
 
     def fit(settings: dict[str, Any]) -> Callable[[Path], Any]:
-        return lambda run: commands.identify(quiet, run, settings, None, False)
+        return lambda run: runs.identify(run, settings, Context())
 
     def estimate(run: Path) -> Any:
-        return commands.control(quiet, run, {"evaluations": 15}, None, False)
+        return runs.control(run, {"evaluations": 15}, Context())
 
     def explain(run: Path) -> Any:
-        return commands.diagnose(quiet, run, {"most_frames": 4}, None, None, False)
+        return runs.diagnose(run, {"most_frames": 4}, Context())
 
     def tell(run: Path) -> Any:
-        return commands_show.report(quiet, [], run, [], None)
+        return write_report(run, lambda sentence: None)
 
     few = {"most_frames": 4}
     paper, equilibrium = (

@@ -22,11 +22,10 @@ import numpy as np
 
 from benchmarks.document import parser, publish
 from ropefit.batch import run_batch
-from ropefit.batch.index import write_index
+from ropefit.batch.index import summary, write_index
 from ropefit.batch.names import find_recordings
 from ropefit.batch.records import FOLDER, read_record
 from ropefit.batch.run import _tasks
-from ropefit.console import Session
 from ropefit.runs.threads import processors
 from tests.factories import marker_recording
 
@@ -50,8 +49,8 @@ LIMITS = {
 def batch(folder: Path, runs: Path, until: str, workers: int) -> tuple[float, list[dict[str, Any]]]:
     """Seconds and what is known of each recording, in the order in which they were begun."""
     started = time.monotonic()
-    quiet = Session(quiet=True)
-    data = run_batch(quiet, [folder], runs, SETTINGS, until, workers=workers)
+    done = run_batch([folder], runs, SETTINGS, until, workers=workers)
+    data = summary(done)
     return time.monotonic() - started, data["recordings"]
 
 

@@ -1,13 +1,16 @@
 # make -j2 batch RECORDINGS="a b c" RUNS=out
 #
 # Each stage of each recording is a file that depends on the one before it, so only what changed is redone
-# and recordings run side by side. Options of a stage: PREPROCESS=..., IDENTIFY=..., CONTROL=...
+# and recordings run side by side. Options of a stage: PREPROCESS=..., IDENTIFY=..., DIAGNOSE=..., CONTROL=...
+# The paper's weights, and fits by its losses, are not diagnosed: they are no properties of a rope.
 RECORDINGS ?=
 RUNS       ?= out
 ROPEFIT    := $(BIN)/ropefit
 
 # The run of a recording is named after its last folder.
 run_of = $(RUNS)/$(notdir $(patsubst %/,%,$(1)))
+
+PAPER := $(filter jacobi thomas gradient grid,$(subst =, ,$(IDENTIFY)))
 
 define stages
 $(2)/observations.h5: $(wildcard $(1)/* $(1)/*/*) | $(STAMP)
@@ -16,7 +19,10 @@ $(2)/observations.h5: $(wildcard $(1)/* $(1)/*/*) | $(STAMP)
 $(2)/model.h5: $(2)/observations.h5
 	$(ROPEFIT) identify --run $(2) $(IDENTIFY)
 	@touch $$@
-$(2)/control.h5: $(2)/model.h5
+$(2)/diagnosis.h5: $(2)/model.h5
+	$(ROPEFIT) diagnose --run $(2) $(DIAGNOSE)
+	@touch $$@
+$(2)/control.h5: $(2)/model.h5 $(if $(PAPER),,$(2)/diagnosis.h5)
 	$(ROPEFIT) control --run $(2) $(CONTROL)
 	@touch $$@
 $(2)/report.html: $(2)/control.h5

@@ -16,7 +16,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ropefit.api import (
+    from ropefit.api.memory import (
         Run,
         control,
         diagnose,
@@ -53,7 +53,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'ropefit' has no attribute {name!r}")
-    home = "ropefit.differentiable" if name == "Rope" else "ropefit.api"
+    home = "ropefit.differentiable" if name == "Rope" else "ropefit.api.memory"
     return getattr(importlib.import_module(home), name)
 
 

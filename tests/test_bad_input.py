@@ -238,7 +238,8 @@ def test_recording(here: Path, case: str, as_json: bool, capfd: pytest.CaptureFi
     before = contents(here.parent)
     flags = ["--json"] if as_json else []
     for run in ("run", "new"):  # an existing run stays as it is; a new one is not begun
-        result = in_process(capfd, "preprocess", "r", "--run", run, *flags)
+        replaces = ["--force"] if run == "run" else []  # it holds another recording
+        result = in_process(capfd, "preprocess", "r", "--run", run, *flags, *replaces)
         one_line(result, DATA, *words)
         assert contents(here.parent) == before
 

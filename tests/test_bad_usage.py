@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import h5py
@@ -57,12 +58,13 @@ def _without(name: str) -> Spoil:
 
 
 def _stale(where: Path) -> None:
-    """The recording changed and was preprocessed again."""
+    """The recording changed and was preprocessed again (--force: both are copies)."""
     from ropefit.cli import app
 
     edit(where.parent / "recording" / "markers.csv", "0,0.0,1,", "0,0.0,1,0")
+    recording = str(where.parent / "recording")
     with pytest.raises(SystemExit):
-        app(["preprocess", str(where.parent / "recording"), "--run", str(where), "--quiet"])
+        app(["preprocess", recording, "--run", str(where), "--quiet", "--force"])
 
 
 RUNS: dict[str, tuple[Spoil, list[str], int, tuple[str, ...]]] = {
@@ -136,6 +138,25 @@ def test_wrong_usage(here: Path, case: str, capfd: pytest.CaptureFixture[str]) -
     before = contents(here.parent)
     one_line(in_process(capfd, *command), USAGE, *words)
     assert contents(here.parent) == before
+
+
+def test_another_recording_is_refused(here: Path) -> None:
+    """A run keeps its recording: files may change or move, another one needs --force."""
+    shutil.copytree(here / "recording", here / "elsewhere")
+    before = contents(here / "run")
+    assert in_a_process("preprocess", "elsewhere", "--nodes", "6")[0] == 0  # the same, moved
+    edit(here / "elsewhere" / "markers.csv", "0,0.0,1,", "0,0.0,1,0")
+    edit(here / "elsewhere" / "recording.toml", '"tiny"', '"other"')
+    for command in ("preprocess", "run"):
+        result = in_a_process(command, "elsewhere")
+        one_line(result, USAGE, "tiny", "recording", "other", "elsewhere", "--force", "--run")
+        pictures = in_a_process(command, "elsewhere", "--debug-images", "pictures")
+        one_line(pictures, USAGE, "--force")
+        assert contents(here / "run") == before
+    assert in_a_process("preprocess", "elsewhere", "--force", "--quiet")[0] == 0
+    edit(here / "elsewhere" / "ends.csv", "0.7", "0.7001")
+    assert in_a_process("preprocess", "elsewhere", "--quiet") == (0, "", "")  # changed: the same
+    one_line(in_a_process("preprocess", "recording"), USAGE, "other", "tiny")
 
 
 def test_no_such_device(

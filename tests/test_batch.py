@@ -18,11 +18,11 @@ import pytest
 
 from ropefit.batch import run as driver
 from ropefit.batch.engines import Result, WorkerDied
+from ropefit.batch.index import summary
 from ropefit.batch.names import find_recordings
 from ropefit.batch.records import Record, read_record, write_record
 from ropefit.batch.run import run_batch
 from ropefit.batch.task import Task, run_task
-from ropefit.console import Session
 from ropefit.errors import BadInput, StageFailed, WrongUsage
 from tests.factories import marker_recording
 
@@ -36,7 +36,10 @@ def recordings(folder: Path, count: int) -> Path:
 
 
 def call(given: Path, runs: Path, **options) -> dict:
-    return run_batch(Session(quiet=True), [given], runs, SETTINGS, "preprocess", **options)
+    """The summary of a batch. Raises StageFailed where a recording is not done."""
+    done = run_batch([given], runs, SETTINGS, "preprocess", **options)
+    done.check()
+    return summary(done)
 
 
 class Here:

@@ -10,10 +10,13 @@ import h5py
 import numpy as np
 import pytest
 
+from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.api.pipeline import CONTROL, DIAGNOSE, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Checkpoint, content_sha256, read, write
 from ropefit.artifacts.packing import packed, unpacked
 from ropefit.diagnosis.rules import Rules
 from ropefit.errors import StageFailed
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.runs import checkpoint
 from ropefit.runs import journal as journals
@@ -21,22 +24,21 @@ from ropefit.runs.checkpoint import checkpoint_name
 from ropefit.runs.execute import execute
 from ropefit.runs.journal import Entries, Journal, journal, keeping
 from ropefit.runs.protocol import Context, Outcome
-from ropefit.stages import control, diagnose, identify, preprocess
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 
 FEW = {"most_frames": 4}
 PAPER = {"solver": "thomas", "steps": 4, "iterations": 3, "evaluations": 12}
 CASES = {
-    "preprocess": (preprocess, preprocess.PreprocessSettings(nodes=7)),
-    "identify": (identify, identify.IdentifySettings(**FEW)),
-    "identify gradient": (identify, identify.IdentifySettings(**PAPER, free=["eta_x_G"])),
+    "preprocess": (PREPROCESS, PreprocessSettings(nodes=7)),
+    "identify": (IDENTIFY, IdentifySettings(**FEW)),
+    "identify gradient": (IDENTIFY, IdentifySettings(**PAPER, free=["eta_x_G"])),
     "identify grid": (
-        identify,
-        identify.IdentifySettings(**PAPER, search="grid", levels=3, free=["eta_x_G"]),
+        IDENTIFY,
+        IdentifySettings(**PAPER, search="grid", levels=3, free=["eta_x_G"]),
     ),
-    "diagnose": (diagnose, diagnose.DiagnoseSettings(**FEW)),
-    "control": (control, control.ControlSettings(evaluations=8)),
+    "diagnose": (DIAGNOSE, DiagnoseSettings(**FEW)),
+    "control": (CONTROL, ControlSettings(evaluations=8)),
 }
 
 
@@ -65,11 +67,11 @@ def compute(run: Path, case: str, say: list[str] | None = None) -> Outcome[Any]:
     stage, settings = CASES[case]
     context = Context(say=[].append if say is None else say.append)
     external = {}
-    if stage is preprocess:
+    if stage is PREPROCESS:
         recording = open_recording(run.parent / "recording")
         context.external = {"recording": recording, "debug_images": None}
         external = {"recording": fingerprint(recording)}
-    return execute(stage.STAGE, run, settings, context, external, force=True)
+    return execute(stage, run, settings, context, external, force=True)
 
 
 FEW_EFFECTS = Rules(effects=("distributed_load", "scale_error"))  # all would take minutes

@@ -119,6 +119,24 @@ def test_real_recordings_go_through_without_special_cases(ropefit, real, name):
     assert Path(ropefit.directory / report["report"]).stat().st_size > 1e6
 
 
+@pytest.mark.parametrize(
+    ("identify", "diagnosed"),
+    [("", 1), ("--free EI,rest_curve", 1), ("--solver thomas", 0), ("--search=grid", 0)],
+)
+def test_make_batch_diagnoses_what_can_be(tmp_path, identify, diagnosed):
+    """As `ropefit run` does: not the paper's weights, nor what a loss was fitted to."""
+    (tmp_path / "a").mkdir()
+    done = subprocess.run(
+        ["make", "--dry-run", "--old-file", ".venv/.installed", "batch",
+         f"RECORDINGS={tmp_path / 'a'}", f"RUNS={tmp_path / 'out'}", f"IDENTIFY={identify}"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+        env={k: v for k, v in os.environ.items() if not k.startswith("MAKE")},
+    )  # fmt: skip
+    called = [line.split()[1] for line in done.stdout.splitlines() if "ropefit " in line]
+    stages = ["preprocess", "identify", *["diagnose"] * diagnosed, "control", "report"]
+    assert called == stages
+
+
 @pytest.mark.skipif(not (ROOT / ".venv/bin/ropefit").exists(), reason="needs `make install`")
 def test_make_batch_redoes_only_what_changed(tmp_path):
     """Two recordings side by side; a second make does nothing; a changed file redoes its own."""

@@ -11,9 +11,12 @@ import pytest
 import torch
 
 from ropefit.adapters.scene import rope_of
+from ropefit.adapters.settings import ControlSettings, PreprocessSettings
 from ropefit.adapters.targets import read_targets
+from ropefit.api.pipeline import CONTROL, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Checkpoint, Control, Model, Observations, read
 from ropefit.errors import BadInput, NotConverged, WrongUsage
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.identify import Task
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -21,10 +24,6 @@ from ropefit.runs import checkpoint
 from ropefit.runs.execute import execute
 from ropefit.runs.protocol import Context
 from ropefit.solvers.xpbd import Settings
-from ropefit.stages import control, identify, preprocess
-from ropefit.stages.control import ControlSettings
-from ropefit.stages.identify import IdentifySettings
-from ropefit.stages.preprocess import PreprocessSettings
 from ropefit.stages.simulate import simulate_recording
 
 TRUE = {"eta_x_G": 0.12, "eta_q_B": 0.35}
@@ -69,7 +68,7 @@ def made(tmp_path_factory):
             run = folder / "run"
             run.mkdir()
             execute(
-                preprocess.STAGE,
+                PREPROCESS,
                 run,
                 PreprocessSettings(nodes=12),
                 Context(external={"recording": recording}),
@@ -83,7 +82,7 @@ def made(tmp_path_factory):
 
 def fit(run, **settings):
     chosen = IdentifySettings(**{**QUICK, **settings})
-    execute(identify.STAGE, run, chosen, Context(), force=True)
+    execute(IDENTIFY, run, chosen, Context(), force=True)
     return read(run / Model.file_name, Model)[0].nominal
 
 
@@ -188,7 +187,7 @@ def test_interrupted_search_resumes_to_the_same_answer(made, monkeypatch):
     assert (run / Checkpoint.file_name).exists()
     said = []
     execute(
-        identify.STAGE,
+        IDENTIFY,
         run,
         IdentifySettings(**QUICK, free=list(TRUE)),
         Context(say=said.append),
@@ -216,7 +215,7 @@ def test_groups_that_make_no_sense_are_refused(made, spec):
 def estimate(run, external=None, **settings):
     context = Context(external=external or {})
     hashes = {"target": external["targets"].sha256} if external else None
-    execute(control.STAGE, run, ControlSettings(**settings), context, hashes, force=True)
+    execute(CONTROL, run, ControlSettings(**settings), context, hashes, force=True)
     return read(run / Control.file_name, Control)[0]
 
 
@@ -312,10 +311,10 @@ def test_start_of_a_frame_follows_the_control_point(fitted):
 def test_up_to_date_output_is_not_computed_again(made):
     run = made()
     settings = IdentifySettings(**QUICK, free=["eta_x_G"])
-    execute(identify.STAGE, run, settings, Context(), force=True)
-    again = execute(identify.STAGE, run, settings, Context())
+    execute(IDENTIFY, run, settings, Context(), force=True)
+    again = execute(IDENTIFY, run, settings, Context())
     assert not again.computed
-    other = execute(identify.STAGE, run, settings.model_copy(update={"dt": 0.11}), Context())
+    other = execute(IDENTIFY, run, settings.model_copy(update={"dt": 0.11}), Context())
     assert other.computed
     assert "dt 0.1 -> 0.11" in other.why
     assert other.artifact.provenance.settings["dt"] == 0.11

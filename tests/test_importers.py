@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ropefit.cli.parsing import named_texts
 from ropefit.errors import BadInput, StageFailed, WrongUsage
 from ropefit.importers import About, importers
 from ropefit.recordings import Recording, open_recording
-from ropefit.stages.importing import import_recording, list_source, parse_settings
+from ropefit.stages.importing import import_recording, list_source
 from tests import sources
 from tests.conftest import SAMPLES
 from tests.factories import rope_points
@@ -276,7 +277,7 @@ def test_too_many_frames_are_not_taken_unasked(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("items", "words"), [(["clouds"], "NAME=VALUE"), (["=a"], "NAME=VALUE")])
 def test_settings_that_are_none(items: list[str], words: str) -> None:
     with pytest.raises(WrongUsage, match=words):
-        parse_settings(items)
+        named_texts(items)
 
 
 def test_unknown_names(tmp_path: Path) -> None:

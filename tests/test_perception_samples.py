@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from ropefit.adapters.settings import PreprocessSettings
+from ropefit.api.pipeline import PREPROCESS
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
 from ropefit.perception.camera import Camera
@@ -18,8 +20,6 @@ from ropefit.recordings import fingerprint, open_recording
 from ropefit.recordings.clouds import read_cloud
 from ropefit.runs.execute import execute
 from ropefit.runs.protocol import Context
-from ropefit.stages import preprocess
-from ropefit.stages.preprocess import PreprocessSettings
 from tests.conftest import SAMPLES
 from tests.factories import FRAMES, cloud_recording, edit, marker_recording
 from tests.ropecloud import nearest
@@ -33,7 +33,7 @@ def observe(where: Path, directory: Path, **settings) -> Observations:
     context = Context(external={"recording": recording})
     external = {"recording": fingerprint(recording)}
     chosen = PreprocessSettings(**settings)
-    return execute(preprocess.STAGE, directory, chosen, context, external).artifact
+    return execute(PREPROCESS, directory, chosen, context, external).artifact
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 
 from ropefit.artifacts import DroppedFrame, write
 from ropefit.artifacts.diagnosis import Size
-from ropefit.commands_diagnose import _told
+from ropefit.cli.diagnose import size_text
 from ropefit.errors import StageFailed
 from ropefit.reporting.report import RunContents, render_report
 from ropefit.reporting.words import number, ranges, symbol, with_unit
@@ -233,8 +233,8 @@ def test_numbers(value, text):
 
 def test_shares_have_no_unit_where_a_person_reads():
     share = Size(value=0.97, unit="1", ci95=(0.9, 1.04))
-    assert _told("share", share) == "share 0.97 (0.9 .. 1.04)"
-    assert _told("mass", share.model_copy(update={"unit": "kg"})).endswith(") kg")
+    assert size_text("share", share) == "share 0.97 (0.9 .. 1.04)"
+    assert size_text("mass", share.model_copy(update={"unit": "kg"})).endswith(") kg")
     assert with_unit("0.97", "1") == "0.97"
     assert with_unit("7.0", "N m^2") == "7.0 N·m²"
     d = diagnosed()

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ropefit.adapters.settings import ControlSettings, PreprocessSettings
+from ropefit.api.pipeline import IDENTIFY, PREPROCESS
 from ropefit.artifacts import Observations, read
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.runs.code import PACKAGE, hash_of, imported, reached
 from ropefit.runs.execute import execute
 from ropefit.runs.protocol import Context
-from ropefit.stages import identify, preprocess
-from ropefit.stages.control import ControlSettings
-from ropefit.stages.identify import IdentifySettings
-from ropefit.stages.preprocess import PreprocessSettings
 from tests.factories import marker_recording
 
 STAGES = ("preprocess", "identify", "diagnose", "control", "export")
@@ -79,7 +78,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     context = Context(external={"recording": recording})
     external = {"recording": fingerprint(recording)}
     (base / "run").mkdir()
-    execute(preprocess.STAGE, base / "run", PreprocessSettings(nodes=8), context, external)
+    execute(PREPROCESS, base / "run", PreprocessSettings(nodes=8), context, external)
     return base / "run"
 
 
@@ -142,14 +141,14 @@ def test_recorded_settings_are_those_that_the_fit_asks_for(fit: str, run: Path) 
     settings = Watched(**FITS[fit])
     used = set(settings.used())
     asked.clear()
-    identify.STAGE.compute({Observations.file_name: o}, settings, Context())
+    IDENTIFY.compute({Observations.file_name: o}, settings, Context())
     asked.add("search")  # told by its name, even where a solver has only one
     assert asked & set(IdentifySettings.model_fields) == used
 
 
 def test_settings_that_the_fit_does_not_use_change_nothing(run: Path) -> None:
     def again(**given: Any) -> Any:
-        return execute(identify.STAGE, run, IdentifySettings(**FEW, **given), Context())
+        return execute(IDENTIFY, run, IdentifySettings(**FEW, **given), Context())
 
     first = again()
     assert first.computed

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from ropefit.artifacts import write
-from ropefit.commands_show import tell_answer
-from ropefit.console import Session
+from ropefit.cli.console import Session
+from ropefit.cli.run import show_answer
 from tests.conftest import ROOT
 from tests.report_runs import observations
 
@@ -84,23 +84,23 @@ def test_completion_of_commands_options_and_values(tmp_path):
 
 
 def test_formats_and_targets_offered_are_those_there_are():
-    from ropefit import cli_options
+    from ropefit.cli import options
     from ropefit.exporters import exporters
     from ropefit.importers import importers
 
     ours = {name for name, kind in importers().items() if kind.__module__.startswith("ropefit.")}
-    assert set(cli_options._FORMATS) == ours
-    assert set(cli_options._TARGETS) == set(exporters())
+    assert set(options.FORMATS) == ours
+    assert set(options.TARGETS) == set(exporters())
 
 
 def test_the_answer_is_told_on_standard_output(run, capsys):
-    sentences = tell_answer(Session(), run / "run")
+    sentences = show_answer(Session(), run / "run")
     out = capsys.readouterr().out
     assert len(sentences) == 2
     for sentence in sentences:
         assert sentence in out
-    tell_answer(Session(quiet=True), run / "run")
-    tell_answer(Session(json=True), run / "run")
+    show_answer(Session(quiet=True), run / "run")
+    show_answer(Session(json=True), run / "run")
     silent = capsys.readouterr()
     assert silent.out == silent.err == ""
 
@@ -118,6 +118,42 @@ def test_compilation_is_said_once_and_only_when_it_happens():
     with telling(said.append):
         functions[0](np.float64(4.0))
     assert len(said) == 1
+
+
+LOOPS = """
+import sys
+import numba, numpy as np
+from ropefit.solvers.compiling import telling
+
+@numba.njit(cache=True)
+def one(x):
+    return x + 1
+
+@numba.njit(cache=True)
+def two(x):
+    return x * 2
+
+for name in sys.argv[1:]:
+    with telling(print):
+        globals()[name](np.float64(3.0))
+"""
+
+
+def test_compilation_is_said_once_a_machine(tmp_path):
+    """Not again by a later stage, nor by a later process that compiles other loops."""
+    from ropefit.solvers.compiling import COMPILING
+
+    (tmp_path / "loops.py").write_text(LOOPS)
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def said(*names: str) -> list[str]:
+        command = [sys.executable, str(tmp_path / "loops.py"), *names]
+        done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+        return done.stdout.splitlines()
+
+    assert said("one", "one") == [COMPILING]
+    assert said("one", "two") == []
+    assert list(tmp_path.glob("cache/*/*.nbc"))
 
 
 def test_a_viewer_that_is_missing_is_one_line(run, monkeypatch):

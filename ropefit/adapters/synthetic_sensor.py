@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,44 +9,26 @@ import numpy as np
 from ropefit.adapters.synthetic_spec import SimulationSpec
 from ropefit.models.xpbd import Ends
 from ropefit.perception.trace import polyline_arc, resample
+from ropefit.recordings.writer import About, RecordingWriter
 
 
 def write_recording(spec: SimulationSpec, x: np.ndarray, ends: Ends, directory: Path) -> None:
+    """Write centrelines x (F, K, 3) [m] and ends as the recording that a sensor would give."""
     rng = np.random.default_rng(spec.sensor.seed)
-    s = spec.sensor
+    s, rope = spec.sensor, spec.rope
     viewpoint = np.array(s.viewpoint) if s.viewpoint else _viewpoint(spec, x)
-    lines = [
-        'format = "ropefit-recording/1"',
-        f"name = {_quoted(spec.name)}",
-        f"gravity = {list(spec.gravity)}",
-        "",
-        "[rope]",
-        f"length = {spec.rope.length}",
-        f"diameter = {spec.rope.diameter}",
-        *([f"mass = {spec.rope.mass}"] if spec.rope.mass else []),
-        "",
-        "[ends]",
-        'file = "ends.csv"',
-        "",
-        f"[{s.kind}]",
-    ]
-    _write_ends(spec, ends, rng, directory / "ends.csv")
+    about = About(spec.name, spec.gravity, rope.length, rope.diameter, rope.mass)
+    writer = RecordingWriter(directory, about)
+    time = np.array([float(f"{spec.motion.interval * frame:.9g}") for frame in range(len(x))])
+    _write_ends(spec, ends, time, rng, writer)
     if s.kind == "clouds":
-        lines += ['pattern = "clouds/{frame:06d}.ply"', f"viewpoint = {viewpoint.tolist()}"]
-        (directory / "clouds").mkdir()
         for frame, line in enumerate(x):
-            points = _surface(spec, line, viewpoint, rng)
-            _write_ply(directory / "clouds" / f"{frame:06d}.ply", points)
+            writer.write_cloud(frame, _surface(spec, line, viewpoint, rng))
+        writer.clouds_table(viewpoint)
     else:
-        arc = np.linspace(0, spec.rope.length, s.points)
-        lines += ['file = "markers.csv"', f"arc_length = {arc.round(9).tolist()}"]
-        _write_markers(spec, x, arc, rng, directory / "markers.csv")
-    (directory / "recording.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _quoted(text: str) -> str:
-    """A TOML string; JSON's escapes are TOML's but for pairs of surrogates and DEL."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+        arc = np.linspace(0, rope.length, s.points)
+        writer.write_markers_text(_markers(spec, x, arc, rng), time, arc.round(9))
+    writer.finish()
 
 
 def _viewpoint(spec: SimulationSpec, x: np.ndarray) -> np.ndarray:
@@ -58,22 +39,21 @@ def _viewpoint(spec: SimulationSpec, x: np.ndarray) -> np.ndarray:
     return centre - 1.5 * spec.rope.length * across
 
 
-def _write_ends(spec: SimulationSpec, ends: Ends, rng: np.random.Generator, path: Path) -> None:
-    clamped = np.isfinite(ends.orientation).any()
-    rows = ["frame,time,end,x,y,z" + (",qw,qx,qy,qz" if clamped else "")]
+def _write_ends(
+    spec: SimulationSpec,
+    ends: Ends,
+    time: np.ndarray,
+    rng: np.random.Generator,
+    writer: RecordingWriter,
+) -> None:
     for frame in range(spec.motion.frames):
         for end in (0, 1):
             if not np.isfinite(ends.position[frame, end, 0]):
                 continue
             point = ends.position[frame, end] + rng.normal(0, spec.sensor.end_noise, 3)
-            cells = [frame, frame * spec.motion.interval, end, *point.tolist()]
-            quaternion = ends.orientation[frame, end]
-            if np.isfinite(quaternion[0]):
-                cells += quaternion.tolist()
-            elif clamped:
-                cells += [""] * 4
-            rows.append(",".join(f"{c:.9g}" if isinstance(c, float) else str(c) for c in cells))
-    path.write_text("\n".join(rows) + "\n")
+            turn = ends.orientation[frame, end]
+            known = turn if np.isfinite(turn[0]) else None
+            writer.end(frame, float(time[frame]), end, point, known)
 
 
 def _hidden(spec: SimulationSpec, arc: np.ndarray) -> np.ndarray:
@@ -103,25 +83,16 @@ def _surface(
     return points
 
 
-def _write_ply(path: Path, points: np.ndarray) -> None:
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-        "property float x\nproperty float y\nproperty float z\nend_header\n"
-    )
-    path.write_bytes(header.encode() + points.astype("<f4").tobytes())
-
-
-def _write_markers(
-    spec: SimulationSpec, x: np.ndarray, arc: np.ndarray, rng: np.random.Generator, path: Path
-) -> None:
-    rows = ["frame,time,marker,x,y,z"]
+def _markers(
+    spec: SimulationSpec, x: np.ndarray, arc: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """(F, M, 3) [m] noisy markers at arc lengths (M,) [m], NaN where hidden."""
     hidden = _hidden(spec, arc) if spec.sensor.occluded else np.zeros(len(arc), dtype=bool)
-    for frame, line in enumerate(x):
+    found = []
+    for line in x:
         own = polyline_arc(line)
         points = resample(line, own, arc * own[-1] / spec.rope.length)
         points = points + rng.normal(0, spec.sensor.noise, points.shape)
         points[hidden] = np.nan
-        for marker, point in enumerate(points):
-            cells = ",".join(f"{value:.9g}" for value in point)
-            rows.append(f"{frame},{frame * spec.motion.interval:.9g},{marker},{cells}")
-    path.write_text("\n".join(rows) + "\n")
+        found.append(points)
+    return np.array(found)

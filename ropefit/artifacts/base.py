@@ -83,7 +83,12 @@ class Part(BaseModel):
     """A group inside an artifact: unknown keys are errors, dimensions of equal name agree in
     size."""
 
-    model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, frozen=True)
+    model_config = ConfigDict(
+        extra="forbid",
+        arbitrary_types_allowed=True,
+        frozen=True,
+        defer_build=True,  # a validator is built when it is used; all of them take 0.1 s
+    )
 
     @model_validator(mode="after")
     def _dimensions_agree(self) -> Part:

@@ -1,4 +1,4 @@
-"""Where tasks run: in processes here, or on workers of a dask scheduler, both through joblib."""
+"""Where tasks run: in processes of this machine, or on the workers of a dask scheduler."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ropefit.errors import RopefitError, StageFailed, WrongUsage
 from ropefit.runs.threads import processors
 
 Result = tuple[str, State, str]
+CONNECT_SECONDS = 10  # to wait for a scheduler, and for its first worker
 
 
 class WorkerDied(Exception):
@@ -68,22 +69,20 @@ class Dask:
         self.scheduler = scheduler
 
     def run(self, tasks: list[Task]) -> Iterator[Result]:
-        from distributed import Client
+        # Not through joblib: with a single worker it would compute in this process.
+        from distributed import Client, as_completed
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
-        from joblib import Parallel, delayed, parallel_config
 
         with ExitStack() as stack:
             try:
-                stack.enter_context(Client(self.scheduler, timeout=10, set_as_default=False))
-                stack.enter_context(parallel_config("dask", scheduler_host=self.scheduler))
-                pool = Parallel(
-                    n_jobs=-1,
-                    pre_dispatch="all",
-                    batch_size=1,  # type: ignore[arg-type]
-                    return_as="generator_unordered",
+                client = stack.enter_context(
+                    Client(self.scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
                 )
-                yield from pool(delayed(run_task)(task) for task in tasks)  # type: ignore[misc]
+                client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+                futures = client.map(run_task, tasks, pure=False)
+                for _, result in as_completed(futures, client.loop, with_results=True):
+                    yield result
             except KilledWorker as error:
                 raise WorkerDied from error
             except (OSError, CommClosedError, TimeoutError) as error:

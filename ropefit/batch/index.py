@@ -1,4 +1,4 @@
-"""What came of a batch: a table on the terminal, summary.csv, and a page that links the reports."""
+"""What came of a batch: its summary, summary.csv, and a page that links the reports."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from ropefit import __version__
-from ropefit.batch.records import Record, write_text
-from ropefit.console import Session
+from ropefit.batch.records import Batch, Record, write_text
 
-SHOWN = 40  # rows of the table on a terminal
 HEAD = (
     "recording", "state", "frames", "length [m]", "noise [mm]", "parameters", "rms fit [mm]",
     "held out [mm]", "left out", "time [s]", "remark",
@@ -24,30 +22,19 @@ NUMERIC = (2, 3, 4, 6, 7, 9)
 BRIEF = (0, 1, 2, 6, 8, 9)  # what a terminal has room for
 
 
-def summarise(session: Session, runs: Path, records: list[Record]) -> dict[str, Any]:
-    """Tell a batch; its --json."""
-    ordered = sorted(records, key=lambda r: r.state == "done")
-    rows = [[_row(r)[column] for column in BRIEF] for r in ordered]
-    session.table(f"{runs}", [HEAD[column] for column in BRIEF], rows[:SHOWN])
-    for r in ordered[:SHOWN]:
-        if r.state != "done":
-            session.say(f"{r.name}: {r.message}")
-    if len(rows) > SHOWN:
-        session.say(f"{len(rows) - SHOWN} more in {runs / 'summary.csv'}")
-    counts = {s: sum(r.state == s for r in records) for s in ("done", "failed", "busy", "running")}
-    text = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
-    session.say(f"batch: {text}; all numbers in {runs / 'index.html'} and summary.csv")
+def summary(batch: Batch) -> dict[str, Any]:
+    """Return what `--json` says of a batch."""
     return {
         "stage": "batch",
-        "runs": str(runs),
-        "index": str(runs / "index.html"),
-        "summary": str(runs / "summary.csv"),
-        **counts,
+        "runs": str(batch.runs),
+        "index": str(batch.runs / "index.html"),
+        "summary": str(batch.runs / "summary.csv"),
+        **batch.counts(),
         "recordings": [
             {
                 "name": r.name,
                 "recording": r.recording,
-                "run": str(runs / r.name),
+                "run": str(batch.runs / r.name),
                 "state": r.state,
                 "stage": r.stage,
                 "message": r.message,
@@ -58,7 +45,7 @@ def summarise(session: Session, runs: Path, records: list[Record]) -> dict[str, 
                 "peak_memory_bytes": r.peak,
                 "results": r.results,
             }
-            for r in records
+            for r in batch.records
         ],
     }
 
@@ -68,13 +55,13 @@ def write_index(runs: Path, records: list[Record]) -> None:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(HEAD)
-    table.writerows([[_no_formula(cell) for cell in _row(r)] for r in records])
+    table.writerows([[_no_formula(cell) for cell in cells(r)] for r in records])
     write_text(runs / "summary.csv", text.getvalue())
     write_text(runs / "index.html", _page(runs, records))
 
 
-def _row(r: Record) -> list[str]:
-    """The cells of a recording, in the order of HEAD."""
+def cells(r: Record) -> list[str]:
+    """Return the cells of a recording, in the order of HEAD."""
     found = r.results
     parameters = [
         f"{name} {p['value']:.4g} {'' if p['unit'] == '1' else p['unit']} ({p['verdict']})"
@@ -116,11 +103,11 @@ def _page(runs: Path, records: list[Record]) -> str:
     order = {"failed": 0, "running": 1, "busy": 2, "done": 3}
     rows = []
     for record in sorted(records, key=lambda r: order[r.state]):
-        cells: list[object] = list(_row(record))
+        row: list[object] = list(cells(record))
         if "report.html" in record.sizes:
             link = Markup('<a href="{}">{}</a>')
-            cells[0] = link.format(quote(f"{record.name}/report.html"), record.name)
-        rows.append(cells)
+            row[0] = link.format(quote(f"{record.name}/report.html"), record.name)
+        rows.append(row)
     seconds = sum(sum(r.seconds.values()) for r in records)
     held = sum(sum(r.sizes.values()) for r in records)
     head = facts(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,6 +41,29 @@ class Record(BaseModel):
     peak: int = 0
     process: str = ""
     results: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What is known of all recordings of a batch; runs: the folder of their runs."""
+
+    runs: Path
+    records: list[Record]
+
+    def counts(self) -> dict[str, int]:
+        """Return how many recordings are in each state."""
+        states = ("done", "failed", "busy", "running")
+        return {s: sum(r.state == s for r in self.records) for s in states}
+
+    def check(self) -> None:
+        """Raise StageFailed if any recording is not done."""
+        left = [r for r in self.records if r.state != "done"]
+        if left:
+            raise StageFailed(
+                f"{len(left)} of {len(self.records)} recordings are not done, the first "
+                f"{left[0].name}: {left[0].message or left[0].state}; see "
+                f"{self.runs / 'index.html'}, compute failed ones again with --retry"
+            )
 
 
 def record_path(runs: Path, name: str) -> Path:

@@ -10,19 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from ropefit.batch.engines import Dask, Engine, Local, WorkerDied
-from ropefit.batch.index import summarise, write_index
+from ropefit.batch.index import write_index
 from ropefit.batch.names import find_recordings
-from ropefit.batch.records import Record, read_record, write_record
+from ropefit.batch.records import Batch, Record, read_record, write_record
 from ropefit.batch.task import Task, code_of_stages
-from ropefit.console import Session
 from ropefit.errors import StageFailed, WrongUsage
+from ropefit.runs.protocol import Context
 
 Settings = dict[str, dict[str, Any]]
-Done = Callable[[str], None]  # told the name of every task that ended
+Done = Callable[[str], None]  # called with the name of every task that ended
 
 
 def run_batch(
-    session: Session,
     recordings: list[Path],
     runs: Path,
     settings: Settings,
@@ -31,48 +30,39 @@ def run_batch(
     scheduler: str | None = None,
     workers: int | None = None,
     retry: bool = False,
-) -> dict[str, Any]:
-    """Compute every recording that is not up to date; a summary, and `index.html` in `runs`.
+    context: Context | None = None,
+) -> Batch:
+    """Compute every recording that is not up to date; write `index.html` and a table into `runs`.
 
-    Recordings that failed before with the same settings and code are listed and left, unless
-    `retry`. Raises StageFailed in the end if any failed.
+    Recordings that failed before with the same settings and code are listed and not computed,
+    unless `retry`. What failed is in the records: see `Batch.check`.
     """
     if scheduler is not None and engine != "dask":
         raise WrongUsage("--scheduler belongs to --engine dask")
     if workers is not None and engine == "dask":
         raise WrongUsage("--workers is of this machine; the scheduler knows its own")
+    context = context or Context()
     found = find_recordings(recordings)
     if runs.exists() and not runs.is_dir():
         raise WrongUsage(f"{runs}: is a file, not a directory; give another --runs")
     tasks = _tasks(found, runs, settings, until)
     left = [task for task in tasks if retry or not _failed_before(task)]
-    session.say(f"batch: {len(tasks)} recordings, {len(tasks) - len(left)} of them failed before")
-    progress = session.progress("batch")
+    context.say(f"batch: {len(tasks)} recordings, {len(tasks) - len(left)} of them failed before")
     busy: dict[str, str] = {}
     count = 0
 
     def ended(name: str) -> None:
         nonlocal count
         count += 1
-        progress(count / max(len(left), 1), f"{count} of {len(left)}, last {name}")
+        context.progress(count / max(len(left), 1), f"{count} of {len(left)}, last {name}")
 
     chosen: Engine = Dask(scheduler) if engine == "dask" else Local(workers)
     try:
         busy = _work_through(chosen, left, ended)
-    finally:  # also of a batch that was stopped: what is there is told
-        session.finish()
+    finally:  # also of a batch that was stopped: what is there is listed
         records = [_record(task, busy) for task in tasks]
         write_index(runs, records)
-    data = summarise(session, runs, records)
-    if data["failed"] or data["busy"] or data["running"]:
-        session.result(data)
-        first = next(r for r in records if r.state != "done")
-        raise StageFailed(
-            f"{len(tasks) - data['done']} of {len(tasks)} recordings are not done, the first "
-            f"{first.name}: {first.message or first.state}; see {runs / 'index.html'}, compute "
-            "failed ones again with --retry"
-        )
-    return data
+    return Batch(runs, records)
 
 
 def _tasks(found: dict[str, Path], runs: Path, settings: Settings, until: str) -> list[Task]:

@@ -1,4 +1,4 @@
-"""One recording of a batch, in whatever process it runs: all stages, told by a record."""
+"""One recording of a batch, in whatever process it runs: all stages, and the record of them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ropefit.api import runs, summaries
+from ropefit.api.pipeline import COMPUTED
+from ropefit.artifacts import Model
 from ropefit.batch.records import Record, State, read_record, write_record
-from ropefit.batch.told import told
-from ropefit.console import Session, as_failure, one_line
+from ropefit.batch.results import results
+from ropefit.errors import as_failure, one_line
+from ropefit.runs.code import code_sha256
+from ropefit.runs.loading import load
+from ropefit.runs.lock import Busy, working_on
+from ropefit.runs.protocol import Context
+from ropefit.runs.run_directory import REPORT
+
+Summary = dict[str, Any]
 
 STAGES = ("preprocess", "identify", "diagnose", "control", "report")
 
@@ -37,9 +47,7 @@ class Task:
 
 def code_of_stages() -> str:
     """Return the hash of the code of every stage that computes; the report only shows."""
-    from ropefit.runs.code import code_sha256
-
-    return code_sha256(*(f"ropefit.stages.{stage}" for stage in STAGES if stage != "report"))
+    return code_sha256(*(stage.module for stage in COMPUTED))
 
 
 def run_task(task: Task) -> tuple[str, State, str]:
@@ -48,8 +56,6 @@ def run_task(task: Task) -> tuple[str, State, str]:
     Nothing it does can fail the batch; what happened is in its record. A run that another process
     works on is left alone, its record too.
     """
-    from ropefit.runs.lock import Busy, working_on
-
     try:
         with working_on(Path(task.runs) / task.name), warnings.catch_warnings(action="ignore"):
             record = _Progress(task).compute()
@@ -117,48 +123,40 @@ class _Progress:
                 computed=[*self.record.computed, stage],
                 seconds={**self.record.seconds, stage: seconds},
             )
-        self._note(results={**self.record.results, **told(stage, data)})
+        self._note(results={**self.record.results, **results(stage, data)})
         return data.get("computed", True)
 
     def _note(self, **changes: Any) -> None:
         self.record = self.record.model_copy(update=changes)
 
 
-def _preprocess(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[str, Any]:
-    from ropefit.commands import preprocess
-
-    return preprocess(_quiet(), Path(task.recording), run, task.settings["preprocess"], False)
-
-
-def _identify(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[str, Any]:
-    from ropefit.commands import identify
-
-    return identify(_quiet(), run, task.settings["identify"], None, False)
+def _preprocess(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary:
+    given, recording = task.settings["preprocess"], Path(task.recording)
+    # A run is called after its recording: another one of that name takes its place.
+    return summaries.preprocessed(runs.preprocess(recording, run, given, Context(), replaces=True))
 
 
-def _diagnose(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[str, Any] | None:
-    from ropefit.commands import diagnose
+def _identify(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary:
+    return summaries.identified(runs.identify(run, task.settings["identify"], Context()))
 
-    # The paper's weights say nothing of a rope: there is nothing to diagnose.
-    if record.results.get("search") != "least-squares":
+
+def _diagnose(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary | None:
+    if not runs.diagnosable(load(run, Model)[0]):
         return None
-    return diagnose(_quiet(), run, {}, None, None, False)
+    return summaries.diagnosed(runs.diagnose(run, {}, Context()))
 
 
-def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[str, Any]:
-    from ropefit.commands import control
-
-    return control(_quiet(), run, task.settings["control"], None, False)
+def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary:
+    return summaries.controlled(runs.control(run, task.settings["control"], Context()))
 
 
-def _report(task: Task, run: Path, record: Record, fresh: list[str]) -> dict[str, Any] | None:
-    from ropefit.commands_show import report
-    from ropefit.runs.run_directory import REPORT
+def _report(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary | None:
+    from ropefit.stages.report import write_report
 
     last = record.computed[-1] if record.computed else ""
     if not fresh and last == "report" and (run / REPORT).exists():
         return None
-    return report(_quiet(), [], run, [], None)
+    return {"stage": "report", "report": str(write_report(run, lambda sentence: None))}
 
 
 _WORK = {
@@ -168,10 +166,6 @@ _WORK = {
     "control": _control,
     "report": _report,
 }
-
-
-def _quiet() -> Session:
-    return Session(quiet=True)
 
 
 def _sizes(directory: Path) -> dict[str, int]:

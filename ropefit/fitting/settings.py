@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from ropefit.errors import WrongUsage
-from ropefit.losses.objectives import LossName
+from ropefit.losses.names import LossName
 from ropefit.runs.protocol import StageSettings
 
 # What a fit uses besides what every fit does; a search adds its own limits.

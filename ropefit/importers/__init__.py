@@ -6,13 +6,14 @@ from ropefit.errors import WrongUsage
 from ropefit.importers.base import Entry, Importer, Options, parse_options
 from ropefit.importers.c3d import C3d
 from ropefit.importers.clouds import Clouds
-from ropefit.importers.draft import About, Draft
+from ropefit.importers.draft import Draft
 from ropefit.importers.kinect import Kinect
 from ropefit.importers.mocap import Mocap
 from ropefit.importers.realsense import RealSense
 from ropefit.importers.ros import Ros
 from ropefit.importers.tum import Tum
 from ropefit.plugins import concrete
+from ropefit.recordings.writer import About
 
 __all__ = [
     "About", "C3d", "Clouds", "Draft", "Entry", "Importer", "Kinect", "Mocap", "Options",

@@ -8,7 +8,7 @@ length, a constant of each frame), so that every loss is in metres and `+ L_LO` 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -79,7 +79,6 @@ class Scene(NamedTuple):
         )
 
 
-LossName = Literal["OBJ1", "OBJ2", "OBJ3", "OBJ4", "OBJ5", "OBJ6", "OBJ7", "OBJ8", "OBJ9"]
 Primary = Callable[[Tensor, Observed], Residual]
 
 

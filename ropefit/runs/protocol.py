@@ -55,11 +55,7 @@ class Stage(Generic[S]):
     reads: tuple[type[Artifact], ...]
     writes: type[Artifact]
     compute: Callable[[dict[str, Any], S, Context], dict[str, Any]]
-
-    @property
-    def module(self) -> str:
-        """The module of the computation, whose code and imports the output depends on."""
-        return self.compute.__module__
+    module: str  # of the computation, whose code and imports the output depends on
 
 
 @dataclass(frozen=True)

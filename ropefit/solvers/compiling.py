@@ -1,21 +1,31 @@
-"""Says when compiled code is made: once for a machine and a version, about a minute in silence."""
+"""Say when compiled code is made: once a machine and a version, not in every stage of a first run.
+
+numba compiles each loop when it is first used and keeps it in a cache folder. The sentence is for
+all of them: a mark beside the cache says that it has been said.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 COMPILING = (
-    "compiling the solver for this machine; this happens once and takes about a minute (nothing is "
-    "wrong)"
+    "compiling the solvers for this machine; this happens once for each of them and takes about a "
+    "minute in all (nothing is wrong)"
 )
+MARK = ".ropefit-compiling-"  # a file of this name beside numba's cache: it has been said
 
 
 def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
-    """Meanwhile the first compilation by numba is said, once; loading its cache is not.
+    """Meanwhile the first compilation by numba is said; loading its cache is not.
 
-    Costs nothing where numba is not in use.
+    Nothing is said where it was said before on this machine, for the same source. Costs nothing
+    where numba is not in use.
     """
     if "numba" not in sys.modules:
         return nullcontext()
@@ -24,12 +34,47 @@ def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
     class Telling(event.Listener):
         told = False
 
-        def on_start(self, event: object) -> None:
+        def on_start(self, event: Any) -> None:
             if not self.told:
                 self.told = True
-                say(COMPILING)
+                if _first(event.data["dispatcher"]):
+                    say(COMPILING)
 
-        def on_end(self, event: object) -> None:
+        def on_end(self, event: Any) -> None:
             pass
 
     return event.install_listener("numba:compile", Telling())
+
+
+def _first(dispatcher: Any) -> bool:
+    """Whether no mark of this source lies beside numba's cache; it does from now on."""
+    kept = dispatcher.stats.cache_path
+    if kept is None:  # not cached: compiled in every process
+        return True
+    mark = _beside(Path(kept)) / f"{MARK}{_source()}"
+    try:
+        if mark.exists():
+            return False
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        for old in mark.parent.glob(f"{MARK}*"):
+            old.unlink(missing_ok=True)
+        mark.touch()
+    except OSError:  # a folder that cannot be written: said once in every stage
+        pass
+    return True
+
+
+def _beside(kept: Path) -> Path:
+    """One folder for all of ropefit's loops; numba has one for each folder of source."""
+    return kept.parents[1] / kept.name if kept.name == "__pycache__" else kept.parent
+
+
+@cache
+def _source() -> str:
+    """A hash of the solvers' source and of numba's version: what compiled code depends on."""
+    import numba
+
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -8,41 +8,22 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
 
 from ropefit.adapters.control_rope import control_guess, rope_at
 from ropefit.adapters.scene import build_scene, check_loss, control_positions, pinhole
+from ropefit.adapters.settings import ControlSettings
 from ropefit.adapters.shapes_only import shapes_only
 from ropefit.adapters.targets import Targets
-from ropefit.artifacts import Control, FittedModel, Model, Observations
+from ropefit.artifacts import FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import bfgs
 from ropefit.inference.bfgs import Search
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
-from ropefit.losses.objectives import OBJECTIVES, LossName, Pinhole
+from ropefit.losses.objectives import OBJECTIVES, Pinhole
 from ropefit.models.equilibrium_rope import EquilibriumRope
-from ropefit.runs.protocol import Context, Stage, StageSettings
+from ropefit.runs.protocol import Context
 
 STARTS = 6  # recorded poses from which shape control tries to set out
-
-
-class ControlSettings(StageSettings):
-    """loss for an estimate; key: arc lengths [m] of key points to predict; turn: also the
-    orientation."""
-
-    loss: LossName = "OBJ1"
-    key: list[float] = Field(default_factory=list)
-    turn: bool | None = None  # None: not in an estimate, yes in shape control
-    evaluations: int = Field(default=200, ge=1)
-    target: bool = False
-
-    def used(self) -> dict[str, Any]:
-        """Return the settings that the output depends on: a target replaces loss and key points."""
-        return {
-            name: value
-            for name, value in super().used().items()
-            if not (self.target and name in ("loss", "key"))
-        }
 
 
 def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context) -> dict[str, Any]:
@@ -263,6 +244,3 @@ def _reached(x: np.ndarray, targets: Targets, length: float) -> np.ndarray:
         known, loose = compare(torch.from_numpy(x), torch.arange(len(x)))
     gap = torch.where(known.mask[..., None], known.vectors, loose.vectors).numpy()
     return targets.points - np.where(np.isfinite(targets.points), gap, np.nan)
-
-
-STAGE = Stage(name="control", reads=(Observations, Model), writes=Control, compute=compute)

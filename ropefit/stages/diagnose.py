@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
 from threadpoolctl import threadpool_limits
 
 from ropefit.adapters.diagnosis_content import content
@@ -16,9 +15,10 @@ from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.frozen import covariance_of, frozen_values
 from ropefit.adapters.priors import noise_of, priors_of
 from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of, surface_sd
+from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.adapters.shapes_only import shapes_only
 from ropefit.adapters.start_values import started_setup
-from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.artifacts import Model, Observations
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import RULES, Rules
@@ -33,7 +33,7 @@ from ropefit.models.equilibrium import Forward, Term
 from ropefit.models.parameters import PARAMETERS
 from ropefit.models.priors import calibration
 from ropefit.rod.setup import Setup
-from ropefit.runs.protocol import Context, Stage, StageSettings
+from ropefit.runs.protocol import Context
 from ropefit.solvers.branches import follow
 
 FEWEST_FRAMES = 4
@@ -41,16 +41,6 @@ GJ_PRIOR_SD = 0.5  # of the logarithm of GJ/EI, about that of a solid round sect
 PATH_FRAMES = 2  # times the compared frames: those that a path-dependent rope goes through
 LEAST_PRIOR_SD = 1e-4  # search variables
 LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run knows an error
-
-
-class DiagnoseSettings(StageSettings):
-    """seed of the replicates; most_frames used, evenly spread; nominal: another run's rope;
-    calibration: another run's camera and gravity."""
-
-    seed: int = 0
-    most_frames: int = Field(default=48, ge=4)
-    nominal: bool = False
-    calibration: bool = False
 
 
 def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context) -> dict[str, Any]:
@@ -224,6 +214,3 @@ def _nominal(setup: Setup, terms: list[Term], data, noise: Noise, bins: int) -> 
         return fit(forward, data, noise, bins, first.point.u, 30, tolerance=1e-5)
     except ArithmeticError as error:
         raise NotConverged(f"{error}; look at the ends and the length of the recording")
-
-
-STAGE = Stage(name="diagnose", reads=(Observations, Model), writes=Diagnosis, compute=compute)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from ropefit.adapters.scene import check_loss
-from ropefit.artifacts import Model, Observations
+from ropefit.artifacts import Observations
 from ropefit.fitting import equilibrium, motion, searched, weights
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.runs.protocol import Context, Stage
-
-__all__ = ["STAGE", "IdentifySettings"]
+from ropefit.runs.protocol import Context
 
 
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
@@ -24,6 +22,3 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     if settings.how == "least-squares":
         return equilibrium.compute(observations, settings, context)
     return searched.compute(observations, settings, context)
-
-
-STAGE = Stage(name="identify", reads=(Observations,), writes=Model, compute=compute)

@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
-from ropefit.artifacts import DroppedFrame, Observations, View
+from ropefit.adapters.settings import PreprocessSettings
+from ropefit.artifacts import DroppedFrame, View
 from ropefit.errors import BadInput
 from ropefit.perception.album import Album
 from ropefit.perception.assemble import assemble
@@ -21,25 +21,10 @@ from ropefit.perception.tracing import Tracer
 from ropefit.recordings import Masks, Recording
 from ropefit.runs.arrays import as_arrays, from_arrays
 from ropefit.runs.journal import Arrays, journal
-from ropefit.runs.protocol import Context, Stage, StageSettings
+from ropefit.runs.protocol import Context
 from ropefit.runs.threads import threads
 
 MOST_GAPS = 0.2  # of the frames: more are no gaps but steps
-
-
-class PreprocessSettings(StageSettings):
-    """nodes: K, the number of particles and segment boundaries. project: onto the hanging plane.
-
-    Of pictures: color (r, g, b) of the rope; roi (u, v, width, height) [px] that it is in; mask: a
-    folder of masks.
-    """
-
-    nodes: int = Field(default=20, ge=4, le=400)
-    project: Literal["auto", "yes", "no"] = "auto"
-    most_points: int = Field(default=400, ge=20, le=20_000)
-    color: tuple[int, int, int] | None = None
-    roi: tuple[int, int, int, int] | None = None
-    mask: str | None = None
 
 
 def compute(
@@ -154,11 +139,3 @@ def _missing(recording: Recording) -> list[DroppedFrame]:
         return []
     reason = "missing: the recording has no file of this frame"
     return [DroppedFrame(frame=frame, reason=reason) for frame in gaps]
-
-
-STAGE = Stage(
-    name="preprocess",
-    reads=(),
-    writes=Observations,
-    compute=compute,
-)

@@ -10,11 +10,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ropefit.adapters.contents import read_run
+from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.api import pipeline
 from ropefit.artifacts import (
     Artifact,
     Control,
@@ -25,12 +27,15 @@ from ropefit.artifacts import (
     write,
 )
 from ropefit.errors import BadInput, WrongUsage
-from ropefit.exporters import ExportResult
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.recordings import Masks, Recording, fingerprint, open_recording, sample_path
 from ropefit.reporting.contents import RunContents as Run
 from ropefit.runs.execute import made
 from ropefit.runs.protocol import Context, Stage, StageSettings
 from ropefit.runs.run_directory import existing_run, new_run
+
+if TYPE_CHECKING:
+    from ropefit.exporters import ExportResult
 
 __all__ = [
     "Run",
@@ -83,10 +88,8 @@ def preprocess(
     nodes: K points along the rope; color (r, g, b), roi (u, v, width, height) [px] and mask (a
     folder) help to find the rope in pictures. Raises BadInput when no frame is usable.
     """
-    from ropefit.stages import preprocess as stage
-
     opened = recording if isinstance(recording, Recording) else load(recording)
-    settings = stage.PreprocessSettings(
+    settings = PreprocessSettings(
         nodes=nodes,
         project=project,
         most_points=most_points,
@@ -97,7 +100,7 @@ def preprocess(
     hashes = {"recording": fingerprint(opened)}
     if mask is not None:
         hashes["mask"] = Masks(Path(mask)).sha256()
-    return _compute(stage.STAGE, {}, hashes, settings, {"recording": opened}, progress)
+    return _compute(pipeline.PREPROCESS, {}, hashes, settings, {"recording": opened}, progress)
 
 
 def fit(
@@ -119,9 +122,7 @@ def fit(
     settings: any other option of `ropefit identify`, with underscores. A frame that does not settle
     is marked. Raises BadInput, NotConverged, WrongUsage.
     """
-    from ropefit.stages import identify as stage
-
-    chosen = stage.IdentifySettings(
+    chosen = IdentifySettings(
         solver=solver,
         loss=loss,  # type: ignore[arg-type]
         search=search,
@@ -134,7 +135,7 @@ def fit(
     if known is not None:
         hashes["--from"] = content_sha256(known)
         external = {"from": known, "from_path": "the known model"}
-    return _compute(stage.STAGE, _inputs(observations), hashes, chosen, external, progress)
+    return _compute(pipeline.IDENTIFY, _inputs(observations), hashes, chosen, external, progress)
 
 
 def diagnose(
@@ -152,14 +153,14 @@ def diagnose(
     another recording of the same set-up, for its camera and gravity. settings: any other option of
     `ropefit diagnose`. Raises BadInput, NotConverged, WrongUsage.
     """
-    from ropefit.stages import diagnose as stage
-
     given = {"nominal": nominal, "calibration": calibration}
     external = {name: other for name, other in given.items() if other is not None}
-    chosen = stage.DiagnoseSettings(**dict.fromkeys(external, True), **settings)
+    chosen = DiagnoseSettings(**dict.fromkeys(external, True), **settings)
     hashes = _of(observations, model)
     hashes |= {name: content_sha256(other) for name, other in external.items()}
-    return _compute(stage.STAGE, _inputs(observations, model), hashes, chosen, external, progress)
+    return _compute(
+        pipeline.DIAGNOSE, _inputs(observations, model), hashes, chosen, external, progress
+    )
 
 
 def control(
@@ -180,8 +181,6 @@ def control(
     or (C, M) [m]: where on the rope, NaN or None for anywhere. settings: any other option of
     `ropefit control`. `converged` marks the searches that arrived. Raises BadInput, NotConverged.
     """
-    from ropefit.stages import control as stage
-
     external: dict[str, Any] = {}
     hashes = _of(observations, model)
     if diagnosis is not None:
@@ -191,8 +190,10 @@ def control(
         wanted = _targets(targets, arc_length, observations.length)
         hashes["target"] = wanted.sha256
         external["targets"] = wanted
-    chosen = stage.ControlSettings(loss=loss, target=targets is not None, **settings)  # type: ignore[arg-type]
-    return _compute(stage.STAGE, _inputs(observations, model), hashes, chosen, external, progress)
+    chosen = ControlSettings(loss=loss, target=targets is not None, **settings)  # type: ignore[arg-type]
+    return _compute(
+        pipeline.CONTROL, _inputs(observations, model), hashes, chosen, external, progress
+    )
 
 
 def export(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ropefit.console import plain
+from ropefit.api.summaries import plain
 
 
-def told(stage: str, data: dict[str, Any]) -> dict[str, Any]:
-    """What a stage's --json says of the recording as a whole."""
+def results(stage: str, data: dict[str, Any]) -> dict[str, Any]:
+    """Return what a stage's summary says of the recording as a whole."""
     return plain(_OF[stage](data)) if stage in _OF else {}
 
 

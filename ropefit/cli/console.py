@@ -1,5 +1,4 @@
-"""What a person (or a script) sees: progress and words on standard error, results on standard
-output."""
+"""The terminal of a command: sentences on standard error, results on standard output."""
 
 from __future__ import annotations
 
@@ -7,14 +6,16 @@ import json
 import sys
 import traceback
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
-from ropefit.errors import RopefitError, WrongUsage
+from ropefit.errors import as_failure, one_line
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from ropefit.runs.protocol import Context, Outcome
 
 
 class Session:
@@ -36,7 +37,7 @@ class Session:
         trace: TracebackType | None,
     ) -> None:
         self.finish()
-        if error is None or isinstance(error, (typer.Exit, SystemExit)):
+        if error is None or isinstance(error, SystemExit):
             return
         if self.debug:
             traceback.print_exception(kind, error, trace)
@@ -53,6 +54,8 @@ class Session:
         """A progress function (share, text) for a stage; drawn on terminals only."""
         if self.quiet or not self.errors.is_terminal:
             return lambda share, text: None
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
         self.finish()
         self._progress = Progress(
             TextColumn(label),
@@ -67,6 +70,21 @@ class Session:
         bar = self._progress
         return lambda share, text: bar.update(task, completed=share, description=text)
 
+    def context(self, label: str) -> Context:
+        """Where a stage tells its progress and its sentences."""
+        from ropefit.runs.protocol import Context
+
+        return Context(self.progress(label), self.say)
+
+    def finished(self, stage: str, outcome: Outcome[Any]) -> None:
+        """Say where the artifact of a stage is, and whether it was computed now."""
+        self.finish()
+        if outcome.computed:
+            seconds = outcome.artifact.provenance.seconds
+            self.say(f"{stage}: {outcome.path} written in {seconds:.1f} s ({outcome.why})")
+        else:
+            self.say(f"{stage}: {outcome.path} is up to date (--force computes it again)")
+
     def finish(self) -> None:
         """Take the progress bar away."""
         if self._progress is not None:
@@ -77,6 +95,8 @@ class Session:
         """A table for a person."""
         if self.quiet or self.json:
             return
+        from rich.table import Table
+
         table = Table(title=title, title_justify="left", show_edge=False)
         for column in columns:
             table.add_column(column.replace("[", r"\["), overflow="fold")
@@ -93,6 +113,8 @@ class Session:
     def result(self, data: dict[str, Any]) -> None:
         """The command's result, as one JSON object when that was asked for."""
         if self.json:
+            from ropefit.api.summaries import plain
+
             sys.stdout.write(json.dumps(plain(data), allow_nan=False) + "\n")
             sys.stdout.flush()
 
@@ -102,56 +124,3 @@ def _console(stderr: bool) -> Console:
     console = Console(stderr=stderr, highlight=False)
     console.soft_wrap = not console.is_terminal
     return console
-
-
-def as_failure(error: BaseException) -> RopefitError:
-    """Any exception as a failure that is told in one line, with its exit code."""
-    from pydantic import ValidationError
-
-    if isinstance(error, RopefitError):
-        return error
-    if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        name = "--" + str(first["loc"][0] if first["loc"] else "settings").replace("_", "-")
-        return WrongUsage(f"{name}: {first['msg'].removeprefix('Value error, ')}")
-    if isinstance(error, ImportError):
-        from ropefit.system import missing_library, remedy
-
-        library = missing_library(str(error))
-        return RopefitError(
-            remedy(library) if library else f"{error}; run pip install ropefit again"
-        )
-    if isinstance(error, KeyboardInterrupt):
-        return RopefitError("stopped; what was finished is kept, run the same command to go on")
-    if isinstance(error, MemoryError):
-        return RopefitError("out of memory; use fewer frames, points or nodes")
-    if isinstance(error, BrokenPipeError):
-        return RopefitError("the reader of the output went away")
-    if isinstance(error, OSError):
-        what = error.strerror or type(error).__name__
-        return RopefitError(f"{error.filename or 'file system'}: {what}; give another path")
-    return RopefitError(
-        f"unexpected {type(error).__name__}: {error}; this is a bug, run again with --debug"
-    )
-
-
-def one_line(error: BaseException) -> str:
-    """What an exception says, on one line."""
-    return " ".join(str(error).split())
-
-
-def plain(value: Any) -> Any:
-    """JSON without NaN: numpy to Python, non-finite numbers to null."""
-    import numpy as np
-
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

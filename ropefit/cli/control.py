@@ -1,0 +1,114 @@
+"""`ropefit control`: where the control point was, or where it must go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+from ropefit.cli.options import (
+    OF_EXPERTS,
+    Debug,
+    Force,
+    Json,
+    Loss,
+    LossOption,
+    OptionalPath,
+    Quiet,
+    Run,
+    start_session,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ropefit.artifacts import Control
+    from ropefit.cli.console import Session
+    from ropefit.runs.protocol import Outcome
+
+
+def control(
+    run: Run = Path("run"),
+    loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
+    target: Annotated[
+        OptionalPath,
+        typer.Option(
+            help="A csv of target points x,y,z[,arc_length][,target] that the rope is to pass: "
+            "shape control."
+        ),
+    ] = None,
+    key: Annotated[
+        Optional[list[float]],  # noqa: UP045
+        typer.Option(help="The arc length [m] of a key point to predict. Repeatable."),
+    ] = None,
+    turn: Annotated[
+        Optional[bool],  # noqa: UP045
+        typer.Option(
+            "--turn/--no-turn",
+            help="Move the gripper's orientation too; by default in shape control only.",
+        ),
+    ] = None,
+    evaluations: Annotated[
+        int,
+        typer.Option(help="The most evaluations of the search.", rich_help_panel=OF_EXPERTS),
+    ] = 200,
+    force: Force = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Find where the control point was, or where it must go.
+
+    It is estimated in every frame, or found for target points that the rope is to pass.
+    """
+    with start_session(json, quiet, debug) as session:
+        from ropefit.api import runs
+
+        settings = {
+            "loss": loss.value,
+            "key": list(key or []),
+            "turn": turn,
+            "evaluations": evaluations,
+        }
+        outcome = runs.control(run, settings, session.context("control"), target, force)
+        session.result(show_control(session, outcome))
+
+
+def show_control(session: Session, outcome: Outcome[Control]) -> dict[str, Any]:
+    """Print how far off the control point is, and return the summary."""
+    from ropefit.api.summaries import controlled
+
+    session.finished("control", outcome)
+    c = outcome.artifact
+    rows = []
+    if c.kind == "estimate":
+        rows.append(["control point", *_spread(c.deviation, c.deviation_px)])
+        for k in range(c.key_arc.shape[1]):
+            label = f"key point at {c.key_arc[0, k]:.3g} m"
+            rows.append([label, *_spread(c.key_deviation[:, k], c.key_deviation_px[:, k])])
+    else:
+        for case in range(len(c.cases)):
+            at = ", ".join(f"{value:.4f}" for value in c.position[case])
+            label = f"target {c.cases[case]}: gripper to ({at}) m"
+            rows.append([label, *_spread(c.key_deviation[case], c.key_deviation_px[case])])
+    session.table(
+        f"{c.kind} by {c.loss_name}: deviation",
+        ["", "median [mm]", "mean [mm]", "max [mm]", "mean [px]"],
+        rows,
+    )
+    session.say(f"{int(c.converged.sum())} of {len(c.cases)} searches converged")
+    for note in c.notes:
+        session.say(f"note: {note}")
+    return controlled(outcome)
+
+
+def _spread(metres: np.ndarray, pixels: np.ndarray) -> list[str]:
+    """Median, mean and largest in mm, mean in pixels."""
+    import numpy as np
+
+    known = metres[np.isfinite(metres)] * 1e3
+    if known.size == 0:
+        return ["-", "-", "-", "-"]
+    values = [np.median(known), known.mean(), known.max(), np.nanmean(pixels)]
+    return [f"{value:.3g}" for value in values]

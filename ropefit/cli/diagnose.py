@@ -1,0 +1,113 @@
+"""`ropefit diagnose`: where simulation and recording differ, and which physics is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ropefit.cli.options import (
+    OF_EXPERTS,
+    Debug,
+    Force,
+    Json,
+    OptionalPath,
+    Quiet,
+    Run,
+    start_session,
+)
+
+if TYPE_CHECKING:
+    from ropefit.artifacts import Diagnosis
+    from ropefit.artifacts.diagnosis import Size
+    from ropefit.cli.console import Session
+    from ropefit.runs.protocol import Outcome
+
+
+def diagnose(
+    run: Run = Path("run"),
+    nominal: Annotated[
+        OptionalPath,
+        typer.Option(help="Another run of the same rope, whose parameters are taken as known."),
+    ] = None,
+    calibration: Annotated[
+        OptionalPath,
+        typer.Option(
+            help="A run of the same set-up, best of a taut rope, whose camera and gravity are "
+            "taken as known."
+        ),
+    ] = None,
+    seed: Annotated[
+        int,
+        typer.Option(help="The seed of the simulated recordings.", rich_help_panel=OF_EXPERTS),
+    ] = 0,
+    most_frames: Annotated[
+        int,
+        typer.Option(
+            help="The most frames that are used, evenly spread.", rich_help_panel=OF_EXPERTS
+        ),
+    ] = 48,
+    force: Force = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Find where model and recording differ: the missing physics."""
+    with start_session(json, quiet, debug) as session:
+        from ropefit.api import runs
+
+        settings = {"seed": seed, "most_frames": most_frames}
+        context = session.context("diagnose")
+        outcome = runs.diagnose(run, settings, context, nominal, calibration, force)
+        session.result(show_diagnosis(session, outcome))
+
+
+def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, Any]:
+    """Print what was diagnosed, and return its summary."""
+    from ropefit.api.summaries import diagnosed
+
+    session.finished("diagnose", outcome)
+    d = outcome.artifact
+    if d.verdict == "none":
+        session.say("no missing physics: what the nominal model does not explain is noise")
+    elif d.verdict == "unknown":
+        session.say(
+            "physics is missing that no effect of the catalogue explains; see the latent force in "
+            "the report"
+        )
+    rows = _rows(d)
+    if rows:
+        session.table(
+            f"{d.recording}: missing physics",
+            ["effect", "where [m]", "size (95 %)", "equivalent", "nats"],
+            rows,
+        )
+        for c in d.causes.values():
+            session.say(c.sentence)
+    session.say(
+        f"held-out frames: rms {d.rms_before * 1e3:.3g} mm before, {d.rms_after * 1e3:.3g} mm "
+        f"after; noise of a point {d.noise_white * 1e3:.3g} mm"
+    )
+    for reason in d.refused:
+        session.say(f"not accepted: {reason}")
+    if d.motion:
+        session.say(f"to tell {' from '.join(d.separates)}: {d.motion}")
+    return diagnosed(outcome)
+
+
+def _rows(d: Diagnosis) -> list[list[str]]:
+    """A row an effect: its name, its place, its size, its equivalents, its evidence."""
+    rows = []
+    for c in d.causes.values():
+        where = "-" if c.arc_length is None else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"
+        key, size = next(iter(c.parameters.items()))
+        others = ", ".join(c.equivalent_to) or "-"
+        rows.append([c.name, where, size_text(key, size), others, f"{c.log_evidence:.1f}"])
+    return rows
+
+
+def size_text(key: str, size: Size) -> str:
+    """Return a size with its interval and its unit."""
+    interval = f"({size.ci95[0]:.3g} .. {size.ci95[1]:.3g})"
+    return f"{key} {size.value:.3g} {interval}" + ("" if size.unit == "1" else f" {size.unit}")

@@ -1,0 +1,183 @@
+"""The options that commands share, as typer reads them."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+if TYPE_CHECKING:
+    from ropefit.cli.console import Session
+
+
+class Solver(StrEnum):
+    """The paper's solvers, the rod in equilibrium, or the rod in motion."""
+
+    jacobi = "jacobi"
+    thomas = "thomas"
+    equilibrium = "equilibrium"
+    dynamics = "dynamics"
+
+
+class Search(StrEnum):
+    """How the parameters are searched."""
+
+    gradient = "gradient"
+    grid = "grid"
+    least_squares = "least-squares"
+
+
+class Device(StrEnum):
+    """Where many ropes are settled at once."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+class ProjectChoice(StrEnum):
+    """Whether points are projected onto the plane of gravity and the two ends."""
+
+    auto = "auto"
+    yes = "yes"
+    no = "no"
+
+
+class UntilStage(StrEnum):
+    """The stages of a run, in order."""
+
+    preprocess = "preprocess"
+    identify = "identify"
+    diagnose = "diagnose"
+    control = "control"
+    report = "report"
+
+
+class Engine(StrEnum):
+    """Where a batch runs."""
+
+    local = "local"
+    dask = "dask"
+
+
+Loss = StrEnum("Loss", [(f"OBJ{i}", f"OBJ{i}") for i in range(1, 10)])
+
+OptionalPath = Optional[Path]  # noqa: UP045 (typer reads these)
+OptionalFloat = Optional[float]  # noqa: UP045
+OptionalText = Optional[str]  # noqa: UP045
+Texts = Optional[list[str]]  # noqa: UP045
+
+# The groups of a command's options; those of none are for everyday use.
+OF_PICTURES = "Options for pictures"
+OF_PAPER = "Options of the paper's solvers"
+OF_EXPERTS = "Options for experts"
+OF_OUTPUT = "Options of the output"
+
+Run = Annotated[
+    Path, typer.Option("--run", help="The run directory: what is computed is kept there.")
+]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Print one JSON object on standard output.", rich_help_panel=OF_OUTPUT
+    ),
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=OF_OUTPUT)
+]
+Debug = Annotated[
+    bool,
+    typer.Option("--debug", help="Show the traceback of an error.", rich_help_panel=OF_OUTPUT),
+]
+Force = Annotated[bool, typer.Option("--force", help="Compute again what is up to date.")]
+ForceOther = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        help="Compute again what is up to date, also where the run holds another recording.",
+    ),
+]
+RecordingPath = Annotated[
+    OptionalPath,
+    typer.Argument(help="The recording directory. Without one the packaged sample is used."),
+]
+Nodes = Annotated[int, typer.Option(help="The number K of particles along the rope.")]
+Project = Annotated[
+    ProjectChoice,
+    typer.Option(help="Whether points are projected onto the plane of gravity and the two ends."),
+]
+RopeColor = Annotated[
+    OptionalText,
+    typer.Option(
+        "--color",
+        help="The rope's colour in the pictures, as r,g,b of 0..255 or as #rrggbb.",
+        rich_help_panel=OF_PICTURES,
+    ),
+]
+Roi = Annotated[
+    OptionalText,
+    typer.Option(
+        help="The part of the pictures that holds the rope, as u,v,width,height [px].",
+        rich_help_panel=OF_PICTURES,
+    ),
+]
+Mask = Annotated[
+    OptionalPath,
+    typer.Option(
+        help="A folder of masks, one image a frame; the rope is where they are not black.",
+        rich_help_panel=OF_PICTURES,
+    ),
+]
+DebugImages = Annotated[
+    OptionalPath,
+    typer.Option(
+        help="A folder to write every intermediate picture into.", rich_help_panel=OF_PICTURES
+    ),
+]
+SolverOption = Annotated[
+    Solver,
+    typer.Option(
+        help="The model of the rope: the rod in equilibrium, the rod in motion (dynamics), or one "
+        "of the paper's solvers (jacobi, thomas)."
+    ),
+]
+LOSSES = (
+    "It is a sum of distances between the rope as recorded and as simulated. In space: OBJ1, from "
+    "each recorded point to the nearest point of the rope; OBJ4, from the ends of the recorded "
+    "segments to the particles of the same numbers; OBJ7, from each recorded point to the segment "
+    "of the same number. OBJ2, OBJ5 and OBJ8 are the same in the image; OBJ3, OBJ6 and OBJ9 add to "
+    "these the distance of the lowest points."
+)
+LossOption = Annotated[Loss, typer.Option(help=f"The loss that is minimised. {LOSSES}")]  # type: ignore[valid-type]
+SearchOption = Annotated[
+    Optional[Search],  # noqa: UP045
+    typer.Option(
+        help="How parameters are searched. By default: least-squares for a rod, gradient for the "
+        "paper's solvers."
+    ),
+]
+DeviceOption = Annotated[
+    Device,
+    typer.Option(
+        help="Where a grid or gradient search in equilibrium settles its ropes.",
+        rich_help_panel=OF_EXPERTS,
+    ),
+]
+ControlAt = Annotated[
+    OptionalFloat,
+    typer.Option(
+        help="The arc length of the control point [m]; by default it is end 0.",
+        rich_help_panel=OF_PAPER,
+    ),
+]
+MostFrames = Annotated[int, typer.Option(help="The most frames that the fit uses.")]
+TARGETS = ("mujoco", "mujoco3", "newton", "pyelastica", "json")
+FORMATS = ("clouds", "tum", "ros", "realsense", "kinect", "mocap", "c3d")
+
+
+def start_session(json: bool, quiet: bool, debug: bool) -> Session:
+    """Return the command's terminal; it is imported when a command runs."""
+    from ropefit.cli.console import Session
+
+    return Session(json=json, quiet=quiet, debug=debug)

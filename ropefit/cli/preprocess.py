@@ -1,0 +1,101 @@
+"""`ropefit preprocess`: a recording becomes observations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ropefit.cli.options import (
+    OF_EXPERTS,
+    Debug,
+    DebugImages,
+    ForceOther,
+    Json,
+    Mask,
+    Nodes,
+    Project,
+    ProjectChoice,
+    Quiet,
+    RecordingPath,
+    Roi,
+    RopeColor,
+    Run,
+    start_session,
+)
+
+if TYPE_CHECKING:
+    from ropefit.cli.console import Session
+
+
+def preprocess(
+    recording: RecordingPath = None,
+    run: Run = Path("run"),
+    nodes: Nodes = 20,
+    project: Project = ProjectChoice.auto,
+    most_points: Annotated[
+        int,
+        typer.Option(help="The most points that are kept of a frame.", rich_help_panel=OF_EXPERTS),
+    ] = 400,
+    color: RopeColor = None,
+    roi: Roi = None,
+    mask: Mask = None,
+    debug_images: DebugImages = None,
+    force: ForceOther = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Order and segment the recorded points; measure their noise."""
+    with start_session(json, quiet, debug) as session:
+        from ropefit.cli.parsing import picture_settings
+
+        settings = {"nodes": nodes, "project": project.value, "most_points": most_points}
+        settings |= picture_settings(color, roi, mask)
+        session.result(show_observations(session, recording, run, settings, force, debug_images))
+
+
+def show_observations(
+    session: Session,
+    recording: Path | None,
+    run: Path,
+    settings: dict[str, Any],
+    force: bool,
+    debug_images: Path | None,
+) -> dict[str, Any]:
+    """Preprocess, print what came out, and return its summary."""
+    from ropefit.api import runs
+    from ropefit.api.summaries import preprocessed
+    from ropefit.recordings import sample_path
+
+    if recording is None:
+        recording = sample_path()
+        session.say(f"no RECORDING given: using the packaged sample {recording}")
+    outcome = runs.preprocess(
+        recording, run, settings, session.context("preprocess"), force, debug_images
+    )
+    session.finished("preprocess", outcome)
+    o, data = outcome.artifact, preprocessed(outcome)
+    session.table(
+        f"{o.recording}: observations",
+        ["", ""],
+        [
+            ["frames", f"{len(o.frames)} used, {len(o.dropped)} dropped"],
+            [
+                "rope",
+                f"{o.length:.4g} m ({o.length_source}); ends {o.end_kind[0]}, {o.end_kind[1]}",
+            ],
+            ["noise", f"{data['noise_m'] * 1e3:.2g} mm ({o.noise_source})"],
+            ["seen", f"{o.visibility.mean():.0%} of the rope"],
+            ["plane", o.projection_reason],
+        ],
+    )
+    if o.ends_assumed:
+        session.say("no [ends] in the recording: the ends seen in the data are taken as pinned")
+    if not o.depth_measured:
+        session.say(
+            "no depth in the recording: points lie on an assumed plane; only OBJ2, OBJ5 and OBJ8, "
+            "which compare pictures, can be fitted"
+        )
+    return data

@@ -1,0 +1,89 @@
+"""`ropefit run`: every stage, then the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ropefit.cli.control import show_control
+from ropefit.cli.diagnose import show_diagnosis
+from ropefit.cli.identify import show_model
+from ropefit.cli.options import (
+    ControlAt,
+    Debug,
+    DebugImages,
+    ForceOther,
+    Json,
+    Loss,
+    LossOption,
+    Mask,
+    Nodes,
+    Project,
+    ProjectChoice,
+    Quiet,
+    RecordingPath,
+    Roi,
+    RopeColor,
+    Run,
+    SearchOption,
+    Solver,
+    SolverOption,
+    start_session,
+)
+from ropefit.cli.preprocess import show_observations
+from ropefit.cli.report import show_report
+
+if TYPE_CHECKING:
+    from ropefit.cli.console import Session
+
+
+def run(
+    recording: RecordingPath = None,
+    run: Run = Path("run"),
+    nodes: Nodes = 20,
+    project: Project = ProjectChoice.auto,
+    solver: SolverOption = Solver.equilibrium,
+    loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
+    search: SearchOption = None,
+    control_at: ControlAt = None,
+    color: RopeColor = None,
+    roi: Roi = None,
+    mask: Mask = None,
+    debug_images: DebugImages = None,
+    force: ForceOther = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Compute every stage of a recording, then write the report."""
+    with start_session(json, quiet, debug) as session:
+        from ropefit.api import runs
+        from ropefit.cli.parsing import picture_settings
+
+        seen = {"nodes": nodes, "project": project.value, **picture_settings(color, roi, mask)}
+        data = {"preprocess": show_observations(session, recording, run, seen, force, debug_images)}
+        settings = {
+            "solver": solver.value,
+            "loss": loss.value,
+            "search": search.value if search else None,
+            "control_at": control_at,
+        }
+        fitted = runs.identify(run, settings, session.context("identify"), force=force)
+        data["identify"] = show_model(session, fitted)
+        if runs.diagnosable(fitted.artifact):
+            found = runs.diagnose(run, {}, session.context("diagnose"), force=force)
+            data["diagnose"] = show_diagnosis(session, found)
+        moved = runs.control(run, {"loss": loss.value}, session.context("control"), force=force)
+        data["control"] = show_control(session, moved)
+        data["report"] = show_report(session, run, [])
+        session.result(data | {"answer": show_answer(session, run)})
+
+
+def show_answer(session: Session, run: Path) -> list[str]:
+    """Print the answer in three sentences, and return them."""
+    from ropefit.adapters.contents import read_run
+    from ropefit.reporting.answer import answer
+
+    sentences = answer(read_run(run))
+    session.answer(sentences)
+    return sentences
