@@ -5,7 +5,6 @@ python -m benchmarks.equilibrium [--write docs/results.md] [--json FILE]
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -14,11 +13,14 @@ import numpy as np
 import torch
 
 from benchmarks.document import parser, publish
-from benchmarks.placements import imbalance, placements
-from benchmarks.references import Guess, Planar, catenary, elastica, helix
-from ropefit.rod.rod import Rod, build, uniform
+from benchmarks.robustness.random_ropes import placements
+from reference_simulators.as_ropefit import guess_of, planar
+from reference_simulators.closed_forms import catenary, helix
+from reference_simulators.energy_balance import equilibrium_residual
+from reference_simulators.planar_elastica import Planar, elastica
+from ropefit.rod.rod import build, uniform
 from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve, stability
+from ropefit.solvers.equilibrium import solve, stability
 
 NODES = (20, 40, 100)
 COUNT = 10_000
@@ -37,51 +39,6 @@ CASES = {
         1.0, 0.05, 1.0, axial=20.0, shear=8.0, curvature=1.5, first=0.5, force=(1.0, 0.0)
     ),
 }
-
-
-def upright(angle: float) -> torch.Tensor:
-    """(4,) frame whose third director is (cos θ, 0, sin θ)."""
-    half = 0.5 * (math.pi / 2 - angle)
-    return torch.tensor([math.cos(half), 0.0, math.sin(half), 0.0], dtype=torch.float64)
-
-
-def planar(p: Planar, segments: int, density: float = 1.0) -> tuple[Rod, Conditions]:
-    """The discrete rope of a planar reference, one frame; its weight is density times gravity."""
-    clamped = (p.first is not None, p.last is not None)
-    properties = uniform(
-        length=p.length,
-        segments=segments,
-        bend=p.bend,
-        axial=p.axial,
-        shear=p.shear,
-        density=density,
-        curvature=(0.0, -p.curvature, 0.0),  # a turn about y lowers θ
-    )
-    down = torch.tensor([0.0, 0.0, -p.weight / density], dtype=torch.float64)
-    rod = build(properties, down, clamped)
-    load, moment = rod.load.clone(), rod.moment.clone()
-    load[-1] += torch.tensor([p.force[0], 0.0, p.force[1]])
-    moment[1, 1] = -p.moment
-    ends = torch.zeros(1, 2, 3, dtype=torch.float64)
-    ends[0, 1] = torch.nan
-    if p.far is not None:
-        ends[0, 1] = torch.tensor([p.far[0], 0.0, p.far[1]])
-    clamp = torch.full((1, 2, 4), torch.nan, dtype=torch.float64)
-    for end, angle in enumerate((p.first, p.last)):
-        if angle is not None:
-            clamp[0, end] = upright(angle)
-    return rod._replace(load=load, moment=moment), Conditions(ends, clamp)
-
-
-def guess_of(rod: Rod, solution: Solution) -> Guess:
-    """Start of a reference solution: only the branch and speed depend on it, not the answer."""
-    arc, x, n = rod.arc.numpy(), solution.x[0], solution.force[0]
-    edge = np.diff(x, axis=0)
-    angle = np.unwrap(np.arctan2(edge[:, 2], edge[:, 0]))
-    middle = 0.5 * (arc[1:] + arc[:-1])
-    slope = np.array([0.0, np.diff(n[:, 2]).mean() * len(n) / arc[-1]])
-    force = n[0, [0, 2]] - slope * middle[0]
-    return Guess(arc, np.interp(arc, middle, angle), x[:, 0], x[:, 2], force)
 
 
 def deviation(p: Planar, segments: int) -> float:
@@ -134,7 +91,7 @@ def robustness(clamped: bool) -> dict[str, float]:
     start = time.perf_counter()
     s = solve(p.rod, p.conditions)
     seconds = time.perf_counter() - start
-    wrong = imbalance(p, s) > WRONG
+    wrong = equilibrium_residual(p.rod, p.conditions, s) > WRONG
     stable = stability(p.rod, p.conditions, s) > 0
     return {
         "converged": int(s.converged.sum()),

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.document import parser, publish
-from benchmarks.elastica import describe
+from reference_simulators.as_ropefit import describe
 from ropefit.errors import StageFailed
 from ropefit.exporters import RopeDescription, export, exporter, resimulate
 

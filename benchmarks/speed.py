@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks import careful_torch, contenders
+from benchmarks import contenders
 from benchmarks.document import parser, publish
+from reference_simulators import xpbd_torch
 from ropefit.inference.rope import Ends, Rope, build_rope
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.compiled import simulate_compiled
@@ -115,7 +116,7 @@ def algorithm(solver: str, contender: str) -> dict[str, float]:
     def work(gradient: bool) -> torch.Tensor:
         eta = [torch.tensor(w, dtype=torch.float64, requires_grad=gradient) for w in WEIGHTS]
         if contender == "careful":
-            x, _ = careful_torch.settle(
+            x, _ = xpbd_torch.settle(
                 *rope.start, rope.rest.length, rope.gravity, eta, HUNDRED.steps,
                 HUNDRED.iterations, solver == "thomas",
             )  # fmt: skip

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.discovery import made, make
-from benchmarks.discovery.collocation import NotConverged
 from benchmarks.discovery.concealed import (
     IN_MOTION,
     MEASUREMENT,
@@ -18,6 +17,7 @@ from benchmarks.discovery.concealed import (
     REMEMBERING,
     UNKNOWN,
 )
+from reference_simulators.collocation import NotConverged
 
 SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
 SEEN = (12.0, 30.0, 100.0)  # of ropes that remember

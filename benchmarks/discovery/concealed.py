@@ -15,9 +15,9 @@ from benchmarks.discovery.concealment import (
     with_rod,
     with_section,
 )
-from benchmarks.discovery.remembering import Law
-from benchmarks.discovery.rod_equations import Array, Field, Point, Rod, Section, rotation
 from benchmarks.discovery.setting import INTERVAL, Setting, World, moved
+from reference_simulators.history_dependent_rod import Law
+from reference_simulators.rod_equations import Array, Field, Point, Rod, Section, rotation
 
 CONTACT_HARDNESS = 5e3  # N/m²: a rope of 0.5 N/m sinks in by 0.1 mm
 

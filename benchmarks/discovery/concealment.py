@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.discovery.rod_equations import Field, Point, Rod, Section
 from benchmarks.discovery.setting import World
+from reference_simulators.rod_equations import Field, Point, Rod, Section
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.discovery import mujoco_rope
 from benchmarks.discovery.concealment import Concealed
-from benchmarks.discovery.elastica import Ends
 from benchmarks.discovery.made import Made, Sized
-from benchmarks.discovery.rod_equations import Array, rotation
 from benchmarks.discovery.score import VISIBLE
 from benchmarks.discovery.setting import Setting, World, draw, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, shapes
+from reference_simulators import mujoco_rope
+from reference_simulators.kirchhoff_rod import Ends
+from reference_simulators.rod_equations import Array, rotation
 
 POSES = 40  # of a turn, at which the rope is known at rest as well
 EACH = 3  # frames from pose to pose
@@ -74,7 +74,7 @@ def make(
 def filmed(world: World, diameter: float, film: Film) -> tuple[Array, Array]:
     """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of a turn in steady motion."""
     pose = path(world.held, film)
-    rope = mujoco_rope.Rope(world, diameter)
+    rope = mujoco_rope.Rope(world.rod, world.held, diameter)
     rope.rest(pose(0.0))
     return rope.arc_length, rope.filmed(pose, times(film), film.drag)
 

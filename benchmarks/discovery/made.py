@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks.discovery import clouds
 from benchmarks.discovery.concealment import Concealed
-from benchmarks.discovery.elastica import CLAMPED
-from benchmarks.discovery.rod_equations import Array
 from benchmarks.discovery.setting import END_NOISE, INTERVAL, TILT_NOISE, Setting, World
 from benchmarks.discovery.setting import turned as turned_clamps
+from reference_simulators.kirchhoff_rod import CLAMPED
+from reference_simulators.rod_equations import Array
 
 
 @dataclass(frozen=True)

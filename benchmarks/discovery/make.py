@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.discovery.collocation import NotConverged, solve
 from benchmarks.discovery.concealed import (
     MEASUREMENT,
     NEEDS_CLAMPS,
@@ -16,11 +15,12 @@ from benchmarks.discovery.concealed import (
     UNKNOWN,
     Concealed,
 )
-from benchmarks.discovery.elastica import CLAMPED, hang, problem
 from benchmarks.discovery.made import Made, Sized
-from benchmarks.discovery.rod_equations import Array, rotation
 from benchmarks.discovery.setting import Setting, draw, grasped, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
+from reference_simulators.collocation import NotConverged, solve
+from reference_simulators.kirchhoff_rod import CLAMPED, hang, problem
+from reference_simulators.rod_equations import Array, rotation
 
 CATALOGUE = PHYSICS | REMEMBERING | MEASUREMENT | UNKNOWN
 
@@ -134,9 +134,9 @@ def make(
     if calibration:
         world = miscalibrated(world, rng)
     if simulator == "mujoco":
-        from benchmarks.discovery import mujoco_rope  # only those who have it
+        from reference_simulators import mujoco_rope  # only those who have it
 
-        s, nodes = mujoco_rope.shapes(world, setting.diameter)
+        s, nodes = mujoco_rope.shapes(world.rod, world.held, setting.diameter)
         return Made(setting, world, sized, s, nodes, mujoco_rope.tangents(s, nodes), simulator)
     goal, states = shapes(setting, world, states)
     direction = rotation(states[..., 3:7])[..., 2]

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.discovery.clouds import Seen, Sensor
-from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends, RodProblem, facing, hang
-from benchmarks.discovery.remembering import Law
-from benchmarks.discovery.rod_equations import Array, Rod
+from reference_simulators.history_dependent_rod import Law
+from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, RodProblem, facing, hang
+from reference_simulators.rod_equations import Array, Rod
 
 FIXED_END = np.array([0.40, 0.0, 0.60])  # m
 GJ_TO_EI = 1 / 1.3  # round section, Poisson's ratio 0.3

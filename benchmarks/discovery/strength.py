@@ -11,11 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery import remembering
 from benchmarks.discovery.clouds import Seen, mistaken
-from benchmarks.discovery.collocation import derivatives
-from benchmarks.discovery.elastica import CLAMPED, RodProblem, follow
-from benchmarks.discovery.rod_equations import Array, rotation
 from benchmarks.discovery.setting import (
     END_NOISE,
     INTERVAL,
@@ -26,6 +22,10 @@ from benchmarks.discovery.setting import (
     moved,
     turned,
 )
+from reference_simulators import history_dependent_rod
+from reference_simulators.collocation import derivatives
+from reference_simulators.kirchhoff_rod import CLAMPED, RodProblem, follow
+from reference_simulators.rod_equations import Array, rotation
 
 STRETCHES = 30
 
@@ -36,7 +36,7 @@ def shapes(setting: Setting, world: World, start: Array | None = None) -> tuple[
     goal = replace(setting.problem, rod=world.rod, held=world.held, gauge=gauge)
     if world.law is not None:
         plain = follow(lambda _: goal, setting.states)
-        return goal, remembering.shapes(goal, world.law, plain, INTERVAL)
+        return goal, history_dependent_rod.shapes(goal, world.law, plain, INTERVAL)
     return goal, follow(lambda _: goal, setting.states if start is None else start)
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends
-from benchmarks.discovery.rod_equations import rotation
 from benchmarks.discovery.setting import FIXED_END
 from benchmarks.paper.document import Claim, claims, diagnosed, millimetres, picture, table
 from benchmarks.paper.drawing import FITTED, START, TRUE, curve, front, panels, save
 from benchmarks.paper.pipeline import Rendered, SweepTable
 from benchmarks.paper.results import Results, assemble
 from benchmarks.paper.worlds import directions, oriented, settled
+from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends
+from reference_simulators.rod_equations import rotation
 
 RUNS = {
     "thomas": "Thomas, position only (the paper)",

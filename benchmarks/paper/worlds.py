@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends, facing, hang
-from benchmarks.discovery.rod_equations import Array, Rod, rotation
-from benchmarks.discovery.setting import FIXED_END, GJ_TO_EI, World, grasped
+from benchmarks.discovery.setting import FIXED_END, GJ_TO_EI, grasped
 from benchmarks.paper.pipeline import MiddleTable, Rendered, RopeTable, SweepTable
+from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, facing, hang
+from reference_simulators.rod_equations import Array, Rod, rotation
 
 STATIONS = 1001  # of a centreline
 
@@ -48,11 +48,11 @@ def settled(rope: RopeTable, held: Ends, simulator: str) -> Truth:
     """A rope held at its ends."""
     arc = np.linspace(0.0, rope.length, STATIONS)
     if simulator == "mujoco":
-        from benchmarks.discovery.mujoco_rope import shapes, tangents
+        from reference_simulators.mujoco_rope import shapes, tangents
 
         if not np.isinf(rope.EA):
             raise ValueError("MuJoCo's edges stretch by no rigidity; take elastica")
-        s, x = shapes(World(rod_of(rope), held), rope.diameter)
+        s, x = shapes(rod_of(rope), held, rope.diameter)
         nodes = CubicHermiteSpline(s, x, tangents(s, x), axis=1)(arc)
         orientations = held.orientations
     else:

@@ -1,5 +1,5 @@
-"""Random ropes led from pose to pose, and answers to whether the states found are right: by the
-energy, by the boundary-value problem of the rope's differential equations, by whole turns."""
+"""Random ropes moved quasi-statically from pose to pose, and checks of the states found: against
+the boundary-value problem of the rope's differential equations, and for whole turns."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
-from benchmarks.discovery.collocation import NotConverged
-from benchmarks.discovery.collocation import solve as collocate
-from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends, problem
-from benchmarks.discovery.elastica import Rod as Continuous
-from benchmarks.motions import Paths, paths
+from benchmarks.robustness.random_ropes import Paths, paths
+from reference_simulators.collocation import NotConverged
+from reference_simulators.collocation import solve as collocate
+from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, problem
+from reference_simulators.rod_equations import Rod as Continuous
 from ropefit.rod.quaternion import conjugate_product, multiply
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.branches import follow, turned_over
@@ -28,8 +28,8 @@ FINER = 8  # times the segments, to be compared with the boundary-value solution
 ELEMENTS = 240
 
 
-class Led(NamedTuple):
-    """C ropes in T frames: bend (C,) EI [N m²], paths, what holds them and states, rope by rope."""
+class QuasiStatic(NamedTuple):
+    """C ropes in T frames: bend (C,) EI [N m²], paths, end conditions and states, rope by rope."""
 
     bend: np.ndarray
     paths: Paths
@@ -37,54 +37,64 @@ class Led(NamedTuple):
     states: list[Solution]
 
 
-def led(count: int, clamped: bool, nodes: int, frames: int, seed: int) -> Led:
-    """Inextensible ropes of 1 m and 1 N, EI 1e-6 to 1e-1 N m², each frame from the one before."""
+def follow_random_paths(
+    count: int, clamped: bool, nodes: int, frames: int, seed: int
+) -> QuasiStatic:
+    """Solve random ropes of 1 m and 1 N, EI 1e-6 to 1e-1 N m², each frame from the one before."""
     rng = np.random.default_rng(seed)
     bend = 10 ** rng.uniform(-6, -1, count)
     way = paths(rng, count, np.linspace(0, 1, frames), 10 ** rng.uniform(-2, 0.3, count), 1.0)
     clamp = way.clamp if clamped else torch.full_like(way.clamp, torch.nan)
     held = [Conditions(*pair) for pair in zip(way.ends, clamp, strict=True)]
     states = [follow(rope(b, nodes - 1, clamped), c) for b, c in zip(bend, held, strict=True)]
-    return Led(bend, way, held, states)
+    return QuasiStatic(bend, way, held, states)
 
 
 def rope(bend: float | np.ndarray, segments: int, clamped: bool) -> Rod:
+    """Return the rod of 1 m and 1 N with EI `bend` [N m²]."""
     value = torch.as_tensor(bend, dtype=torch.float64)
     return build(uniform(length=1.0, segments=segments, bend=value), DOWN, (clamped, clamped))
 
 
-def joined(states: list[Solution]) -> Solution:
-    """One solution of all frames."""
+def concatenated(states: list[Solution]) -> Solution:
+    """Return one solution of all frames."""
     return Solution(
         *(np.concatenate([getattr(s, f.name) for s in states]) for f in fields(Solution))
     )
 
 
-def wound(m: Led) -> np.ndarray:
-    """(C, T-1) bool: an odd number of whole turns from one frame to the next, where no joint is
-    bent so sharply that it may fold over instead."""
+def whole_turns(m: QuasiStatic) -> np.ndarray:
+    """Return whether (C, T-1) a rope winds up by an odd number of whole turns between two frames.
+
+    False where a joint is bent so sharply that it may fold over instead.
+    """
     out = []
     for held, state in zip(m.conditions, m.states, strict=True):
         late = np.arange(1, len(state.x))
         turned = turned_over(
             held.frames(late - 1), state.frames(late - 1), held.frames(late), state.frames(late)
         )
-        sharp = sharpest(held, state) > SHARP
+        sharp = largest_joint_angle(held, state) > SHARP
         out.append(turned & ~sharp[1:] & ~sharp[:-1])
     return np.stack(out)
 
 
-def sharpest(held: Conditions, state: Solution) -> np.ndarray:
-    """(F,) [rad] the largest angle between neighbouring frames."""
+def largest_joint_angle(held: Conditions, state: Solution) -> np.ndarray:
+    """Return the largest angle (F,) [rad] between neighbouring material frames."""
     q = torch.from_numpy(state.q)
     every = torch.cat([held.clamp[:, :1], q, held.clamp[:, 1:]], dim=1)
     real = (every[:, 1:] * every[:, :-1]).sum(-1).abs().clamp(max=1)
     return 2 * torch.arccos(torch.nan_to_num(real, nan=1.0)).amax(-1).numpy()
 
 
-def from_reference(m: Led, index: int, frame: int, clamped: bool) -> tuple[float, float]:
-    """Largest distance [m] of a node from the boundary-value solution next to it: of the state, and
-    of the state of a rope of FINER segments that was begun with it. NaN where none is found."""
+def distance_to_reference(
+    m: QuasiStatic, index: int, frame: int, clamped: bool
+) -> tuple[float, float]:
+    """Return the largest distance [m] of a node from the boundary-value solution next to it.
+
+    Of the state, and of the state of a rope of FINER times the segments that was started from it.
+    NaN where no solution is found.
+    """
     held = m.conditions[index].frames(np.array([frame]))
     state = m.states[index].frames(np.array([frame]))
     bend, coarse = m.bend[index], state.q.shape[1]
@@ -113,7 +123,7 @@ def from_reference(m: Led, index: int, frame: int, clamped: bool) -> tuple[float
 
 
 def _guess(state: Solution, outer: np.ndarray, bend: float, mesh: np.ndarray) -> np.ndarray:
-    """(1, M, 13) position, quaternion, force and moment on a mesh (M,) between the discrete
+    """Return (1, M, 13): position, quaternion, force and moment on a mesh (M,) between the discrete
     ones; outer (2, 4): the frames at the very ends."""
     arc = np.linspace(0, 1, state.q.shape[1] + 1)
     middle = 0.5 * (arc[1:] + arc[:-1])

@@ -1,7 +1,8 @@
-"""An independent simulator: Kirchhoff's rod in space, solved as a boundary-value problem.
+"""Kirchhoff's rod in space, solved as a boundary-value problem.
 
 It shares no code and no discretisation with ropefit: no nodes, springs or iterations, but the
-rod's differential equations at fourth order (`collocation`), started from the catenary.
+rod's differential equations (`rod_equations`) at fourth order (`collocation`), continued from the
+catenary.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery import rod_equations
-from benchmarks.discovery.collocation import NotConverged, derivatives, solve
-from benchmarks.discovery.rod_equations import Array, Rod, rotation
+from reference_simulators import rod_equations
+from reference_simulators.collocation import NotConverged, derivatives, solve
+from reference_simulators.rod_equations import Array, Rod, rotation
 
 PINNED, CLAMPED, ROLLING, FREE = "pinned", "clamped", "rolling", "free"
 
@@ -37,12 +38,12 @@ class Ends:
 
 @dataclass(frozen=True)
 class RodProblem:
-    """A rod with its ends, as the collocation wants it."""
+    """A rod and its end conditions as a `collocation.Problem`."""
 
     rod: Rod
     held: Ends
     mesh: Array
-    gauge: bool = False  # nothing holds the spin: any will do
+    gauge: bool = False  # nothing holds the spin: that of end 0 is fixed
 
     def slope(self, y: Array) -> tuple[Array, Array]:
         return rod_equations.slope(self.rod, 0.5 * (self.mesh[1:] + self.mesh[:-1]), y)
@@ -85,7 +86,7 @@ class RodProblem:
 
 
 def problem(rod: Rod, held: Ends, elements: int = 80, breaks: list[float] | None = None):
-    """The problem on a mesh fit for it; `breaks` [m] are further places to resolve."""
+    """Return the problem on a mesh that resolves the rod's breaks and `breaks` [m]."""
     free = CLAMPED not in held.kinds and rod.isotropic
     inside = [s for s in breaks or [] if 1e-6 < s < rod.length - 1e-6]
     places = sorted({*rod.breaks, *inside})
@@ -93,7 +94,7 @@ def problem(rod: Rod, held: Ends, elements: int = 80, breaks: list[float] | None
 
 
 def _mesh(rod: Rod, breaks: list[float], elements: int) -> Array:
-    """(N + 1,) arc lengths [m]: nodes on the breaks, finer there and at the ends."""
+    """Return arc lengths (N + 1,) [m]: nodes on the breaks, finer there and at the ends."""
     layer = np.sqrt(rod.bending / (0.3 * rod.density * 9.81 * rod.length))
     corners = np.array([0.0, *breaks, rod.length])
     s = np.linspace(0, rod.length, 4001)
@@ -114,7 +115,7 @@ def _mesh(rod: Rod, breaks: list[float], elements: int) -> Array:
 
 
 def catenary(rod: Rod, first: Array, last: Array, s: Array) -> tuple[Array, Array]:
-    """Tangents (n, 3) and forces (n, 3) [N] of an inextensible string without stiffness.
+    """Return tangents (n, 3) and forces (n, 3) [N] of an inextensible string without stiffness.
 
     `first`, `last` (3,) [m] are its ends; `s` (n,) [m].
     """
@@ -135,8 +136,8 @@ def catenary(rod: Rod, first: Array, last: Array, s: Array) -> tuple[Array, Arra
     return force / np.linalg.norm(force, axis=1, keepdims=True), force
 
 
-def carried(tangents: Array, start: Rotation) -> Array:
-    """Quaternions (n, 4) of frames carried along unit tangents (n, 3) without spin."""
+def parallel_transport(tangents: Array, start: Rotation) -> Array:
+    """Return quaternions (n, 4) of frames transported along unit tangents (n, 3)."""
     now, out = start, []
     for t in tangents:
         d3 = now.as_matrix()[:, 2]
@@ -149,17 +150,17 @@ def carried(tangents: Array, start: Rotation) -> Array:
 
 
 def facing(tangent: Array) -> Rotation:
-    """A material frame with this tangent (3,) and its first axis near the vertical."""
+    """Return a material frame with this tangent (3,) and its first axis near the vertical."""
     side = np.cross([0.0, 0.0, 1.0], tangent)
     side = side / np.linalg.norm(side)
     return Rotation.from_matrix(np.stack([np.cross(side, tangent), side, tangent], axis=1))
 
 
 def hang(rod: Rod, held: Ends, elements: int = 80, breaks: list[float] | None = None):
-    """Shapes of a rope without twist: the problem and its states (T, N + 1, 13).
+    """Solve a rope without twist: return the problem and its states (T, N + 1, 13).
 
-    Clamps hold the tangents (third axes of `held.orientations`) and let the rope spin: what a
-    gripper does that took hold of it there.  The branch is the one that grows from the catenary.
+    Clamps hold the tangents (third axes of `held.orientations`) and let the rope spin, as when the
+    gripper took hold of it there. The branch is the one continued from the catenary.
     """
     plain = replace(rod, end_springs=(None, None))
     kinds = tuple(PINNED if kind == PINNED else ROLLING for kind in held.kinds)
@@ -170,7 +171,7 @@ def hang(rod: Rod, held: Ends, elements: int = 80, breaks: list[float] | None = 
     own = np.empty_like(wanted)
     for frame, (first, last) in enumerate(held.positions):
         tangents, force = catenary(plain, first, last, mesh)
-        y[frame, :, 3:7] = carried(tangents, facing(tangents[0]))
+        y[frame, :, 3:7] = parallel_transport(tangents, facing(tangents[0]))
         y[frame, :, 7:10] = force
         half = 0.5 * np.diff(mesh)[:, None] * (tangents[1:] + tangents[:-1])
         y[frame, :, :3] = first + np.concatenate([np.zeros((1, 3)), np.cumsum(half, axis=0)])
@@ -195,7 +196,11 @@ def hang(rod: Rod, held: Ends, elements: int = 80, breaks: list[float] | None = 
 
 
 def follow(at, y: Array, first: float | None = None, least: float = 1 / 256) -> Array:
-    """States at `at(1.0)` from states `y` near `at(0.0)`, in as few steps as converge."""
+    """Continue states `y` near `at(0.0)` to `at(1.0)`, in as few steps as converge.
+
+    `at` returns the problem at a share of the way. Raises NotConverged where a step falls below
+    `least`.
+    """
     done, step = 0.0, 1.0
     if first is not None:
         y = solve(at(first), y, most=40)

@@ -1,6 +1,5 @@
-"""Algorithm 1 of the paper as a careful user of torch writes it: all frames at once, no loop over
-particles, autograd through the iterations. The contender of `benchmarks.speed`; shares no code with
-ropefit, which must agree with it.
+"""Algorithm 1 of the paper in plain torch: all frames at once, no loop over particles, autograd
+through the iterations. It shares no code with ropefit, which must agree with it.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ def settle(
     thomas: bool,
     dt: float = 0.1,
 ) -> tuple[Tensor, Tensor]:
-    """x (F, K, 3) [m] with both ends held and q (F, K-1, 4) after steps x iterations.
+    """Return x (F, K, 3) [m] with both ends held and q (F, K-1, 4) after steps x iterations.
 
     length (K-1,) [m]; gravity (3,) [m/s²]; eta: gravity, distance, shear in x and in q, bend, sor.
     Unit masses, hard constraints, a straight rest shape.
@@ -90,14 +89,14 @@ def settle(
 
 
 def _imaginary(p: Tensor, q: Tensor) -> Tensor:
-    """Vector part of p* q."""
+    """Return the vector part of p* q."""
     a, u = p[..., :1], p[..., 1:]
     b, v = q[..., :1], q[..., 1:]
     return a * v - b * u - torch.linalg.cross(u, v)
 
 
 def _back(change: Tensor, p: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
-    """The derivatives of change · Im(p* q) with respect to p and q."""
+    """Return the derivatives of change · Im(p* q) with respect to p and q."""
     a, u = p[..., :1], p[..., 1:]
     b, v = q[..., :1], q[..., 1:]
     by_p = torch.cat(

@@ -36,7 +36,7 @@ class Field:
     soft: bool = False
 
     def force(self, x: Array) -> tuple[Array, Array]:
-        """(…, 3) force per length [N/m] at x (…, 3) [m], and its derivative (…, 3, 3)."""
+        """Return the force (…, 3) per length [N/m] at x (…, 3) [m], and the derivative by x."""
         across = x - self.point
         outer = np.outer(self.axis, self.axis)
         if self.kind == "plane":
@@ -83,8 +83,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Inside:
-    """A spring of rigidity [N m²] in every element's bending beside the rope's own, at ease at
-    curvature centre (N, 2) [1/m], whose moment no longer grows beyond `slip` [1/m]."""
+    """A bending rigidity [N m²] in every element beside the rope's own, without moment at curvature
+    centre (N, 2) [1/m], whose moment no longer grows beyond `slip` [1/m]."""
 
     rigidity: float
     centre: Array
@@ -112,20 +112,20 @@ class Rod:
 
     @property
     def breaks(self) -> list[float]:
-        """Arc lengths [m] where something changes."""
+        """Return the arc lengths [m] where something changes."""
         inside = [s for part in self.sections for s in (part.start, part.end)]
         inside += [point.at for point in self.points]
         return sorted({s for s in inside if 1e-6 < s < self.length - 1e-6})
 
     @property
     def isotropic(self) -> bool:
-        """Whether spinning about its own axis changes nothing."""
+        """Return whether spinning about its own axis changes nothing."""
         curved = any(any(part.curvature) for part in self.sections)
         return not curved and not any(any(p.turn) or any(p.follower) for p in self.points)
 
 
 def rotation(q: Array) -> Array:
-    """(…, 3, 3) matrix of quaternions (…, 4) that need not be unit; complex-safe."""
+    """Return the matrices (…, 3, 3) of quaternions (…, 4) that need not be unit; complex-safe."""
     w, x, y, z = np.moveaxis(q, -1, 0)
     rows = [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -153,14 +153,14 @@ TENSOR = np.stack(
 
 
 def left_matrix(q: Array) -> Array:
-    """(…, 4, 3): q times the pure quaternion (0, u) is left_matrix(q) @ u."""
+    """Return (…, 4, 3): q times the pure quaternion (0, u) is left_matrix(q) @ u."""
     w, x, y, z = np.moveaxis(q, -1, 0)
     rows = [[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def right_matrix(u: Array) -> Array:
-    """(…, 4, 4): q times (0, u) is right_matrix(u) @ q."""
+    """Return (…, 4, 4): q times (0, u) is right_matrix(u) @ q."""
     a, b, c = np.moveaxis(u, -1, 0)
     o = np.zeros_like(a)
     rows = [[o, -a, -b, -c], [a, o, c, -b], [b, -c, o, a], [c, b, -a, o]]
@@ -168,7 +168,7 @@ def right_matrix(u: Array) -> Array:
 
 
 def skew(v: Array) -> Array:
-    """(…, 3, 3): skew(v) @ w is v x w."""
+    """Return (…, 3, 3): skew(v) @ w is v x w."""
     x, y, z = np.moveaxis(v, -1, 0)
     o = np.zeros_like(x)
     rows = [[o, -z, y], [z, o, -x], [-y, x, o]]
@@ -176,7 +176,10 @@ def skew(v: Array) -> Array:
 
 
 def slope(rod: Rod, middle: Array, y: Array) -> tuple[Array, Array]:
-    """y' (T, N, 13) and its derivative (T, N, 13, 13); `middle` (N,) [m] tells the section."""
+    """Return y' (T, N, 13) and its derivative (T, N, 13, 13).
+
+    `middle` (N,) [m] tells the section.
+    """
     x, q, n, m = y[..., :3], y[..., 3:7], y[..., 7:10], y[..., 10:]
     density = _coefficients(rod, middle)[1]
     turn = rotation(q)
@@ -216,8 +219,10 @@ def slope(rod: Rod, middle: Array, y: Array) -> tuple[Array, Array]:
 
 
 def curvatures(rod: Rod, middle: Array, body: Array) -> tuple[Array, Array]:
-    """Curvatures and twist (…, N, 3) [1/m] under moments (…, N, 3) [N m] in the rope's own axes,
-    and their derivative (…, N, 3, 3)."""
+    """Return curvatures and twist (…, N, 3) [1/m] under moments, with the derivative (…, N, 3, 3).
+
+    Moments `body` (…, N, 3) [N m] in the material frame.
+    """
     flexibility, _, rest = _coefficients(rod, middle)
     squared = (body * body).sum(-1)[..., None]
     bent = 1 + rod.softening * squared
@@ -249,7 +254,7 @@ def curvatures(rod: Rod, middle: Array, body: Array) -> tuple[Array, Array]:
 
 
 def _coefficients(rod: Rod, middle: Array) -> tuple[Array, Array, Array]:
-    """Compliances (N, 3) [1/(N m²)], density (N, 1) [kg/m] and rest curvature (N, 3) [1/m]."""
+    """Return compliances (N, 3) [1/(N m²)], density (N, 1) [kg/m], rest curvature (N, 3) [1/m]."""
     bending, density = np.full(len(middle), rod.bending), np.full(len(middle), rod.density)
     torsion, rest = np.full(len(middle), rod.torsion), np.zeros((len(middle), 3))
     for part in rod.sections:
@@ -262,7 +267,10 @@ def _coefficients(rod: Rod, middle: Array) -> tuple[Array, Array, Array]:
 
 
 def jump(rod: Rod, mesh: Array, y: Array) -> tuple[Array, dict[int, Array]]:
-    """y (T, N, 13) just behind the left nodes of the elements, and derivatives where it differs."""
+    """Return y (T, N, 13) just behind the left nodes of the elements.
+
+    And the derivatives (T, 13, 13), by element, where it differs.
+    """
     out, turned = y.copy(), {}
     for point in rod.points:
         element = int(np.argmin(np.abs(mesh[:-1] - point.at)))

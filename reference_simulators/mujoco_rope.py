@@ -1,7 +1,7 @@
-"""The same worlds by another simulator: MuJoCo's discrete elastic rod (1D flex), brought to rest.
+"""MuJoCo's discrete elastic rod (1D flex) with the loads of `rod_equations`, brought to rest.
 
-What it can have: masses, sections of other weight or stiffness, steady loads, tethers, planes and
-round bars (MuJoCo's own contact, without friction).  It never twists: its edges may spin freely.
+It can have masses, sections of other weight or stiffness, steady loads, tethers, planes and
+round bars (MuJoCo's own contact, with or without friction). It never twists: its edges spin freely.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from benchmarks.discovery.elastica import CLAMPED
-from benchmarks.discovery.rod_equations import Array, Field, Rod, rotation
-from benchmarks.discovery.setting import World
+from reference_simulators.kirchhoff_rod import CLAMPED, Ends
+from reference_simulators.rod_equations import Array, Field, Rod, rotation
 
 # Its functions come from a compiled module that type checkers cannot see.
 mujoco: Any = importlib.import_module("mujoco")
@@ -38,27 +37,29 @@ STILL = (np.zeros(3), np.zeros(3))
 RECORD, BENDING, TWISTING = 10, 4, 8
 
 
-def shapes(world: World, diameter: float, rough: float = 0.0) -> tuple[Array, Array]:
-    """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest; rough: the
-    coefficient of friction on what the rope touches."""
-    rope = Rope(world, diameter, rough)
+def shapes(rod: Rod, held: Ends, diameter: float, rough: float = 0.0) -> tuple[Array, Array]:
+    """Return arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest.
+
+    diameter [m]; rough: the coefficient of friction on what the rope touches. Raises RuntimeError
+    where the rope keeps moving.
+    """
+    rope = Rope(rod, held, diameter, rough)
     return rope.arc_length, np.stack([rope.settled(frame) for frame in range(len(rope.ends))])
 
 
 def tangents(arc_length: Array, nodes: Array) -> Array:
-    """(T, n, 3) derivatives of centrelines by arc length."""
+    """Return the derivatives (T, n, 3) of centrelines by arc length."""
     return CubicSpline(arc_length, nodes, axis=1)(arc_length, 1)
 
 
 class Rope:
-    """A rope whose end 1 is held by the world and whose end 0 is led from pose to pose.
+    """A rope whose end 1 is fixed and whose end 0 is led from pose to pose.
 
     A clamp holds the direction of a whole edge; the clamped edges straddle the clamping points, so
     that no part of the rope between the clamps is kept from bending.
     """
 
-    def __init__(self, world: World, diameter: float, rough: float = 0.0):
-        rod, held = world.rod, world.held
+    def __init__(self, rod: Rod, held: Ends, diameter: float, rough: float = 0.0):
         self.clamped = held.kinds[0] == CLAMPED
         self.ends = held.positions
         self.directions = rotation(held.orientations)[..., 2]
@@ -94,7 +95,7 @@ class Rope:
     def filmed(
         self, pose: Callable[[float], tuple[Array, Array]], times: Array, drag: float
     ) -> Array:
-        """Centrelines (T, n, 3) [m] at times (T,) [s], none before 0, of the rope in motion.
+        """Return the centrelines (T, n, 3) [m] at times (T,) [s], from 0 on, of the moving rope.
 
         pose: place (3,) [m] and direction (3,) of end 0 at a time, the first of which it rests in;
         drag: [1/s] force against the velocity, per mass.
@@ -110,11 +111,11 @@ class Rope:
         return np.array(out)
 
     def settled(self, frame: int) -> Array:
-        """The centreline (n, 3) [m] at rest in a frame; RuntimeError if it keeps moving."""
+        """Return the centreline (n, 3) [m] at rest in a frame; RuntimeError if it keeps moving."""
         return self.rest((self.ends[frame, 0], self.directions[frame, 0]), f"frame {frame}")
 
     def rest(self, pose: tuple[Array, Array], told: str = "its first pose") -> Array:
-        """The same with end 0 at a place (3,) [m], facing a direction (3,)."""
+        """Return the same with end 0 at a place (3,) [m], facing a direction (3,)."""
         self._lead(pose, self.move_time)
         free = slice(3 * self.held, 3 * (len(self.at) - self.held))
         calm = 0
@@ -151,7 +152,7 @@ class Rope:
         mujoco.mj_step(self.model, data)
 
     def _led(self, pose: tuple[Array, Array]) -> Array:
-        """(held, 3) of the vertices that are led, or their rates."""
+        """Return the places (held, 3) of the vertices that are led, or their rates."""
         place, way = pose
         return place[None] + (self.half * np.outer([-1.0, 1.0], way) if self.clamped else 0.0)
 
@@ -164,14 +165,14 @@ class Rope:
         return np.vstack([x[:2].mean(axis=0), x[1:-1], x[-2:].mean(axis=0)])
 
     def _shares(self, at: float) -> list[tuple[int, float]]:
-        """Bodies and shares of something at an arc length [m]."""
+        """Return the bodies next to an arc length [m], and the share of each."""
         right = int(np.clip(np.searchsorted(self.at, at), 1, len(self.at) - 1))
         part = (at - self.at[right - 1]) / (self.at[right] - self.at[right - 1])
         bodies = self.model.flex_vertbodyid
         return [(int(bodies[right - 1]), 1 - part), (int(bodies[right]), float(part))]
 
     def _weigh(self, rod: Rod, spacing: float) -> None:
-        """Mass of each vertex: of the rope next to it, and what hangs on it."""
+        """Set the mass of each vertex: of the rope next to it, and what hangs on it."""
         bodies: NDArray[np.int32] = self.model.flex_vertbodyid
         for vertex, at in enumerate(self.at):
             low, high = max(at - spacing / 2, 0.0), min(at + spacing / 2, rod.length)
@@ -186,7 +187,7 @@ class Rope:
                 self.model.body_mass[body] += part * point.mass
 
     def _stiffen(self, rod: Rod) -> None:
-        """Bends within a section get its rigidity."""
+        """Set the rigidity of bends within sections."""
         for k in range(int(self.model.flex_bending[0])):
             record = 1 + RECORD * k
             at = self.at[int(self.model.flex_bending[record + 1])]
@@ -196,7 +197,7 @@ class Rope:
                     self.model.flex_bending[record + TWISTING] *= part.bending
 
     def _load(self, rod: Rod, spacing: float) -> None:
-        """Steady forces, and where tethers pull."""
+        """Apply steady forces; note where tethers pull."""
         steady = np.zeros((self.model.nbody, 3))
         for vertex, at in enumerate(self.at):
             low, high = max(at - spacing / 2, 0.0), min(at + spacing / 2, rod.length)
@@ -212,7 +213,7 @@ class Rope:
 
 
 def _xml(rod: Rod, points: Array, diameter: float, held: int, rough: float) -> str:
-    """MJCF of the rope, straight through `points` (n, 3) [m], and of what it may touch."""
+    """Return the MJCF of the rope, straight through `points` (n, 3) [m], and of obstacles."""
     # Friction is a soft constraint that creeps: the less, the harder it is against the normal one.
     solver = f'cone="elliptic" impratio="{HARDER}"' if rough else ""
     rubs = f'condim="3" friction="{rough:.6g} 0.005 0.0001"' if rough else 'condim="1"'
@@ -244,7 +245,7 @@ def _xml(rod: Rod, points: Array, diameter: float, held: int, rough: float) -> s
 
 
 def _geom(one: Field, radius: float, rubs: str) -> str:
-    """A plane or a bar whose surface lies a radius of the rope inside the field's reach."""
+    """Return a plane or a bar whose surface lies a radius of the rope inside the field's reach."""
     if one.kind == "plane":
         place, size, kind = one.point + (one.reach - radius) * one.axis, "5 5 0.1", "plane"
     else:

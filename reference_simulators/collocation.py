@@ -24,19 +24,22 @@ class Problem(Protocol):
 
     @property
     def mesh(self) -> Array:
-        """(N + 1,) arc length [m]."""
+        """Return the arc lengths (N + 1,) [m]."""
         ...
 
     def slope(self, y: Array) -> tuple[Array, Array]:
-        """f (T, N, n) and its derivative (T, N, n, n) at y (T, N, n), one point in each element."""
+        """Return f (T, N, n) and its derivative (T, N, n, n) at y (T, N, n).
+
+        One point in each element.
+        """
         ...
 
     def jump(self, y: Array) -> tuple[Array, dict[int, Array]]:
-        """y (T, N, n) just behind the left nodes; derivatives (T, n, n) where there is one."""
+        """Return y (T, N, n) just behind the left nodes; derivatives (T, n, n) if any."""
         ...
 
     def ends(self, frames: NDArray[np.int_], first: Array, last: Array) -> tuple[Array, Array]:
-        """Conditions at the ends: (T, n_left), (T, n_right), which are zero; complex-safe."""
+        """Return the residuals of the end conditions: (T, n_left), (T, n_right); complex-safe."""
         ...
 
 
@@ -45,14 +48,14 @@ class NotConverged(RuntimeError):
 
 
 def residual(problem: Problem, frames: NDArray[np.int_], y: Array) -> Array:
-    """(T, (N + 1) n) what is not yet zero."""
+    """Return the residual (T, (N + 1) n)."""
     return _assemble(problem, frames, y, derivative=False)[0]
 
 
 def _assemble(
     problem: Problem, frames: NDArray[np.int_], y: Array, derivative: bool
 ) -> tuple[Array, Array, int]:
-    """Residual (T, m), banded matrix (T, bands, m) and the number of upper bands."""
+    """Return the residual (T, m), banded matrix (T, bands, m) and the number of upper bands."""
     count, nodes, n = y.shape
     h = np.diff(problem.mesh)[:, None]
     left, turned = problem.jump(y[:, :-1])
@@ -92,9 +95,9 @@ def _assemble(
 
 
 def solve(problem: Problem, y: Array, tolerance: float = 1e-10, most: int = 25) -> Array:
-    """The solution (T, N + 1, n) next to `y`; raises NotConverged. Damped Newton, frame by frame.
+    """Solve by damped Newton, frame by frame: return (T, N + 1, n) next to `y`.
 
-    `tolerance` bounds the last step, in the units of y (metres, newtons, newton metres).
+    `tolerance` bounds the last step, over the largest of each component. Raises NotConverged.
     """
     y = y.copy()
     left = np.arange(len(y))
@@ -123,7 +126,7 @@ def solve(problem: Problem, y: Array, tolerance: float = 1e-10, most: int = 25) 
 
 
 def derivatives(problem: Problem, y: Array, changed: Sequence[Problem]) -> Array:
-    """(T, C, N + 1, n) first-order change of the solution `y` under each changed problem.
+    """Return the first-order change (T, C, N + 1, n) of the solution `y` under changed problems.
 
     The changes must be small and keep the mesh.
     """

@@ -12,10 +12,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks import stepped
 from benchmarks.document import parser, publish
-from benchmarks.led import FINER, SHARP, from_reference, joined, led, rope, sharpest, wound
-from benchmarks.placements import Placements, imbalance
+from benchmarks.robustness.quasi_static import (
+    FINER,
+    SHARP,
+    concatenated,
+    distance_to_reference,
+    follow_random_paths,
+    largest_joint_angle,
+    rope,
+    whole_turns,
+)
+from benchmarks.robustness.random_ropes import motions
+from reference_simulators.energy_balance import energy_gain, equilibrium_residual, step_residual
 from ropefit.solvers import dynamics
 from ropefit.solvers.conditions import Conditions
 from ropefit.solvers.equilibrium import stability
@@ -52,19 +61,18 @@ weight times their length and largest kinetic energy."""
 
 
 def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, Any]:
-    """Counts over frames of ropes that are led, each frame from the one before."""
-    m = led(count, clamped, nodes, FRAMES, seed)
-    s = joined(m.states)
+    """Count over frames of ropes that are moved quasi-statically, each from the one before."""
+    m = follow_random_paths(count, clamped, nodes, FRAMES, seed)
+    s = concatenated(m.states)
     held = Conditions(
         torch.cat([c.ends for c in m.conditions]), torch.cat([c.clamp for c in m.conditions])
     )
     each = rope(np.repeat(m.bend, FRAMES), nodes - 1, clamped)
-    bend, apart = np.repeat(m.bend, FRAMES), np.zeros(len(s.x))
-    off = imbalance(Placements(each, held, bend, apart), s) > WRONG
+    off = equilibrium_residual(each, held, s) > WRONG
     unstable = ~(stability(each, held, s) > 0)
     rng = np.random.default_rng(seed)
     drawn = rng.choice(np.flatnonzero(s.converged), min(COMPARED, int(s.converged.sum())), False)
-    far = [from_reference(m, *divmod(int(k), FRAMES), clamped) for k in drawn]
+    far = [distance_to_reference(m, *divmod(int(k), FRAMES), clamped) for k in drawn]
     return {
         "ropes": count,
         "frames": len(s.x),
@@ -72,8 +80,8 @@ def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, 
         "marked": int((~s.converged).sum()),
         "wrong": int((s.converged & off).sum()),
         "unstable": int((s.converged & unstable).sum()),
-        "wound": int(wound(m).sum()),
-        "sharp": int((sharpest(held, s) > SHARP).sum()),
+        "wound": int(whole_turns(m).sum()),
+        "sharp": int((largest_joint_angle(held, s) > SHARP).sum()),
         "compared": len(far),
         "distance": [d for d, _ in far],
         "refined": [d for _, d in far],
@@ -82,12 +90,12 @@ def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, 
 
 
 def in_motion(count: int, ends: str, stretchy: bool, nodes: int, seed: int) -> dict[str, Any]:
-    """Counts over ropes in motion, those whose ends go far in a step apart."""
-    m = stepped.motions(count, ends, stretchy, nodes, STEPS, seed)
+    """Count over ropes in motion, those whose ends go far in a step apart."""
+    m = motions(count, ends, stretchy, nodes, STEPS, seed)
     found = dynamics.solve(m.rope, m.drive, m.start)
-    off = np.nan_to_num(stepped.imbalance(m, found))
+    off = np.nan_to_num(step_residual(m.rope, m.drive, m.start, found))
     there = np.isfinite(found.x.sum((-1, -2)))
-    gain = stepped.gain(m, found)
+    gain = energy_gain(m.rope, m.drive, m.start, found, m.rest)
     stride = torch.nan_to_num(m.drive.ends.diff(dim=1)).norm(dim=-1).amax((1, 2)).numpy()
     near = stride <= FAR
     ok = found.converged
