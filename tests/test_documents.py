@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.commands import page
+from benchmarks.robustness.commands import page
 from ropefit.cli import app
 from tests.conftest import ROOT, SAMPLES
 from tests.sources import CAMERA, Ros
@@ -83,7 +83,7 @@ def commands() -> list[str]:
 def test_every_option_is_described():
     """docs/commands.md is the command line's own; every option has a sentence."""
     assert (DOCS / "commands.md").read_text() == page(), (
-        "run python -m benchmarks.commands --write docs/commands.md"
+        "run python -m benchmarks.robustness.commands --write docs/commands.md"
     )
     assert "None |" not in page()
     for command in commands():

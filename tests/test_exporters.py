@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from benchmarks.exporters import NotInstalled, deviation, python_for, settle
+from benchmarks.accuracy.exporters import NotInstalled, deviation, python_for, settle
 from reference_simulators.as_ropefit import describe
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.exporters import export, exporters

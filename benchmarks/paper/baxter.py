@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.losses import MEANING
+from benchmarks.accuracy.losses import MEANING
 from benchmarks.paper import baxter_explained as explained
 from benchmarks.paper import baxter_figures as figures
 from benchmarks.paper.document import Claim, claims, millimetres, picture, table

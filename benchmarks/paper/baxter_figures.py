@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.losses import MEANING
+from benchmarks.accuracy.losses import MEANING
 from benchmarks.paper.drawing import (
     DATA,
     FITTED,

@@ -1,7 +1,7 @@
 """The set-ups before a depth camera: a rope, a gripper that hides part of it, a post, a wall.
 
-Ray casting, light and the faults of the sensor are those of `benchmarks.rendered`, in the camera's
-own axes.
+Ray casting, light and the faults of the sensor are those of `benchmarks.perception.rendered`, in
+the camera's own axes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.rendered import HEIGHT, WIDTH, box, camera, rays, sensed, shaded, tube
+from benchmarks.perception.rendered import HEIGHT, WIDTH, box, camera, rays, sensed, shaded, tube
 from ropefit.perception.camera import Camera
 
 Array = np.ndarray

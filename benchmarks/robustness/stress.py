@@ -1,6 +1,6 @@
 """Random ropes in random motions: how many states are found, marked, or wrong.
 
-python -m benchmarks.stress [--ropes 10800] [--write docs/results.md] [--json FILE]
+python -m benchmarks.robustness.stress [--ropes 10800] [--write docs/results.md] [--json FILE]
 """
 
 from __future__ import annotations
@@ -141,7 +141,8 @@ def main() -> None:
 def table(still: dict[str, dict[str, Any]], moved: dict[str, dict[str, Any]]) -> str:
     ropes = sum(r["ropes"] for r in [*still.values(), *moved.values()])
     rows = [
-        f"{ropes} random ropes in random motions; written by `python -m benchmarks.stress`.",
+        f"{ropes} random ropes in random motions; written by",
+        "`python -m benchmarks.robustness.stress`.",
         "",
         fill(STILL, 100),
         "",

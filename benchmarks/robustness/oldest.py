@@ -1,6 +1,6 @@
 """The lowest versions that pyproject.toml allows, in their own environment, and the tests there.
 
-python -m benchmarks.oldest [--folder build/oldest] [TEST ...]
+    python -m benchmarks.robustness.oldest [--folder build/oldest] [TEST ...]
 
 A package without a wheel of its lowest version for this Python gets the lowest that has one. torch
 for Linux comes with gigabytes of CUDA from the public index: the lowest build without is taken

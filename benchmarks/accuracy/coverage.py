@@ -1,6 +1,6 @@
 """Do the 95 % intervals hold the truth? Simulated recordings whose truth is known.
 
-    python -m benchmarks.coverage [--recordings N] [--write docs/results.md] [--json FILE]
+    python -m benchmarks.accuracy.coverage [--recordings N] [--write docs/results.md] [--json FILE]
 
 Each recording: a pinned rope of a rod four times finer than the fit's, 24 frames of a motion in
 space, white noise on the points, and errors of camera, scale, gravity and ends drawn from the
@@ -170,7 +170,7 @@ def main() -> None:
     data = measure(options.recordings)
     lines = [
         f"{data['recordings']} simulated recordings, {data['converged']} fits converged; written "
-        "by `python -m benchmarks.coverage`.",
+        "by `python -m benchmarks.accuracy.coverage`.",
         "A pinned rope of 1 m, 24 frames of a motion in space, points with 0.5 to 2 mm of noise,",
         f"calibration errors drawn from the default priors, truth on {FINE} segments, the fit on "
         f"{COARSE}.",

@@ -3,7 +3,7 @@
 The same ropes (36 frames times C candidate bending rigidities), each with its own rod, from a cold
 start to states, and on to the gradient of a loss in every rope's rigidity; answers are compared.
 
-    python -m benchmarks.devices [--write docs/results.md] [--json FILE] [--ropes N ...]
+    python -m benchmarks.speed.devices [--write docs/results.md] [--json FILE] [--ropes N ...]
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from benchmarks.document import parser, publish
-from benchmarks.speed import FRAMES, GRAVITY, apart
+from benchmarks.speed.workloads import FRAMES, GRAVITY, apart
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.batched import solve_batched
 from ropefit.solvers.batched_implicit import settle_batched
@@ -97,7 +97,7 @@ def table(data: dict[str, Any]) -> str:
     lines = [
         f"Ropes of {SEGMENTS + 1} nodes settled at once, float64; from a cold start to states, and",
         "on to the gradient in every rope's bending rigidity. Shortest of several runs; on the CPU",
-        "processor time of one thread. Written by `python -m benchmarks.devices`.",
+        "processor time of one thread. Written by `python -m benchmarks.speed.devices`.",
         "",
         "| path | ropes | states [ms] | with gradient [ms] | a rope [µs] | difference [m] |",
         "|---|---|---|---|---|---|",

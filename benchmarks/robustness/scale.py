@@ -1,7 +1,8 @@
 """What a batch costs: seconds and bytes of a task, one worker against two, memory over many tasks,
 and what the process that hands out the tasks needs for each.
 
-python -m benchmarks.scale [--recordings 1000] [--until preprocess] [--write docs/scale.md]
+    python -m benchmarks.robustness.scale [--recordings 1000] [--until preprocess]
+                                          [--write docs/scale.md]
 
 Recordings are the same tiny one (markers, 4 frames) under many names, so that what is measured is
 what a batch adds to its stages. Weak scaling: n recordings by one worker against 2 n by two, once
@@ -137,7 +138,7 @@ def measure(count: int, until: str, scratch: Path) -> dict[str, Any]:
 def table(data: dict[str, Any]) -> str:
     """The measured costs and what a million such recordings need."""
     lines = [
-        "Written by `python -m benchmarks.scale`; a tiny recording of markers, 4 frames.",
+        "Written by `python -m benchmarks.robustness.scale`; a small recording: markers, 4 frames.",
         "",
         "| stage | time [s] | a million, on 1000 workers [h] |",
         "|---|---|---|",

@@ -1,6 +1,6 @@
 """Control-point estimation by all nine losses on the cloud sample (the paper's comparison).
 
-    python -m benchmarks.losses [--write docs/results.md] [--recording DIR] [--json FILE]
+    python -m benchmarks.accuracy.losses [--write docs/results.md] [--recording DIR] [--json FILE]
 
 Runs the command line itself: preprocess, `identify --solver thomas --loss OBJ1`, then `control`
 once a loss; and once more with the Jacobi solver for the comparison of rope lengths.
@@ -72,7 +72,7 @@ def _deviation(control: dict[str, Any]) -> dict[str, Any]:
 def tables(data: dict[str, Any]) -> str:
     """Markdown."""
     lines = [
-        f"Recording `{data['recording']}`; written by `python -m benchmarks.losses`.",
+        f"Recording `{data['recording']}`; written by `python -m benchmarks.accuracy.losses`.",
         "",
         "Control point estimated by each loss (Thomas, weights identified by OBJ1). *OBJ1* is the",
         "mean over frames of the 3D point-to-line sum of the resulting rope, as in the paper.",

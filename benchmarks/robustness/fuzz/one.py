@@ -57,7 +57,7 @@ class Harness:
     """Runs a target on bytes and keeps count."""
 
     def __init__(self, name: str, state: Path, holder: Path):
-        from benchmarks.fuzz.targets import TARGETS
+        from benchmarks.robustness.fuzz.targets import TARGETS
         from ropefit.errors import RopefitError
 
         self.failure = RopefitError

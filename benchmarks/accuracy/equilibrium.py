@@ -1,6 +1,6 @@
 """The equilibrium: how accurate, how robust, how fast.
 
-python -m benchmarks.equilibrium [--write docs/results.md] [--json FILE]
+python -m benchmarks.accuracy.equilibrium [--write docs/results.md] [--json FILE]
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def main() -> None:
     heads = " | ".join(f"K = {n}" for n in NODES)
     lines = [
         "Largest distance of a node from the reference (boundary-value solution, scipy, 1e-8, or a",
-        "closed form) over the length; written by `python -m benchmarks.equilibrium`.",
+        "closed form) over the length; written by `python -m benchmarks.accuracy.equilibrium`.",
         "",
         f"| case | {heads} | order |",
         "|---|" + "---|" * (len(NODES) + 1),

@@ -2,9 +2,9 @@
 
     python -m benchmarks.perception [--frames 10] [--write docs/results.md] [--json FILE]
 
-Rendered (benchmarks/rendered.py): 1280 x 720, six ropes of 4-12 mm; every other frame crosses
-itself in the picture. Both ends are known, as in a lab. A stretch is marked unseen where no point
-lies within MARK of it along the rope.
+Rendered (benchmarks/perception/rendered.py): 1280 x 720, six ropes of 4-12 mm; in every other frame
+the rope crosses itself in the picture. Both ends are known, as in a lab. A stretch
+counts as marked unseen where no point lies within MARK of it along the rope.
 """
 
 from __future__ import annotations
@@ -17,7 +17,16 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from benchmarks.document import parser, publish
-from benchmarks.rendered import DISTANCE, LENGTH, ROPES, Frame, Kind, camera, render, shape
+from benchmarks.perception.rendered import (
+    DISTANCE,
+    LENGTH,
+    ROPES,
+    Frame,
+    Kind,
+    camera,
+    render,
+    shape,
+)
 from ropefit.perception.cloud import trace_cloud
 from ropefit.perception.learning import Picture, best_looks
 from ropefit.perception.rgbd import trace_rgbd

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import ropefit
-from benchmarks.real_motion import clips_of, join
-from benchmarks.real_shapes import cause_cells
+from benchmarks.real.motion import clips_of, join
+from benchmarks.real.shapes import cause_cells
 
 FRAMES = "24"  # of them that the diagnosis uses
 CLIPS = 4  # training clips, evenly spread

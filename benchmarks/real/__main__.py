@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.document import parser, publish
-from benchmarks.real_motion import Score, prove
-from benchmarks.real_named import name_motion, named_table
-from benchmarks.real_shapes import cable_table, cables, wire, wire_table
+from benchmarks.real.motion import Score, prove
+from benchmarks.real.named import name_motion, named_table
+from benchmarks.real.shapes import cable_table, cables, wire, wire_table
 
 ROPES = ("mocap_dlo1", "mocap_dlo2")
 # Mean absolute error [mm] of others on the same eval clips, as told: the first shape held, the
@@ -104,7 +104,7 @@ PARTS = {"motion": motion, "named": named, "cable": cable, "wire": wires}
 
 def main() -> None:
     arguments = parser(__doc__)
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
     arguments.add_argument("--clips", type=int, default=12, help="training clips for each rope")
     arguments.add_argument("--only", choices=PARTS, default=None, help="one part")

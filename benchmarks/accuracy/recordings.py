@@ -1,6 +1,6 @@
 """The paper's method, defaults only, on the samples and on real recordings.
 
-    python -m benchmarks.recordings [--real DIR] [--write docs/results.md] [--json FILE]
+    python -m benchmarks.accuracy.recordings [--real DIR] [--write docs/results.md] [--json FILE]
 
 DIR holds the real recordings (default: ../shared/real); without it the samples alone are run.
 """
@@ -48,7 +48,7 @@ def measure(recording: Path, solver: str) -> dict[str, Any]:
 def main() -> None:
     """Print the table; write it where asked."""
     arguments = parser(__doc__)
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
     options = arguments.parse_args()
     recordings = {f"sample {name}": sample_path(name) for name in SAMPLES}
@@ -57,9 +57,9 @@ def main() -> None:
     else:
         print(f"no real recordings at {options.real}: samples only")
     lines = [
-        "`ropefit run` with default settings; written by `python -m benchmarks.recordings`.",
-        "*Drift*: how far particles move, over the length, when the solver iterates twice as long:",
-        "none of these states is an equilibrium.",
+        "`ropefit run` with default settings; written by",
+        "`python -m benchmarks.accuracy.recordings`. *Drift*: how far particles move, over the",
+        "length, when the solver iterates twice as long: none of these states is an equilibrium.",
         "",
         "| recording | solver | frames | noise [mm] | rms fit [mm] | held out [mm] | drift "
         "| determined | control point, median [mm] | searches converged | time [s] |",

@@ -1,6 +1,6 @@
 """Ropes in motion: how fast, how much energy is lost, how far gradients are of use.
 
-python -m benchmarks.dynamics [--write docs/results.md] [--json FILE]
+python -m benchmarks.accuracy.dynamics [--write docs/results.md] [--json FILE]
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def table(
 ) -> str:
     rows = [
         "500 steps of 10 ms, held and clamped at both ends, one processor core, least processor",
-        "time of five; written by `python -m benchmarks.dynamics`.",
+        "time of five; written by `python -m benchmarks.accuracy.dynamics`.",
         "",
         "| solver | forward [s] | with gradient [s] |",
         "|---|---|---|",

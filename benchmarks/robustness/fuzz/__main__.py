@@ -1,6 +1,7 @@
 """Fuzz every reader, coverage-guided, until there are enough executions.
 
-python -m benchmarks.fuzz [--executions 1000000] [--write docs/results.md] [--json FILE]
+    python -m benchmarks.robustness.fuzz [--executions 1000000] [--write docs/results.md]
+                                         [--json FILE]
 
 Counts add up over calls (in build/fuzz); --fresh begins anew. Needs atheris: pip install atheris.
 """
@@ -17,13 +18,13 @@ from typing import Any
 import atheris
 
 from benchmarks.document import parser, publish
-from benchmarks.fuzz.one import HANG, MEMORY, fuzz, slug
+from benchmarks.robustness.fuzz.one import HANG, MEMORY, fuzz, slug
 
 ROOMS = ["ropefit.recordings", "ropefit.artifacts", "ropefit.importers", "ropefit.stages.targets"]
 with atheris.instrument_imports(  # type: ignore[attr-defined]
     include=[*ROOMS, "ropefit.stages.simulate"]
 ):
-    from benchmarks.fuzz.targets import TARGETS, WORDS
+    from benchmarks.robustness.fuzz.targets import TARGETS, WORDS
 
 STATE = Path("build/fuzz")
 
@@ -102,7 +103,7 @@ def _table(totals: dict[str, Any]) -> str:
         "one file of which is replaced by what the fuzzer makes of it. *Finding*: an exception",
         "other than a one-line failure, a warning, a file touched outside the source, a program",
         f"started, anything unpickled. *Ended*: a crash, a hang over {HANG} s, over {MEMORY} MB.",
-        "Written by `python -m benchmarks.fuzz`.",
+        "Written by `python -m benchmarks.robustness.fuzz`.",
         "",
         "| reader | executions | refused | findings | ended |",
         "|---|---|---|---|---|",

@@ -1,6 +1,6 @@
 """How far an exported rope comes to rest from the exact shape, in each simulator.
 
-    python -m benchmarks.exporters [--setup] [--to TARGET ...] [--known FILE] [--json FILE]
+    python -m benchmarks.accuracy.exporters [--setup] [--to TARGET ...] [--known FILE] [--json FILE]
                                    [--write docs/results.md]
 
 --setup makes an environment a simulator under build/simulators (two of them cannot share one). The
@@ -27,7 +27,7 @@ from reference_simulators.as_ropefit import describe
 from ropefit.errors import StageFailed
 from ropefit.exporters import RopeDescription, export, exporter, resimulate
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build" / "simulators"
 TARGETS = ("mujoco", "mujoco3", "pyelastica", "newton")
 MORE = {"newton": ["usd-core", "newton-usd-schemas"]}  # to read the curves beside the script
@@ -49,7 +49,9 @@ def python_for(target: str) -> Path:
                 return python
         except StageFailed:
             continue
-    raise NotInstalled(f"{target}: not installed; python -m benchmarks.exporters --setup makes it")
+    raise NotInstalled(
+        f"{target}: not installed; python -m benchmarks.accuracy.exporters --setup makes it"
+    )
 
 
 def setup(target: str) -> None:
@@ -93,7 +95,7 @@ def table(data: dict[str, Any]) -> str:
     lines = [
         f"Largest distance of a node from the exact elastica, in rope lengths, {NODES} nodes; "
         "pinned at both ends or clamped and free, by EI/(ρgL³). Written by "
-        "`python -m benchmarks.exporters`.",
+        "`python -m benchmarks.accuracy.exporters`.",
         "",
         "| exported to | " + " | ".join(cases) + " |",
         "|---" * (len(cases) + 1) + "|",

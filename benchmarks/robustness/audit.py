@@ -1,6 +1,6 @@
 """Known vulnerabilities of the versions that are tested, as the package index tells them.
 
-python -m benchmarks.audit [--write docs/dependencies.md] [--json FILE]
+    python -m benchmarks.robustness.audit [--write docs/dependencies.md] [--json FILE]
 
 The index has them from the public databases (OSV, PyPA). It is asked for the pinned version; an
 index that answers for the latest version only says nothing about an older one, which is then told.

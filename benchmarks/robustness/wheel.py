@@ -1,6 +1,6 @@
 """Build the wheel, install it in a new environment, and use it there, away from the source.
 
-python -m benchmarks.wheel [--folder build/wheel] [--write docs/dependencies.md]
+    python -m benchmarks.robustness.wheel [--folder build/wheel] [--write docs/dependencies.md]
 
 Dependencies are those of constraints.txt. The sample in the wheel is run to its report.
 """

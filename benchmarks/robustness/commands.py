@@ -1,6 +1,6 @@
 """Every command and option, as a page.
 
-    python -m benchmarks.commands [--write docs/commands.md]
+    python -m benchmarks.robustness.commands [--write docs/commands.md]
 
 Options that all commands have are said once. `tests/test_documents.py` compares page and commands.
 """
@@ -18,7 +18,8 @@ from ropefit.cli import app
 
 HEAD = """# Commands and options
 
-Written by `python -m benchmarks.commands --write docs/commands.md` from the command line itself.
+Written by `python -m benchmarks.robustness.commands --write docs/commands.md` from the command line
+itself.
 
 Every command takes `--json` (one JSON object on standard output; words and progress go to standard
 error), `--quiet` or `-q` (errors only), `--debug` (tracebacks) and `--help` or `-h`. `ropefit

@@ -1,6 +1,7 @@
 """Kill -9 at random instants of all stages: is every artifact the old one or the new one?
 
-python -m benchmarks.kills [--kills 300] [--chain 0|1] [--write docs/results.md] [--json FILE]
+    python -m benchmarks.robustness.kills [--kills 300] [--chain 0|1] [--write docs/results.md]
+                                          [--json FILE]
 
 Two sets of settings take turns in one run directory, so that there is always something old to lose.
 Half of the kills come at a random time, half at a random step of writing (before or after a file is
@@ -12,170 +13,38 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import signal
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 import torch
 
 from benchmarks.document import parser, publish
-from ropefit import commands, commands_show
-from ropefit.artifacts import ARTIFACTS
-from ropefit.artifacts.store import identity, read
-from ropefit.console import Session
+from benchmarks.robustness.interrupted_runs import (
+    RESUMED,
+    Chain,
+    chains,
+    count_steps,
+    hashes,
+    prepare,
+    run_chain,
+    tell_resumed,
+)
 from ropefit.inference.diagnosis import search
 from ropefit.inference.diagnosis.families import families
-from ropefit.inference.journal import Entries
 from ropefit.stages import checkpoint
-from ropefit.stages.run_directory import CHECKPOINTS, REPORT
+from ropefit.stages.run_directory import CHECKPOINTS
 from tests.factories import marker_recording
 
 KILLED = -signal.SIGKILL
 SOUGHT = ("distributed_load", "scale_error")  # by the diagnosis: all would take a minute a time
-TIMES = re.compile(r'<td data-label="(took|created)">.*?</td>')  # what a page says of its making
 LOST = ("damaged", "other", "unequal", "left")
-RESUMED = 255  # what a process tells instead of a stage's number
-FAST = {"solver": "thomas", "steps": 4, "iterations": 3, "evaluations": 25, "free": ["eta_x_G"]}
-STEPS = [  # of writing: where a process may die between two of them
-    (os, "replace"), (os, "fsync"), (os, "chmod"), (os, "unlink"), (tempfile, "mkstemp"),
-    (h5py.Group, "create_dataset"), (h5py.File, "__init__"), (h5py.File, "close"),
-]  # fmt: skip
-
-
-@dataclass
-class Chain:
-    """What is run: its name, and for each of its two settings the calls, by stage."""
-
-    name: str
-    calls: list[list[tuple[str, Callable[[Path], Any]]]]
-    files: list[dict[str, str]] = field(default_factory=list)  # {file: hash} by settings
-    seconds: float = 0.0
-    steps: int = 0
-
-
-def chains(recording: Path) -> list[Chain]:
-    """All stages with the paper's solver, and with the equilibrium and its diagnosis."""
-    quiet = Session(quiet=True)
-
-    def observe(nodes: int) -> Callable[[Path], Any]:
-        settings = {"nodes": nodes, "project": "auto"}
-        return lambda run: commands.preprocess(quiet, recording, run, settings, False)
-
-    def fit(settings: dict[str, Any]) -> Callable[[Path], Any]:
-        return lambda run: commands.identify(quiet, run, settings, None, False)
-
-    def estimate(run: Path) -> Any:
-        return commands.control(quiet, run, {"evaluations": 15}, None, False)
-
-    def explain(run: Path) -> Any:
-        return commands.diagnose(quiet, run, {"most_frames": 4}, None, None, False)
-
-    def tell(run: Path) -> Any:
-        return commands_show.report(quiet, [], run, [], None)
-
-    few = {"most_frames": 4}
-    paper, equilibrium = (
-        [
-            [
-                ("preprocess", observe(nodes)),
-                ("identify", fit(settings)),
-                *more,
-                ("control", estimate),
-                ("report", tell),
-            ]
-            for nodes in (6, 7)
-        ]
-        for settings, more in ((FAST, []), (few, [("diagnose", explain)]))
-    )
-    return [Chain("paper's solver", paper), Chain("equilibrium, diagnosis", equilibrium)]
-
-
-def hashes(run: Path) -> dict[str, str]:
-    """{file: hash of its content} of a run; raises RopefitError if an artifact is damaged."""
-    found = {}
-    for path in sorted(run.iterdir()) if run.exists() else []:
-        if path.name.startswith("."):
-            continue
-        if path.name == REPORT:
-            page = TIMES.sub("", path.read_text())
-            found[path.name] = str(hash(page)) if page.rstrip().endswith("</html>") else "cut off"
-            continue
-        schema = identity(path)[0]
-        kind = next(kind for kind in ARTIFACTS if kind.schema_name == schema)
-        found[path.name] = read(path, kind)[1]
-    return found
-
-
-def run_chain(chain: Chain, which: int, run: Path, told: int | None = None) -> None:
-    """All stages; the number of the one under way goes to file descriptor `told`."""
-    for number, (_, call) in enumerate(chain.calls[which]):
-        if told is not None:
-            os.write(told, bytes([number]))
-        call(run)
-
-
-def count_steps(at: int | None) -> list[int]:
-    """Count steps of writing in this process; at the given one it kills itself."""
-    count = [0]
-
-    def step() -> None:
-        count[0] += 1
-        if at is not None and count[0] == at:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    def counted(function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **options: Any) -> Any:
-            step()
-            result = function(*arguments, **options)
-            step()
-            return result
-
-        return call
-
-    for owner, name in STEPS:
-        setattr(owner, name, counted(getattr(owner, name)))
-    return count
-
-
-def tell_resumed(told: int) -> None:
-    """Tell file descriptor `told` of every stage that goes on from what was found before."""
-    restored = checkpoint.Saver.restored
-
-    def telling(self: checkpoint.Saver) -> Entries:
-        entries = restored(self)
-        if entries:
-            os.write(told, bytes([RESUMED]))
-        return entries
-
-    checkpoint.Saver.restored = telling
-
-
-def prepare(chain: Chain, scratch: Path) -> None:
-    """Undisturbed runs: what files must be, how long it takes, how many steps of writing."""
-    for which in (0, 1):
-        run = scratch / f"reference {chain.name} {which}"
-        run_chain(chain, which, run)
-        chain.files.append(hashes(run))
-    read_end, write_end = os.pipe()
-    started = time.monotonic()
-    if os.fork() == 0:  # what it costs when all is compiled, apart from the first run's start
-        count = count_steps(None)
-        run_chain(chain, 0, scratch / f"timed {chain.name}")
-        os.write(write_end, str(count[0]).encode())
-        os._exit(0)
-    os.wait()
-    chain.seconds = time.monotonic() - started
-    chain.steps = int(os.read(read_end, 100))
 
 
 @dataclass
@@ -299,12 +168,12 @@ def main() -> None:
         shutil.rmtree(scratch, ignore_errors=True)
     stages = ["start", "preprocess", "identify", "diagnose", "control", "report"]
     lines = [
-        "Kill -9, half at random times, half at random steps of writing a file; written by",
-        "`python -m benchmarks.kills`. *Damaged*: an artifact that cannot be read or whose hash is",
-        "wrong; *other*: neither the old file nor the new one; *unequal*: a resumed run that ended",
-        "with other bytes than an undisturbed one; *left*: files it left behind. Stages save what",
-        "they found every 0.01 s here, not every 10 s: *resumed* counts those that went on from",
-        "that. The diagnosis looks for two effects only, to be quick.",
+        "Processes ended by kill -9, half at random times, half at random steps of writing a file;",
+        "written by `python -m benchmarks.robustness.kills`. *Damaged*: an artifact that cannot be",
+        "read or whose hash is wrong; *other*: neither the old file nor the new one; *unequal*: a",
+        "resumed run that ended with other bytes than an undisturbed one; *left*: temporary files",
+        "left behind. Here stages write a checkpoint every 0.01 s instead of every 10 s; *resumed*",
+        "counts those that continued from one. To be quick, the diagnosis tests two effects only.",
         "",
         f"| chain | {' | '.join(stages)} | resumed | finished | damaged | other | unequal | left |",
         "|---" * (len(stages) + 7) + "|",
