@@ -39,7 +39,6 @@ schemas: $(STAMP)
 
 # The tables of docs/results.md.
 results: $(STAMP)
-	$(BIN)/python -m benchmarks.accuracy.losses --write docs/results.md
 	$(BIN)/python -m benchmarks.accuracy.recordings --write docs/results.md
 	$(BIN)/python -m benchmarks.accuracy.equilibrium --write docs/results.md
 	$(BIN)/python -m benchmarks.robustness.stress --write docs/results.md

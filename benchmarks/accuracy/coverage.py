@@ -1,4 +1,4 @@
-"""Do the 95 % intervals hold the truth? Simulated recordings whose truth is known.
+"""Coverage of the 95 % intervals, on simulated recordings whose truth is known.
 
     python -m benchmarks.accuracy.coverage [--recordings N] [--write docs/results.md] [--json FILE]
 
@@ -175,7 +175,7 @@ def main() -> None:
         f"calibration errors drawn from the default priors, truth on {FINE} segments, the fit on "
         f"{COARSE}.",
         "",
-        "| parameter | data | intervals | hold the truth | of which chance | half width, median |",
+        "| parameter | data | intervals | contain the truth | its 95 % interval | median half width |",
         "|---|---|---|---|---|---|",
     ]
     for key, row in data.items():

@@ -24,7 +24,7 @@ from tests.test_dynamics import beam, chain, frequency, pendulum, swing
 
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
 ALONG_X = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64)
-TORCH_DER = 8.3  # s: a differentiable discrete elastic rod in torch, the same clip, as told
+TORCH_DER = 8.3  # s: a differentiable discrete elastic rod in torch, the same clip, as published
 SPANS = (10, 100, 500, 2000)
 CHANGE = 0.01  # of EI
 
@@ -54,8 +54,7 @@ def clip(steps: int, held: bool, nodes: int = 13) -> tuple[Drive, Start]:
 
 
 def seconds(work: Callable[[], Any], times: int = 5) -> float:
-    """Least processor time [s] of several, the first left out: other work on the machine slows the
-    others."""
+    """Return the least processor time [s] of several runs, the first excluded."""
     work()
     found = []
     for _ in range(times):
@@ -83,8 +82,10 @@ def speed() -> dict[str, float]:
 
 
 def use(held: bool, damped: float) -> list[float]:
-    """For each span: error of the change that the gradient foretells for 1 % more EI, as a share
-    of the true change of where the last node but one ends."""
+    """Return, for each span, the error of the change that the gradient predicts for 1 % more EI.
+
+    Over the true change, of the final place of the last node but one.
+    """
     found = []
     for steps in SPANS:
         drive, start = clip(steps + 1, held)
@@ -161,7 +162,7 @@ def table(
         f"{s['13 nodes, with gradient']:.3f} |",
         f"| ropefit, 52 nodes | {s['52 nodes, forward']:.3f} | "
         f"{s['52 nodes, with gradient']:.3f} |",
-        f"| differentiable discrete elastic rod in torch, 13 nodes (told, not run here) | "
+        f"| differentiable discrete elastic rod in torch, 13 nodes (published, not run here) | "
         f"{TORCH_DER:g} | |",
         "",
         "Against closed forms:",
@@ -182,7 +183,7 @@ def table(
         + ", ".join(f"{100 * v:.2g} % of its energy at {k}" for k, v in lost.items())
         + ".",
         "",
-        "What the gradient foretells for 1 % more EI, error as a share of the true change:",
+        "Change predicted by the gradient for 1 % more EI; error over the true change:",
         "",
         "| rope | " + " | ".join(f"{n} steps" for n in SPANS) + " |",
         "|---" * (len(SPANS) + 1) + "|",

@@ -116,8 +116,8 @@ def main() -> None:
     }
     heads = " | ".join(f"K = {n}" for n in NODES)
     lines = [
-        "Largest distance of a node from the reference (boundary-value solution, scipy, 1e-8, or a",
-        "closed form) over the length; written by `python -m benchmarks.accuracy.equilibrium`.",
+        "Largest distance of a node from the reference (boundary-value solution by scipy to 1e-8,",
+        "or a closed form) over the length; by `python -m benchmarks.accuracy.equilibrium`.",
         "",
         f"| case | {heads} | order |",
         "|---|" + "---|" * (len(NODES) + 1),
@@ -129,8 +129,8 @@ def main() -> None:
         "",
         f"{COUNT} random placements of inextensible ropes, K = 20: ends 0.02 to 0.999 L apart in",
         "any direction, EI/(ρgL³) from 1e-6 to 1e-1, clamps in any orientation; cold start.",
-        "*Wrong*: called converged, but the energy (by autograd, apart from the solver) is not",
-        "stationary.",
+        "*Wrong*: reported as converged, but the energy (by automatic differentiation,",
+        "independent of the solver) is not stationary.",
         "",
         "| ends | converged | marked unconverged | wrong | unstable "
         "| iterations: median, 99 %, most | time a frame [µs] |",

@@ -18,10 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discovery import falsified
 from benchmarks.discovery.cases import Case, generate, listed
-from benchmarks.discovery.left_out import FREE, VARIANTS, WHOLE, WITHOUT_RESTART, Told
-from benchmarks.discovery.run import identified, kept
+from benchmarks.discovery.left_out import FREE, VARIANTS, WHOLE, WITHOUT_RESTART, Notes
+from benchmarks.discovery.run import identified, kept, read_json
 from benchmarks.discovery.score import judged
 from benchmarks.document import parser, publish
 from ropefit.artifacts import Model, Observations
@@ -77,21 +76,21 @@ def one(case: Case, out: Path, score_only: bool) -> dict[str, Any] | None:
             print(f"{case.name}: not made: {why}")
             return None
         if not (run / Model.file_name).exists():
-            told = identified(out / "recordings" / case.name, run)
-            if told["error"]:
-                print(f"{case.name}: {told['error']}")
+            result = identified(out / "recordings" / case.name, run)
+            if result["error"]:
+                print(f"{case.name}: {result['error']}")
                 return None
     results: dict[str, dict[str, Any]] = {}
     for key in VARIANTS:
         if score_only:
-            results[key] = falsified.read(stored[key])
+            results[key] = read_json(stored[key])
         else:
             results[key] = kept(stored[key], lambda key=key: without(key, run, results))
         said = results[key]["answer"] or {"verdict": results[key]["error"], "effects": []}
         called = "/".join(effect["name"] for effect in said["effects"])
         seconds = results[key]["seconds"]["diagnose"]
         print(f"{case.name}: {key}: {said['verdict']} {called} {seconds:.0f} s", flush=True)
-    known = falsified.read(truth)
+    known = read_json(truth)
     return {
         "case": case.name,
         "judged": {key: judged(known, result) for key, result in results.items()},
@@ -113,15 +112,15 @@ def without(key: str, run: Path, results: dict[str, dict[str, Any]]) -> dict[str
     return timed(VARIANTS[key].apart, run)
 
 
-def timed(apart: Callable[[Told], Any], run: Path) -> dict[str, Any]:
+def timed(apart: Callable[[Notes], Any], run: Path) -> dict[str, Any]:
     """One diagnosis with something about it changed."""
     inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
     warmed_up(run)
-    told: Told = {}
-    out: dict[str, Any] = {"answer": None, "error": None, "told": told}
+    notes: Notes = {}
+    out: dict[str, Any] = {"answer": None, "error": None, "told": notes}
     begin = time.process_time()
     try:
-        with apart(told):
+        with apart(notes):
             found = diagnose.compute(inputs, diagnose.DiagnoseSettings(), Context())
     except RopefitError as error:
         out["error"] = str(error)

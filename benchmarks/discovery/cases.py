@@ -9,18 +9,17 @@ import numpy as np
 
 from benchmarks.discovery import made, make
 from benchmarks.discovery.concealed import (
+    HISTORY_DEPENDENT,
     IN_MOTION,
-    MEASUREMENT,
     NEEDS_CLAMPS,
     NEEDS_PINS,
     PHYSICS,
-    REMEMBERING,
-    UNKNOWN,
 )
+from benchmarks.discovery.concealed_errors import MEASUREMENT, UNKNOWN
 from reference_simulators.collocation import NotConverged
 
 SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
-SEEN = (12.0, 30.0, 100.0)  # of ropes that remember
+SEEN = (12.0, 30.0, 100.0)  # of history-dependent ropes
 MOVING = (30.0, 100.0)  # of ropes that are filmed in motion
 # Effects that MuJoCo's rope can have as well: about half of their recordings are made by it.
 IN_MUJOCO = (
@@ -103,7 +102,7 @@ def listed(size: str, seed: int = 5) -> list[Case]:
             continue
         for i in range(unknown):
             add("unknown", i, (name,), (30.0, 100.0)[i % 2])
-    for k, name in enumerate(REMEMBERING):
+    for k, name in enumerate(HISTORY_DEPENDENT):
         for i, score in enumerate({"small": (30.0,), "standard": SEEN}.get(size, SCORES)):
             add("single", i + k, (name,), score)
     for k, name in enumerate(IN_MOTION):

@@ -22,7 +22,7 @@ from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 from ropefit.stages import diagnose
 
-Told = dict[str, Any]  # what a variant notes while it runs
+Notes = dict[str, Any]  # what a variant notes while it runs
 
 
 @dataclass(frozen=True)
@@ -31,31 +31,31 @@ class Variant:
 
     title: str
     meaning: str
-    apart: Callable[[Told], AbstractContextManager[Any]]
+    apart: Callable[[Notes], AbstractContextManager[Any]]
 
 
 @contextmanager
-def watched(told: Told) -> Iterator[None]:
+def watched(notes: Notes) -> Iterator[None]:
     """As it is; notes how often a stuck model began anew, and how long that took [s]."""
-    plain, told["restarts"], told["restart_seconds"] = engine._restarted, 0, 0.0
+    plain, notes["restarts"], notes["restart_seconds"] = engine._restarted, 0, 0.0
 
     def restarted(*arguments: Any) -> Fit | None:
         begin = time.process_time()
         again = plain(*arguments)
-        told["restart_seconds"] += time.process_time() - begin
-        told["restarts"] += again is not None
+        notes["restart_seconds"] += time.process_time() - begin
+        notes["restarts"] += again is not None
         return again
 
     with patch.object(engine, "_restarted", restarted):
         yield
 
 
-def exact_set_up(told: Told) -> AbstractContextManager[Any]:
+def exact_set_up(notes: Notes) -> AbstractContextManager[Any]:
     """The nominal fit has the rope's own parameters only."""
     return patch.object(diagnose, "calibration", lambda *_: [])
 
 
-def white_noise(told: Told) -> AbstractContextManager[Any]:
+def white_noise(notes: Notes) -> AbstractContextManager[Any]:
     """Stations are independent, ends exact in every frame."""
     return patch.object(engine, "measure", _only_white)
 
@@ -64,13 +64,13 @@ def _only_white(nominal: Fit, columns: Any, noise: Noise, moves: Any) -> Noise:
     return replace(noise, correlated=0.0, ends=None)
 
 
-def never_restarted(told: Told) -> AbstractContextManager[Any]:
+def never_restarted(notes: Notes) -> AbstractContextManager[Any]:
     """Evidence counts over the smaller model as it stood."""
     return patch.object(engine, "_restarted", lambda *_: None)
 
 
 @contextmanager
-def naive_bic(told: Told) -> Iterator[None]:
+def naive_bic(notes: Notes) -> Iterator[None]:
     """The effect with the lowest BIC is accepted if it lowers it at all."""
     plain = engine.fit_rivals
 
@@ -98,9 +98,9 @@ def penalty(current: Fit, one: Scored | Rival) -> float:
 
 
 @contextmanager
-def free_rival(told: Told) -> Iterator[None]:
+def free_rival(notes: Notes) -> Iterator[None]:
     """Each round has one rival more: a rope whose EI and rest curve are free along it."""
-    plain, told["rounds"] = engine.fit_rivals, []
+    plain, notes["rounds"] = engine.fit_rivals, []
 
     def rivals(
         current: Fit, scan: Any, driven: Any, touching: Any, data: Any, noise: Noise, bins: int,
@@ -112,7 +112,7 @@ def free_rival(told: Told) -> Iterator[None]:
             free = free_rope(current, data, noise, bins)
         if free is None:
             return found
-        told["rounds"].append({
+        notes["rounds"].append({
             "free": _weighed(current, free), "best": _weighed(current, found[0] if found else None),
         })  # fmt: skip
         return sorted([*found, free], key=lambda r: -r.evidence)

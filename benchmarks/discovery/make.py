@@ -6,15 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.discovery.concealed import (
-    MEASUREMENT,
-    NEEDS_CLAMPS,
-    NEEDS_PINS,
-    PHYSICS,
-    REMEMBERING,
-    UNKNOWN,
-    Concealed,
-)
+from benchmarks.discovery.concealed import HISTORY_DEPENDENT, NEEDS_CLAMPS, NEEDS_PINS, PHYSICS
+from benchmarks.discovery.concealed_errors import MEASUREMENT, UNKNOWN
+from benchmarks.discovery.concealment import Concealed
 from benchmarks.discovery.made import Made, Sized
 from benchmarks.discovery.setting import Setting, draw, grasped, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
@@ -22,7 +16,7 @@ from reference_simulators.collocation import NotConverged, solve
 from reference_simulators.kirchhoff_rod import CLAMPED, hang, problem
 from reference_simulators.rod_equations import Array, rotation
 
-CATALOGUE = PHYSICS | REMEMBERING | MEASUREMENT | UNKNOWN
+CATALOGUE = PHYSICS | HISTORY_DEPENDENT | MEASUREMENT | UNKNOWN
 
 
 class Implausible(RuntimeError):
@@ -117,7 +111,7 @@ def make(
     if clamped is None:
         clamped = bool(rng.random() < 0.5)
     clamped = (clamped or bool(NEEDS_CLAMPS & set(effects))) and not NEEDS_PINS & set(effects)
-    setting = draw(clamped, rng, back=bool(REMEMBERING.keys() & set(effects)))
+    setting = draw(clamped, rng, back=bool(HISTORY_DEPENDENT.keys() & set(effects)))
     chosen = [CATALOGUE[effect](setting, rng) for effect in effects]
     if breaks_of(chosen):
         setting = with_mesh(setting, chosen)

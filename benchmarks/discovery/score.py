@@ -1,4 +1,4 @@
-"""What the answers are worth: each case against its truth, and the table of bars."""
+"""Score the answers: each case against its truth, and the table of targets."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discovery.concealed import MEASUREMENT
+from benchmarks.discovery.concealed_errors import MEASUREMENT
 
 VISIBLE, WEAK = 12.0, 6.0
 SOLVER = {"under_converged", "too_coarse"}
 PLACE = 0.03  # of the length
-# Where a plane or a bar lies can be told in many ways: only that there is one is scored.
+# Where a plane or a target lies can be told in many ways: only that there is one is scored.
 NO_SIZE = {"support_plane", "obstacle"}
 FACTORS = {"log_factor": lambda v: abs(float(np.log(v))), "scale": lambda v: v - 1}
 
@@ -108,7 +108,7 @@ def share(values: list[Any]) -> tuple[float, int] | None:
 
 
 def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The table: what, bar, measured, number of cases, passed."""
+    """Return the table: what, target, measured, number of cases, whether it is met."""
     done = [j for j in judgements if "verdict" in j]
     group = {
         name: [j for j in done if j["group"] == name]
@@ -153,7 +153,7 @@ def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
         ("measurement decoys of score 6 or more called measurement (or a tie)", ">=", 0.95,
          share([as_measurement(j) for j in group["decoy"] if j["score"] > 0.9 * WEAK])),
     ]  # fmt: skip
-    out = [_row(what, sign, bar, found) for what, sign, bar, found in table]
+    out = [_row(what, sign, target, found) for what, sign, target, found in table]
     sizes = [j["set_size"] for j in strong if j["set_size"]]
     out.append(_number("mean set size of visible single effects", 2.0, sizes))
     times = [j["diagnose_seconds"] for j in done]
@@ -164,27 +164,27 @@ def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-def _row(what: str, sign: str, bar: Any, found: tuple[float, int] | None) -> dict[str, Any]:
-    text = f"{bar[0]:.0%}-{bar[1]:.0%}" if sign == "within" else f"{sign} {bar:.0%}"
+def _row(what: str, sign: str, target: Any, found: tuple[float, int] | None) -> dict[str, Any]:
+    text = f"{target[0]:.0%}-{target[1]:.0%}" if sign == "within" else f"{sign} {target:.0%}"
     value = found[0] if found else None
     passed = None
     if value is not None:
         passed = {
-            "<=": lambda: value <= bar,
-            ">=": lambda: value >= bar,
-            "within": lambda: bar[0] <= value <= bar[1],
+            "<=": lambda: value <= target,
+            ">=": lambda: value >= target,
+            "within": lambda: target[0] <= value <= target[1],
         }[sign]()
     measured = "-" if value is None else f"{value:.1%}"
     number = found[1] if found else 0
-    return {"what": what, "bar": text, "measured": measured, "value": value,
+    return {"what": what, "target": text, "measured": measured, "value": value,
             "cases": number, "passed": passed}  # fmt: skip
 
 
-def _number(what: str, bar: float, values: list[float]) -> dict[str, Any]:
+def _number(what: str, target: float, values: list[float]) -> dict[str, Any]:
     value = float(np.mean(values)) if values else None
-    return {"what": what, "bar": f"<= {bar:g}", "value": value, "cases": len(values),
+    return {"what": what, "target": f"<= {target:g}", "value": value, "cases": len(values),
             "measured": "-" if value is None else f"{value:.2f}",
-            "passed": None if value is None else value <= bar}  # fmt: skip
+            "passed": None if value is None else value <= target}  # fmt: skip
 
 
 def confusion(judgements: list[dict[str, Any]]) -> dict[str, Counter[str]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery.clouds import Seen, Sensor
+from benchmarks.discovery.clouds import CameraErrors, Sensor
 from reference_simulators.history_dependent_rod import Law
 from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, RodProblem, facing, hang
 from reference_simulators.rod_equations import Array, Rod
@@ -36,7 +36,7 @@ class World:
 
     rod: Rod
     held: Ends
-    seen: Seen = field(default_factory=Seen)
+    camera: CameraErrors = field(default_factory=CameraErrors)
     law: Law | None = None  # by which the rope remembers
 
 
@@ -138,18 +138,18 @@ def miscalibrated(world: World, rng: np.random.Generator) -> World:
     def normal(name: str, size: int) -> Array:
         return PRIORS[name] * rng.standard_normal(size)
 
-    seen = replace(
-        world.seen,
+    camera = replace(
+        world.camera,
         rotation=tuple(normal("camera_rotation", 3)),
         translation=tuple(normal("camera_translation", 3)),
-        scale=world.seen.scale + float(normal("scale", 1)[0]),
-        gain=world.seen.gain + float(normal("depth_gain", 1)[0]),
+        scale=world.camera.scale + float(normal("scale", 1)[0]),
+        gain=world.camera.gain + float(normal("depth_gain", 1)[0]),
     )
     tilt = Rotation.from_rotvec([*normal("gravity", 2), 0.0])
     rod = replace(world.rod, gravity=tuple(tilt.apply(world.rod.gravity)))
     held = moved(world.held, normal("end_position", 6).reshape(2, 3))
     held = turned(held, normal("end_orientation", 6).reshape(2, 3))
-    return replace(world, rod=rod, held=held, seen=seen)
+    return replace(world, rod=rod, held=held, camera=camera)
 
 
 def moved(held: Ends, by: Array) -> Ends:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery.clouds import Seen, mistaken
+from benchmarks.discovery.clouds import CameraErrors, mistaken
 from benchmarks.discovery.setting import (
     END_NOISE,
     INTERVAL,
@@ -108,11 +108,11 @@ def meter(setting: Setting) -> Meter:
             alone = np.zeros_like(column)
             alone[frame] = share * column[frame]
             columns.append(alone)
-    seens = [Seen(scale=float(np.hypot(PRIORS["scale"], PRIORS["depth_gain"])))]
+    errors = [CameraErrors(scale=float(np.hypot(PRIORS["scale"], PRIORS["depth_gain"])))]
     for axis in np.eye(3):
-        seens.append(Seen(rotation=tuple(PRIORS["camera_rotation"] * axis)))
-        seens.append(Seen(translation=tuple(PRIORS["camera_translation"] * axis)))
-    columns += [mistaken(points, seen, view) - points for seen in seens]
+        errors.append(CameraErrors(rotation=tuple(PRIORS["camera_rotation"] * axis)))
+        errors.append(CameraErrors(translation=tuple(PRIORS["camera_translation"] * axis)))
+    columns += [mistaken(points, one, view) - points for one in errors]
     flat = [np.einsum("tpij,tpj->tpi", basis, column).ravel() for column in columns]
     return Meter(index, basis, np.stack(flat, axis=1), points)
 
@@ -120,11 +120,11 @@ def meter(setting: Setting) -> Meter:
 def seen_change(setting: Setting, scale: Meter, world: World, states: Array) -> Array:
     """(T, P, 3) [m] what changes at the stations, camera mistakes included."""
     points = states[:, scale.index, :3]
-    if world.seen.flat:
+    if world.camera.flat:
         ends = setting.held.positions
         normal = np.cross(ends[:, 1] - ends[:, 0], [0.0, 0.0, 1.0])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         off = np.einsum("tpi,ti->tp", points - ends[:, :1], normal)
-        points = points - world.seen.flat * off[..., None] * normal[:, None]
+        points = points - world.camera.flat * off[..., None] * normal[:, None]
     view = np.asarray(setting.sensor.viewpoint)
-    return mistaken(points, world.seen, view) - scale.points
+    return mistaken(points, world.camera, view) - scale.points

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.accuracy.losses import MEANING
 from benchmarks.paper import baxter_explained as explained
 from benchmarks.paper import baxter_figures as figures
 from benchmarks.paper.document import Claim, claims, millimetres, picture, table
-from benchmarks.paper.results import PAPER_WEIGHTS, SYMBOL, Results, assemble, lengths
+from benchmarks.paper.results import MEANING, PAPER_WEIGHTS, SYMBOL, Results, assemble, lengths
 
 THOMAS = {"eta_x_G": 0.024, "eta_x_D": 0.48, "eta_x_S": 1.16, "eta_q_S": 0.52, "eta_q_B": 1.49,
           "eta_SOR": 0.61}  # fmt: skip

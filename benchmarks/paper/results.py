@@ -24,6 +24,18 @@ SYMBOL = {
     "eta_x_G_1": "η_x^G, gripper to end 1",
 }  # fmt: skip
 
+MEANING = {
+    "OBJ1": "3D point to line",
+    "OBJ2": "2D point to line",
+    "OBJ3": "2D point to line + lowest",
+    "OBJ4": "3D segment to particle",
+    "OBJ5": "2D segment to particle",
+    "OBJ6": "2D segment to particle + lowest",
+    "OBJ7": "3D segment to line",
+    "OBJ8": "2D segment to line",
+    "OBJ9": "2D segment to line + lowest",
+}
+
 
 @dataclass(frozen=True)
 class Results:

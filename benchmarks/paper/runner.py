@@ -7,7 +7,6 @@ import json
 import os
 import shlex
 import shutil
-import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command import CommandFailed, ropefit
 from benchmarks.paper.pipeline import Derived, Experiment, Rendered, TargetTable
 from benchmarks.paper.recordings import derive, load_truth, make
 from ropefit.artifacts import Model, Observations
@@ -137,17 +137,15 @@ def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
 
 def _ropefit(stage: str, options: str, run: Path, may_fail: bool) -> dict[str, Any]:
     """The JSON of one command; {"failed": its line, "code": ...} of one whose failure counts."""
-    command = [sys.executable, "-m", "ropefit", stage, *shlex.split(options)]
-    command += ["--run", str(run)]
     begin = time.monotonic()
-    done = subprocess.run([*command, "--quiet", "--json"], capture_output=True, text=True)
-    print(f"{run.name}: {stage} {options} ({time.monotonic() - begin:.0f} s)", file=sys.stderr)
-    if done.returncode == 0:
-        return json.loads(done.stdout)
-    line = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "no message"
-    if not may_fail:
-        raise SystemExit(f"{run.name}: {stage}: {line}")
-    return {"failed": line, "code": done.returncode}
+    try:
+        return ropefit(stage, *shlex.split(options), "--run", run)
+    except CommandFailed as failed:
+        if not may_fail:
+            raise SystemExit(f"{run.name}: {failed}")
+        return {"failed": failed.line, "code": failed.code}
+    finally:
+        print(f"{run.name}: {stage} {options} ({time.monotonic() - begin:.0f} s)", file=sys.stderr)
 
 
 def _write_targets(place: Place, name: str, table: TargetTable) -> None:

@@ -1,4 +1,4 @@
-"""What the diagnosis names in measured ropes in motion, given a model of the same rope at rest."""
+"""Diagnose measured ropes in motion, given a model of the same rope at rest."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ import numpy as np
 
 from benchmarks.command import ropefit
 from benchmarks.real.motion import clips_of, join
-from benchmarks.real.shapes import cause_cells
+from benchmarks.real.shapes import cause_cells, refused
 
 FRAMES = "24"  # of them that the diagnosis uses
 CLIPS = 4  # training clips, evenly spread
 
 
 def name_motion(source: Path, folder: Path) -> dict[str, Any]:
-    """`ropefit diagnose --nominal` on training clips; the nominal model is the equilibrium that
-    `identify` finds for the calmest of their frames."""
+    """Diagnose training clips with the model of their calmest frames at rest as `--nominal`."""
     train = clips_of(source, "train")
     few = [train[k] for k in np.linspace(0, len(train) - 1, CLIPS).round().astype(int)]
     join(source, few, folder / "clips")
@@ -32,11 +31,12 @@ def name_motion(source: Path, folder: Path) -> dict[str, Any]:
 
 def named_table(found: dict[str, dict[str, Any]]) -> str:
     rows = [
-        "What `ropefit diagnose --nominal` names in training clips of the same cables, given a",
+        "What `ropefit diagnose --nominal` accepts in training clips of the same cables, given a",
         f"model at rest that `ropefit identify` fitted to the calmest frames of {CLIPS} of them;",
         "written by `python -m benchmarks.real`.",
         "",
-        "| rope | verdict | named | size (95 %) | or as well | nats | held out [mm] |",
+        "| rope | verdict | accepted | size (95 %) | equivalent to | log Bayes factor "
+        "| held out before → after [mm] |",
         "|---" * 7 + "|",
     ]
     for rope, d in found.items():
@@ -49,6 +49,6 @@ def named_table(found: dict[str, dict[str, Any]]) -> str:
             rows.append(
                 f"| {rope} | {d['verdict']} | {name} | {size} | {same} | {nats} | {change} |"
             )
-    said = [f"{rope}: {text}" for rope, d in found.items() for text in d["refused"]]
-    rows += ["", "Not believed, or not to be told: " + ("; ".join(said) or "nothing") + "."]
+    said = "; ".join(f"{rope}: {refused(d)}" for rope, d in found.items())
+    rows += ["", f"Refused: {said}."]
     return "\n".join(rows) + "\n"

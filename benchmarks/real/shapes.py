@@ -18,8 +18,8 @@ VARYING = "EI,rest_curve"
 
 @dataclass(frozen=True)
 class Identified:
-    """rms [m] of fitted and held-out frames, and every free parameter as the artifact has it; EI of
-    every group of frames."""
+    """What `identify` found: rms [m] of fitted and held-out frames and of each frame, the free
+    parameters as in the artifact, and EI of every group of frames."""
 
     fitted: float
     heldout: float | None
@@ -29,7 +29,7 @@ class Identified:
 
 
 def identified(run: Path, free: str, groups: str = "one") -> Identified:
-    """`ropefit identify --free` on a run; the parameters of the first group."""
+    """Identify a run with `--free`: return what was found for the first group."""
     ropefit("identify", "--run", run, "--free", free, "--groups", groups)
     model = read(run / Model.file_name, Model)[0].nominal
     told = {n: p.model_dump() for n, p in next(iter(model.groups.values())).parameters.items()}
@@ -40,8 +40,8 @@ def identified(run: Path, free: str, groups: str = "one") -> Identified:
 
 @dataclass(frozen=True)
 class Cables:
-    """The cable as it was, straight and with a rest curvature, and what the diagnosis says of the
-    changed one: with the first as its nominal model, and by itself."""
+    """The unchanged cable, straight and with a rest curvature; the diagnosis of the changed one,
+    with the unchanged run as nominal and without."""
 
     straight: Identified
     curved: Identified
@@ -61,7 +61,7 @@ def cables(real: Path, folder: Path) -> Cables:
 
 
 def wire(real: Path, folder: Path) -> tuple[Identified, Identified, Identified]:
-    """The wire taken as straight, with a rest curve, and with one of its own in every pose."""
+    """Identify the wire as straight, with a rest curve, and with one of its own in every pose."""
     ropefit("preprocess", real / "wire_black", "--run", folder)
     own = identified(folder, VARYING, ",".join(f"{t}-{t}" for t in range(5)))
     return identified(folder, "EI"), identified(folder, VARYING), own
@@ -70,37 +70,43 @@ def wire(real: Path, folder: Path) -> tuple[Identified, Identified, Identified]:
 def cable_table(c: Cables) -> str:
     rows = [
         "A cable held at its base, its free end hanging, at 23 angles of the base; then the same",
-        "again with something changed; written by `python -m benchmarks.real`. As it was it leaves",
-        f"{_mm(c.straight.fitted)} mm taken as straight at rest (held-out angles "
-        f"{_mm(c.straight.heldout)}),",
-        f"and {_mm(c.curved.fitted)} mm (held-out angles {_mm(c.curved.heldout)}) with a",
-        "uniform rest curvature:",
+        "again with something changed; written by `python -m benchmarks.real`. Rms of the",
+        f"unchanged cable: {_mm(c.straight.fitted)} mm taken as straight at rest (held-out angles "
+        f"{_mm(c.straight.heldout)} mm),",
+        f"{_mm(c.curved.fitted)} mm (held-out angles {_mm(c.curved.heldout)} mm) with a uniform",
+        "rest curvature:",
         "",
         *parameter_rows({"unweighted": c.curved}),
         "",
         "The changed cable, by `ropefit diagnose`:",
         "",
-        "| rope known from | verdict | named | where [m] | size (95 %) | or as well | nats | "
-        "held out before → after [mm] |",
+        "| nominal rope | verdict | accepted | where [m] | size (95 %) | equivalent to "
+        "| log Bayes factor | held out before → after [mm] |",
         "|---" * 8 + "|",
-        _row("the first run (`--nominal`)", c.known),
-        _row("nowhere", c.alone),
+        _row("of the unchanged run (`--nominal`)", c.known),
+        _row("of this run", c.alone),
     ]
-    for where, found in (("With `--nominal`", c.known), ("Without it", c.alone)):
-        rows += ["", f"{where}, it says besides: " + _words(found)]
+    for where, found in (("With `--nominal`", c.known), ("Without", c.alone)):
+        rows += ["", f"{where}: " + _words(found)]
     return "\n".join(rows) + "\n"
 
 
 def _words(found: dict[str, Any]) -> str:
-    said = [f"not believed, or not to be told: {text}" for text in found["refused"]]
+    """Return the effects that were refused, and the motion that would separate equivalent ones."""
+    said = f"refused {refused(found)}"
     if found["next_motion"]["description"]:
         apart = " from ".join(found["next_motion"]["separates"])
-        said.append(f"to tell {apart}: {found['next_motion']['description']}")
-    return ("; ".join(said) or "nothing") + "."
+        said += f"; to separate {apart}: {found['next_motion']['description']}"
+    return said + "."
+
+
+def refused(found: dict[str, Any]) -> str:
+    """Return the names of the effects that were fitted and refused (the reasons are in --json)."""
+    return ", ".join(text.split(":")[0] for text in found["refused"]) or "nothing"
 
 
 def _row(known: str, found: dict[str, Any]) -> str:
-    """Of the first cause; the others follow in the words."""
+    """Return the row of an answer, its effects side by side."""
     out = found["heldout"]
     held = f"{_mm(out['rms_before_m'])} → {_mm(out['rms_after_m'])}"
     if not found["effects"]:
@@ -111,7 +117,7 @@ def _row(known: str, found: dict[str, Any]) -> str:
 
 
 def cause_cells(effect: dict[str, Any]) -> tuple[str, ...]:
-    """What, where, size, equivalents and evidence of one cause."""
+    """Return name, place, size, equivalents and log Bayes factor of an accepted effect."""
     key, size = next(iter(effect["parameters"].items()))
     place = effect["arc_length_m"]
     low, high = size["ci95"]
@@ -127,7 +133,7 @@ def cause_cells(effect: dict[str, Any]) -> tuple[str, ...]:
 def wire_table(straight: Identified, free: Identified, own: Identified) -> str:
     return "\n".join([
         "A wire clamped at both ends, five poses clicked on photographs: is it straight at rest?",
-        "Written by `python -m benchmarks.real`.",
+        "Written by `python -m benchmarks.real`. A rest curve has ten further values (`--json`).",
         "",
         "| rest shape | fitted frames [mm] | frame by frame [mm] |",
         "|---|---|---|",
@@ -140,7 +146,7 @@ def wire_table(straight: Identified, free: Identified, own: Identified) -> str:
         "",
         *parameter_rows({"straight": straight, "one curve": free}),
         "",
-        "EI pose by pose, with a rest curve of its own each: "
+        "EI of each pose with a rest curve of its own: "
         + "; ".join(
             f"{p['value']:.3g} {p['unit']} ({interval(p)}, {p['verdict']})" for p in own.rigid
         )
@@ -155,6 +161,8 @@ def parameter_rows(found: dict[str, Identified]) -> list[str]:
     ]
     for model, i in found.items():
         for name, p in i.parameters.items():
+            if "_at_" in name:  # a point of a rest curve
+                continue
             partners = ", ".join(p["trades_with"]) or "-"
             cells = [model, f"{name} [{p['unit']}]", f"{p['value']:.3g}", interval(p), p["verdict"]]
             rows.append(f"| {' | '.join(cells)} | {partners} |")
@@ -162,7 +170,7 @@ def parameter_rows(found: dict[str, Identified]) -> list[str]:
 
 
 def interval(p: dict[str, Any]) -> str:
-    """Of a parameter: from .. to, or its limit."""
+    """Return the interval of a parameter in words, or its limit."""
     if p["below"] is not None:
         return f"below {p['below']:.3g}"
     return "-" if p["ci95"] is None else f"{p['ci95'][0]:.3g} .. {p['ci95'][1]:.3g}"

@@ -41,23 +41,20 @@ GAINED = 0.02  # of the energy in motion and in height: more is gained out of no
 FAR = 0.01  # of the length that an end moves in a step: a fifth of a segment
 
 STILL = f"""\
-Led from pose to pose in {FRAMES} frames, every frame begun with the one before: EI 1e-6 to 1e-1
-ρgL³, ends 0.02 to 0.999 L apart, paths of a hundredth to two radians and half as many lengths.
-*Wrong*: called converged, but the energy (by autograd, apart from the solver) is not stationary.
-*Wound*: by a whole turn from the frame before, where no joint is bent beyond a right angle
-(*sharp*: frames where one is; there a turn may slip through). *Reference*: distance of the nodes
-over the length from the boundary-value solution (Kirchhoff's rod, fourth order) of {COMPARED}
-frames drawn at random, median and most; *refined*: of a rope of {FINER} times the segments begun
-with the same state, which goes to 0 where the state is right; *elsewhere*: beyond {OTHER:g}."""
+Moved quasi-statically in {FRAMES} frames, each started from the one before: EI 1e-6 to 1e-1 ρgL³,
+ends 0.02 to 0.999 L apart. *Wrong*: reported as converged, but the energy (by automatic differentiation,
+independent of the solver) is not stationary. *Wound up*: by a whole turn since the frame before,
+where no joint is bent beyond a right angle (*sharp*: frames where one is; there a turn may slip
+through). *Reference*: distance of the nodes from the boundary-value solution over the length, of
+{COMPARED} frames drawn at random, median and largest; *refined*: of a rope of {FINER} times the
+segments started from the same state; *elsewhere*: beyond {OTHER:g}."""
 MOVED = f"""\
-In motion with inertia, {STEPS} implicit steps of 1 to 50 ms, uneven: ends led along random paths
-of up to half a radian and a quarter of a length at up to 3 Hz, then held still; undamped and
-damped, straight and bent at rest, EA 10 to 1e5 N where stretchy. *No start*: no equilibrium found
-to begin with, and said so. *Marked*: a step did not converge, and says so; *far* where an end goes
-farther than {FAR:g} L in a step. *Wrong*: steps called converged that leave more than {OFF_STEP:g}
-of the largest force in the equation of the implicit step (by autograd, apart from the solver).
-*Gained*: ropes whose energy grows, once their ends are still, by more than {GAINED:g} of their
-weight times their length and largest kinetic energy."""
+In motion with inertia, {STEPS} implicit steps of 1 to 50 ms: ends on random paths of up to half a
+radian and a quarter of a length at up to 3 Hz, then still; EA 10 to 1e5 N where stretchy. *No
+start*: no initial equilibrium, and reported so. *Marked*: a step did not converge, and is reported
+so; *far* where an end moves more than {FAR:g} L in a step. *Wrong*: steps reported as converged
+with a residual beyond {OFF_STEP:g} of the largest force. *Gained*: ropes whose energy grows, once their
+ends are still, by more than {GAINED:g} of their weight times length plus largest kinetic energy."""
 
 
 def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, Any]:
@@ -144,9 +141,9 @@ def table(still: dict[str, dict[str, Any]], moved: dict[str, dict[str, Any]]) ->
         f"{ropes} random ropes in random motions; written by",
         "`python -m benchmarks.robustness.stress`.",
         "",
-        fill(STILL, 100),
+        fill(STILL, 120),
         "",
-        "| ends | ropes | frames | converged | marked | wrong | unstable | wound | sharp "
+        "| ends | ropes | frames | converged | marked | wrong | unstable | wound up | sharp "
         "| references found | reference | refined | elsewhere |",
         "|---" * 13 + "|",
     ]
@@ -161,7 +158,7 @@ def table(still: dict[str, dict[str, Any]], moved: dict[str, dict[str, Any]]) ->
         )
     rows += [
         "",
-        fill(MOVED, 100),
+        fill(MOVED, 120),
         "",
         "| ends | ropes | no start | converged | marked, near | marked, far | steps | wrong "
         "| worst | gained | most gained |",

@@ -98,22 +98,38 @@ def _escaped(word: str) -> str:
 
 def _table(totals: dict[str, Any]) -> str:
     lines = [
-        f"{_executions(totals):,} executions, guided by coverage (atheris), of each reader on a "
-        "valid source",
-        "one file of which is replaced by what the fuzzer makes of it. *Finding*: an exception",
-        "other than a one-line failure, a warning, a file touched outside the source, a program",
-        f"started, anything unpickled. *Ended*: a crash, a hang over {HANG} s, over {MEMORY} MB.",
-        "Written by `python -m benchmarks.robustness.fuzz`.",
+        f"{_executions(totals):,} executions, guided by coverage (atheris), of readers on a valid",
+        "source one file of which the fuzzer replaces; written by",
+        "`python -m benchmarks.robustness.fuzz`. *Finding*: an exception other than a one-line",
+        "failure, a warning, a file touched outside the source, a program started, anything",
+        f"unpickled. *Ended*: a crash, a hang over {HANG} s, more than {MEMORY} MB.",
         "",
-        "| reader | executions | refused | findings | ended |",
-        "|---|---|---|---|---|",
+        "| readers | targets | executions | refused | findings | ended |",
+        "|---|---|---|---|---|---|",
     ]
+    kinds: dict[str, list[dict[str, Any]]] = {}
     for name, t in totals.items():
+        kinds.setdefault(_kind(name), []).append(t)
+    for kind, some in kinds.items():
+        counts = [sum(t[key] for t in some) for key in ("executions", "refused")]
+        found = [sum(len(t[key]) for t in some) for key in ("findings", "ended")]
         lines.append(
-            f"| {name} | {t['executions']:,} | {t['refused']:,} | {len(t['findings'])} "
-            f"| {len(t['ended'])} |"
+            f"| {kind} | {len(some)} | {counts[0]:,} | {counts[1]:,} | {found[0]} | {found[1]} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _kind(name: str) -> str:
+    """Return the group of readers that a target belongs to, in the table."""
+    ends = {
+        ".h5": "artifacts", ".ply": "point clouds", ".pcd": "point clouds", ".npz": "markers, ends",
+        ".csv": "markers, ends",
+    }  # fmt: skip
+    if name.startswith("import "):
+        return "importers"
+    if name in ("colour", "depth"):
+        return "pictures"
+    return next((kind for end, kind in ends.items() if name.endswith(end)), "descriptions, targets")
 
 
 if __name__ == "__main__":
