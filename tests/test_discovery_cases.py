@@ -176,8 +176,7 @@ def test_the_scorer_counts_hits_ties_and_misses():
     text = report.markdown(everything, {}, "--cases small", len(everything))
     assert "exit 1" in text
     assert "called tether" in text
-    assert "| point_mass | 3 | 1 | tether 1, no answer 1 |" in text
-    assert "| clean |" not in text
+    assert "true effect: point_mass (of 3) tether 1, no answer 1; kink (of 1) tether 1." in text
 
 
 def test_worked_examples_are_the_first_that_were_answered_rightly():

@@ -175,7 +175,8 @@ def main() -> None:
         f"calibration errors drawn from the default priors, truth on {FINE} segments, the fit on "
         f"{COARSE}.",
         "",
-        "| parameter | data | intervals | contain the truth | its 95 % interval | median half width |",
+        "| parameter | data | intervals | contain the truth | its 95 % interval "
+        "| median half width |",
         "|---|---|---|---|---|---|",
     ]
     for key, row in data.items():

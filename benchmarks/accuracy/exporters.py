@@ -107,9 +107,11 @@ def table(data: dict[str, Any]) -> str:
             value = data.get(f"{target} {case}", "not run")
             cells.append("-" if isinstance(value, str) else f"{value:.3%}")
             if isinstance(value, str):
-                reasons.append(f"- `{target}`, {case}: {value}")
+                reasons.append(f"`{target}`, {case}: {value}")
         lines.append(f"| `{target}` | " + " | ".join(cells) + " |")
-    return "\n".join([*lines, *([""] if reasons else []), *reasons]) + "\n"
+    if reasons:
+        lines += ["", "Not measured: " + "; ".join(reasons) + "."]
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:

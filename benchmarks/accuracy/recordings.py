@@ -1,6 +1,6 @@
 """The paper's method, defaults only, on the samples and on real recordings.
 
-    python -m benchmarks.accuracy.recordings [--real DIR] [--write docs/results.md] [--json FILE]
+    python -m benchmarks.accuracy.recordings [--real DIR] [--write docs/paper.md] [--json FILE]
 
 DIR holds the real recordings (default: ../shared/real); without it the samples alone are run.
 """

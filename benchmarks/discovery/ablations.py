@@ -1,4 +1,4 @@
-"""What each rule of the diagnosis is worth: the same recordings, one rule left out at a time.
+"""What each rule of the diagnosis contributes: the same recordings, one rule disabled at a time.
 
     python -m benchmarks.discovery.ablations [--cases NAME,...] [--seed N] [--out DIR]
                                              [--json FILE] [--write docs/results.md]
@@ -149,15 +149,15 @@ def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
     scores = [one["judged"][WHOLE]["score"] for one in single]
     told = f" (scores {min(scores):.0f} to {max(scores):.0f})" if scores else ""
     lines = [
-        f"One rule of the diagnosis left out at a time, on {len(clean)} clean recordings and",
+        f"One rule of the diagnosis disabled at a time, on {len(clean)} clean recordings and",
         f"{len(single)} with one visible effect{told} of the blind benchmark, the same in every",
         f"row; {errors} of these {len(done)} have errors of the set-up. {len(done)} of {listed}",
         f"asked for; by `{command}`. *False alarm*: a clean",
         "recording called anything but `none`. Time is the processor's, for one recording.",
         "",
         "| what is different | false alarms: exact set-up | with its errors | visible effect first "
-        "| in the set | effects named | time [s] |",
-        "|---|---|---|---|---|---|---|",
+        "| in the set | effects named | time [s] | meaning |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for key, variant in VARIANTS.items():
         quiet = [one["judged"][key] for one in clean]
@@ -172,9 +172,9 @@ def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
             _count([all(j.get("in_set", [False])) for j in seen]),
             _mean([len(j.get("named", [])) for j in seen], 1),
             _mean([j["seconds"] for j in quiet + seen], 0),
+            variant.meaning or "the diagnosis as it is",
         ]
         lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", *(f"- *{v.title}*: {v.meaning}" for v in VARIANTS.values() if v.meaning)]
     lines += ["", *_said(done, single)]
     return "\n".join(lines) + "\n"
 
@@ -195,14 +195,14 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
     """What the variants noted: how often the restart spoke, how much the free rope absorbs."""
     restarts = [one["told"][WHOLE]["restarts"] > 0 for one in done]
     lines = [
-        f"A stuck model began anew in {_count(restarts)} recordings; in the others the diagnosis "
-        "without that rule is the same.",
+        f"The model was fitted again from the winner's values in {_count(restarts)} recordings; in "
+        "the others that rule changes nothing.",
         "",
     ]
     others = [one for one in single if not STIFFNESS & set(one["judged"][WHOLE]["true"])]
     for what, some in (
-        ("no matter of stiffness or rest curve", others),
-        ("one", [one for one in single if one not in others]),
+        ("Effects other than stiffness and rest curve", others),
+        ("Stiffness and rest curve", [one for one in single if one not in others]),
     ):
         first = [one["told"][FREE]["rounds"][:1] for one in some]
         fitted = [rounds[0] for rounds in first if rounds]
@@ -214,7 +214,7 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
         named = ["free_rope" in one["judged"][FREE].get("named", []) for one in some]
         free, best = (_share([rivals[of] for rivals in fitted]) for of in ("free", "best"))
         lines.append(
-            f"Where the effect is {what}, the free rope takes {free} of the misfit beyond noise "
+            f"{what}: the free rope takes {free} of the misfit beyond noise "
             f"(the best effect {best}), has the higher evidence in {_count(beaten)} and is "
             f"accepted in {_count(named)}."
         )

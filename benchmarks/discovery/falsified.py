@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 import tomllib
 from collections.abc import Callable
@@ -141,7 +142,7 @@ def _cell(right: set[str], found: dict[str, Any]) -> str:
     """Return what was named, or the verdict, and whether a right name is among it."""
     answer = found["answer"]
     if answer is None:
-        return "no answer: " + found["error"].split("ropefit: ")[-1].split(";")[0]
+        return "no answer: " + re.split("[,;]", found["error"].split("ropefit: ")[-1])[0]
     sets = [names_of(effect) for effect in answer["effects"]]
     named = ", ".join("/".join(sorted(one)) for one in sets) or f"`{answer['verdict']}`"
     if not right:

@@ -1,4 +1,4 @@
-"""The diagnosis with one of its rules left out, or with a rival that can bend to anything.
+"""The diagnosis with one of its rules disabled, or with a free rope as a further candidate.
 
 A variant replaces functions of the engine while it runs; the engine knows nothing of it.
 """
@@ -147,26 +147,24 @@ WHOLE, WITHOUT_RESTART, FREE = "whole", "restart", "free"
 VARIANTS = {
     WHOLE: Variant("nothing", "", watched),
     "calibration": Variant(
-        "no calibration errors", "the nominal fit has the rope's own parameters only.", exact_set_up
+        "no calibration errors", "the nominal fit has the rope's own parameters only", exact_set_up
     ),
     "white": Variant(
-        "white noise", "stations are independent of each other and ends exact.", white_noise
+        "white noise", "stations are independent of each other and ends exact", white_noise
     ),
     WITHOUT_RESTART: Variant(
         "no restart",
-        "the smaller model is not fitted again from the winner's values.",
+        "the smaller model is not fitted again from the winner's values",
         never_restarted,
     ),
     "bic": Variant(
         "naive BIC",
-        "the effect that lowers χ² + k ln n most is accepted; no held-out blocks, no threshold of "
-        "the recording's own.",
+        "the effect that lowers χ² + k ln n most is accepted, without held-out blocks or threshold",
         naive_bic,
     ),
     FREE: Variant(
-        "a free rope as rival",
-        "EI and both components of the rest curvature at 8 knots along the rope, under broad "
-        "priors, are fitted and weighed in every round beside the effects.",
+        "a free rope as candidate",
+        "EI and rest curvature at 8 knots, under broad priors, compete with the effects",
         free_rival,
     ),
 }  # fmt: skip

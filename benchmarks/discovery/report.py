@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.discovery.concealed import IN_TIME
+from benchmarks.discovery.concealed_errors import UNKNOWN
 from benchmarks.discovery.score import VISIBLE, confusion, rows
 
 MOST_MISSES = 40
@@ -19,7 +20,7 @@ def markdown(
     lines = [
         f"{len(judgements)} of {listed} recordings by simulators that are not ropefit's; by",
         f"`python -m benchmarks.discovery {options}`. *Visible*: a score of at least 12",
-        "(signal over noise, after the confounding with EI and the set-up's errors).",
+        "(signal over noise, without the part explained by EI and errors of the set-up).",
         f"*Time-dependent*: those with {', '.join(sorted(IN_TIME))}.",
         "",
         "| what | target | measured | cases | met | time-dependent | cases | met |",
@@ -38,19 +39,12 @@ def markdown(
     if called:
         lines += [
             "",
-            "The first effect named, or the verdict, where it was not the true effect in every",
-            "recording of one effect:",
-            "",
-            "| truth | recordings | called so | called otherwise |",
-            "|---|---|---|---|",
-            *called,
+            "First named (or verdict), where not a true effect: " + "; ".join(called) + ".",
         ]
     missed = [j for j in judgements if miss(j)]
     if missed:
-        lines += ["", "Misses:", ""]
-        lines += [f"- {miss(j)}" for j in missed[:MOST_MISSES]]
-        if len(missed) > MOST_MISSES:
-            lines.append(f"- and {len(missed) - MOST_MISSES} more (`--json`)")
+        more = [f"and {len(missed) - MOST_MISSES} more (`--json`)"] * (len(missed) > MOST_MISSES)
+        lines += ["", "Misses: " + "; ".join([miss(j) for j in missed[:MOST_MISSES]] + more) + "."]
     if impossible:
         lines += ["", "Not made, because no plausible size reaches the score:", ""]
         lines += [f"- {name}: {why}" for name, why in sorted(impossible.items())]
@@ -58,20 +52,22 @@ def markdown(
 
 
 def confused(judgements: list[Case]) -> list[str]:
-    """Return a row for every true effect that was called something else at least once."""
+    """Return, for every true effect that was called something else, by how many and what."""
     out = []
+    verdicts = {"clean": {"none"}, "coarse mesh": {"none"}} | {
+        name: {"unknown"} for name in UNKNOWN
+    }
     for true, counts in confusion(judgements).items():
-        right = {"clean": "none", "coarse mesh": "none"}.get(true, true.split(" + ")[0])
-        others = [f"{name} {count}" for name, count in counts.most_common() if name != right]
+        right = verdicts.get(true, set(true.split(" + ")))
+        others = [f"{name} {count}" for name, count in counts.most_common() if name not in right]
         if others:
-            total = sum(counts.values())
-            out.append(f"| {true} | {total} | {counts[right]} | {', '.join(others)} |")
+            out.append(f"{true} (of {sum(counts.values())}) {', '.join(others)}")
     return out
 
 
 def miss(j: dict[str, Any]) -> str:
     """What went wrong with a case, in a line; empty when nothing did."""
-    head = f"`{j['case']}` ({' + '.join(j['true']) or 'nothing'}, score {j['score']:.3g}): "
+    head = f"`{j['case']}` ({' + '.join(j['true']) or 'nothing'}, score {j['score']:.3g}) "
     if "verdict" not in j:
         return head + str(j["error"])
     said = ", ".join("/".join(one) for one in j["sets"]) or j["verdict"]

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.document import parser, publish
 from benchmarks.real.motion import Score, prove
 from benchmarks.real.named import name_motion, named_table
-from benchmarks.real.shapes import cable_table, cables, wire, wire_table
+from benchmarks.real.shapes import cable_table, cables, estimate, wire, wire_table
 
 ROPES = ("mocap_dlo1", "mocap_dlo2")
 # Mean absolute error [mm] of other predictions on the same eval clips, as published with them: the
@@ -36,36 +36,32 @@ def table(scores: dict[str, Score], clips: int) -> str:
         f"fitted by `ropefit identify --solver dynamics` to {clips} training clips; written by",
         "`python -m benchmarks.real`. The last three columns are published values, not run here.",
         "",
-        "| rope | all markers | free markers | worst clip | shape held | nearest neighbour | "
-        "elastic rod + learned residual |",
-        "|---|---|---|---|---|---|---|",
+        "| rope | all markers | free markers | worst clip | second by second | marker by marker "
+        "| shape held | nearest neighbour | elastic rod + learned residual |",
+        "|---" * 9 + "|",
     ]
     for name, s in scores.items():
-        told = " | ".join(f"{v:g}" for v in PUBLISHED[name])
+        published = " | ".join(f"{v:g}" for v in PUBLISHED[name])
+        seconds = ", ".join(f"{1e3 * p.mean():.1f}" for p in np.array_split(s.by_time, 5))
+        markers = ", ".join(f"{1e3 * v:.0f}" for v in s.by_marker)
         lines.append(
-            f"| {name} | {1e3 * s.clip.mean():.1f} | {1e3 * s.free.mean():.1f} | "
-            f"{1e3 * s.clip.max():.1f} | {told} |"
+            f"| {name} | {1e3 * s.clip.mean():.1f} | {1e3 * s.free.mean():.1f} "
+            f"| {1e3 * s.clip.max():.1f} | {seconds} | {markers} | {published} |"
         )
-    lines += ["", "The error over time and along the rope [mm]:", ""]
-    for name, s in scores.items():
-        seconds = np.array_split(s.by_time, 5)
-        lines.append(
-            f"- {name}: second by second "
-            + ", ".join(f"{1e3 * part.mean():.1f}" for part in seconds)
-            + "; marker by marker "
-            + ", ".join(f"{1e3 * v:.0f}" for v in s.by_marker)
-        )
-    lines += ["", "Parameters; the rest curve has ten further values (`--json`):", ""]
-    lines += ["| rope | parameter | value | 95 % interval | verdict |", "|---|---|---|---|---|"]
-    for name, s in scores.items():
-        for key, p in s.parameters.items():
-            if "_at_" in key:  # a point of the rest curve
-                continue
-            low, high = p["ci95"]
-            lines.append(
-                f"| {name} | {key} [{p['unit']}] | {p['value']:.3g} | {low:.3g} .. {high:.3g} | "
-                f"{p['verdict']} |"
-            )
+    # The ten points of the rest curve are in --json only.
+    told = {
+        name: {k: p for k, p in s.parameters.items() if "_at_" not in k}
+        for name, s in scores.items()
+    }
+    heads = [f"{key} [{p['unit']}]" for key, p in next(iter(told.values())).items()]
+    lines += [
+        "",
+        "Parameters with 95 % intervals; the rest curve's ten values are in `--json`:",
+        "",
+    ]
+    lines += ["| rope | " + " | ".join(heads) + " |", "|---" * (1 + len(heads)) + "|"]
+    for name, parameters in told.items():
+        lines.append(f"| {name} | " + " | ".join(map(estimate, parameters.values())) + " |")
     return "\n".join(lines) + "\n"
 
 

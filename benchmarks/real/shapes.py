@@ -74,9 +74,9 @@ def cable_table(c: Cables) -> str:
         f"unchanged cable: {_mm(c.straight.fitted)} mm taken as straight at rest (held-out angles "
         f"{_mm(c.straight.heldout)} mm),",
         f"{_mm(c.curved.fitted)} mm (held-out angles {_mm(c.curved.heldout)} mm) with a uniform",
-        "rest curvature:",
-        "",
-        *parameter_rows({"unweighted": c.curved}),
+        "rest curvature: "
+        + ", ".join(f"{name} {estimate(p)} {p['unit']}" for name, p in c.curved.parameters.items())
+        + ".",
         "",
         "The changed cable, by `ropefit diagnose`:",
         "",
@@ -131,42 +131,25 @@ def cause_cells(effect: dict[str, Any]) -> tuple[str, ...]:
 
 
 def wire_table(straight: Identified, free: Identified, own: Identified) -> str:
-    return "\n".join([
-        "A wire clamped at both ends, five poses clicked on photographs: is it straight at rest?",
-        "Written by `python -m benchmarks.real`. A rest curve has ten further values (`--json`).",
-        "",
-        "| rest shape | fitted frames [mm] | frame by frame [mm] |",
-        "|---|---|---|",
-        *(
-            f"| {name} | {_mm(i.fitted)} | " + ", ".join(_mm(v) for v in i.by_frame) + " |"
-            for name, i in (
-                ("straight", straight), ("one curve", free), ("a curve for every pose", own),
-            )
-        ),
-        "",
-        *parameter_rows({"straight": straight, "one curve": free}),
-        "",
-        "EI of each pose with a rest curve of its own: "
-        + "; ".join(
-            f"{p['value']:.3g} {p['unit']} ({interval(p)}, {p['verdict']})" for p in own.rigid
-        )
-        + ".",
-    ]) + "\n"  # fmt: skip
-
-
-def parameter_rows(found: dict[str, Identified]) -> list[str]:
     rows = [
-        "| model | parameter | value | 95 % interval | verdict | trades with |",
-        "|---" * 6 + "|",
+        "A wire clamped at both ends, five poses clicked on photographs: is it straight at rest?",
+        "Written by `python -m benchmarks.real`.",
+        "",
+        "| rest shape | rms of fitted frames [mm] | frame by frame [mm] | EI [N m²] (95 %) |",
+        "|---|---|---|---|",
     ]
-    for model, i in found.items():
-        for name, p in i.parameters.items():
-            if "_at_" in name:  # a point of a rest curve
-                continue
-            partners = ", ".join(p["trades_with"]) or "-"
-            cells = [model, f"{name} [{p['unit']}]", f"{p['value']:.3g}", interval(p), p["verdict"]]
-            rows.append(f"| {' | '.join(cells)} | {partners} |")
-    return rows
+    models = {"straight": straight, "one curve": free, "a curve for every pose": own}
+    for name, i in models.items():
+        by_frame = ", ".join(_mm(v) for v in i.by_frame)
+        rigid = "; ".join(estimate(p) for p in i.rigid)
+        rows.append(f"| {name} | {_mm(i.fitted)} | {by_frame} | {rigid} |")
+    return "\n".join(rows) + "\n"
+
+
+def estimate(p: dict[str, Any]) -> str:
+    """Return value, interval and, unless it is determined, the verdict of a parameter."""
+    verdict = "" if p["verdict"] == "determined" else f", {p['verdict']}"
+    return f"{p['value']:.3g} ({interval(p)}{verdict})"
 
 
 def interval(p: dict[str, Any]) -> str:

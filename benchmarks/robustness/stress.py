@@ -6,7 +6,6 @@ python -m benchmarks.robustness.stress [--ropes 10800] [--write docs/results.md]
 from __future__ import annotations
 
 from itertools import product
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -42,19 +41,21 @@ FAR = 0.01  # of the length that an end moves in a step: a fifth of a segment
 
 STILL = f"""\
 Moved quasi-statically in {FRAMES} frames, each started from the one before: EI 1e-6 to 1e-1 ρgL³,
-ends 0.02 to 0.999 L apart. *Wrong*: reported as converged, but the energy (by automatic differentiation,
-independent of the solver) is not stationary. *Wound up*: by a whole turn since the frame before,
-where no joint is bent beyond a right angle (*sharp*: frames where one is; there a turn may slip
-through). *Reference*: distance of the nodes from the boundary-value solution over the length, of
-{COMPARED} frames drawn at random, median and largest; *refined*: of a rope of {FINER} times the
-segments started from the same state; *elsewhere*: beyond {OTHER:g}."""
+ends 0.02 to 0.999 L apart. *Wrong*: reported as converged, but the energy (by automatic
+differentiation, independent of the solver) is not stationary. *Wound up*: by a
+whole turn since the frame before, where no joint is bent beyond a right angle (*sharp*: frames
+where one is; there a turn may slip through). *Reference*: distance of the nodes from the
+boundary-value solution over the length, of {COMPARED} frames drawn at random, median and largest;
+*refined*: of a rope of {FINER} times the segments started from the same state; *elsewhere*: beyond
+{OTHER:g}."""
 MOVED = f"""\
 In motion with inertia, {STEPS} implicit steps of 1 to 50 ms: ends on random paths of up to half a
 radian and a quarter of a length at up to 3 Hz, then still; EA 10 to 1e5 N where stretchy. *No
 start*: no initial equilibrium, and reported so. *Marked*: a step did not converge, and is reported
 so; *far* where an end moves more than {FAR:g} L in a step. *Wrong*: steps reported as converged
-with a residual beyond {OFF_STEP:g} of the largest force. *Gained*: ropes whose energy grows, once their
-ends are still, by more than {GAINED:g} of their weight times length plus largest kinetic energy."""
+with a residual beyond {OFF_STEP:g} of the largest force. *Gained*: ropes whose energy grows, once
+their ends are still, by more than {GAINED:g} of their weight times length plus
+largest kinetic energy."""
 
 
 def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, Any]:
@@ -141,7 +142,7 @@ def table(still: dict[str, dict[str, Any]], moved: dict[str, dict[str, Any]]) ->
         f"{ropes} random ropes in random motions; written by",
         "`python -m benchmarks.robustness.stress`.",
         "",
-        fill(STILL, 120),
+        STILL,
         "",
         "| ends | ropes | frames | converged | marked | wrong | unstable | wound up | sharp "
         "| references found | reference | refined | elsewhere |",
@@ -158,7 +159,7 @@ def table(still: dict[str, dict[str, Any]], moved: dict[str, dict[str, Any]]) ->
         )
     rows += [
         "",
-        fill(MOVED, 120),
+        MOVED,
         "",
         "| ends | ropes | no start | converged | marked, near | marked, far | steps | wrong "
         "| worst | gained | most gained |",
