@@ -106,16 +106,16 @@ def test_the_benchmarks_that_are_named_exist():
     pages = [ROOT / "README.md", ROOT / "Makefile", ROOT / ".ci" / "run", *DOCS.glob("*.md")]
     pages += sorted((ROOT / "pipelines").glob("*.mk"))
     named = {
-        (page.name, module)
-        for page in pages
-        for module in re.findall(r"-m (benchmarks[\w.]*\w)", page.read_text())
+        (file.name, module)
+        for file in pages
+        for module in re.findall(r"-m (benchmarks[\w.]*\w)", file.read_text())
     }
     assert len(named) > 20
-    for page, module in sorted(named):
+    for where, module in sorted(named):
         found = importlib.util.find_spec(module)
-        assert found is not None, f"{page} names {module}"
+        assert found is not None, f"{where} names {module}"
         if found.submodule_search_locations:
-            assert importlib.util.find_spec(f"{module}.__main__"), f"{page} names {module}"
+            assert importlib.util.find_spec(f"{module}.__main__"), f"{where} names {module}"
 
 
 def test_every_section_of_the_results_has_its_command():

@@ -46,7 +46,7 @@ class Case:
 
 
 def motion(rng: np.random.Generator) -> np.ndarray:
-    """(FRAMES, 2, 3) [m] ends: one stays, the other lifts, sweeps and comes nearer."""
+    """Return ends (FRAMES, 2, 3) [m]: one stays, the other lifts, sweeps and comes nearer."""
     t = np.linspace(0, 1, FRAMES)
     phase = rng.uniform(0, 2 * np.pi, 3)
     reach = rng.uniform(0.45, 0.7) + rng.uniform(0.1, 0.22) * np.sin(2 * np.pi * t + phase[0])
@@ -58,7 +58,7 @@ def motion(rng: np.random.Generator) -> np.ndarray:
 
 
 def setup_of(ends: np.ndarray, segments: int, bend: float, length: float) -> Setup:
-    """A pinned rope in every frame, seen from EYE."""
+    """Return a pinned rope in every frame, seen from EYE."""
     return bare(
         uniform(length=length, segments=segments, bend=bend, density=DENSITY),
         torch.tensor(GRAVITY, dtype=torch.float64),
@@ -69,7 +69,7 @@ def setup_of(ends: np.ndarray, segments: int, bend: float, length: float) -> Set
 
 
 def draw(seed: int, markers: bool) -> Case:
-    """A recording of a rope of random stiffness and length."""
+    """Draw a recording of a rope of random stiffness and length."""
     rng = np.random.default_rng(seed)
     ends = motion(rng)
     bend = float(np.exp(rng.uniform(np.log(2e-4), np.log(4e-3))))
@@ -97,7 +97,7 @@ def draw(seed: int, markers: bool) -> Case:
 
 
 def judge(number: int) -> dict[str, float] | None:
-    """Where the truth lies in the fit's intervals: (truth - middle) over half widths, by name.
+    """Return where the truth lies in the intervals: (truth - middle) over half widths, by name.
 
     None for a recording whose fit did not converge.
     """
@@ -127,7 +127,7 @@ def judge(number: int) -> dict[str, float] | None:
 
 
 def measure(recordings: int, workers: int = 2) -> dict[str, object]:
-    """Shares of intervals that hold the truth, with their own 95 % uncertainty."""
+    """Return shares of intervals that contain the truth, with their own 95 % uncertainty."""
     begun = time.perf_counter()
     with ProcessPoolExecutor(workers) as pool:
         rows = list(pool.map(judge, range(recordings), chunksize=4))

@@ -30,14 +30,14 @@ CHANGE = 0.01  # of EI
 
 
 def rope(bend: Tensor | float, clamped: tuple[bool, bool], damped: float, nodes: int) -> Moving:
-    """One metre of 60 g/m."""
+    """Return a rope of 1 m and 60 g/m."""
     p = uniform(length=1.0, segments=nodes - 1, bend=bend, density=0.06)
     d = Damping(*(torch.full((nodes - 1,), damped * c).double() for c in (2e-5, 2e-5, 0, 0.02)))
     return moving(p, build(p, DOWN, clamped), d)
 
 
 def clip(steps: int, held: bool, nodes: int = 13) -> tuple[Drive, Start]:
-    """Held at both ends, one of which sweeps; or let go from a bow, hanging by one end."""
+    """Return the drive of a rope held at both ends, one of which sweeps, or let go from a bow."""
     t = torch.arange(steps, dtype=torch.float64) * 0.01
     first = torch.stack([0.1 * torch.sin(3 * t), 0.1 * (1 - torch.cos(2 * t)), 0 * t], dim=-1)
     last = torch.tensor([0.6, 0.0, 0.0], dtype=torch.float64).expand(steps, 3)
@@ -65,7 +65,7 @@ def seconds(work: Callable[[], Any], times: int = 5) -> float:
 
 
 def speed() -> dict[str, float]:
-    """[s] 500 steps of 13 nodes, forward and with gradient, and of four times the nodes."""
+    """Time [s] 500 steps of 13 nodes, forward and with gradient, and of four times the nodes."""
     out = {}
     for name, nodes in (("13 nodes", 13), ("52 nodes", 52)):
         drive, start = clip(500, True, nodes)
@@ -106,7 +106,7 @@ def use(held: bool, damped: float) -> list[float]:
 
 
 def drift() -> dict[str, float]:
-    """Share of its energy that a pendulum of 0.5 m, let go at 46°, loses in 100 s."""
+    """Return the share of its energy that a pendulum of 0.5 m, let go at 46°, loses in 100 s."""
     out = {}
     for h in (0.01, 0.005):
         p: Properties = uniform(length=0.5, segments=1, bend=1.0)
@@ -130,8 +130,11 @@ def drift() -> dict[str, float]:
 
 
 def accuracy() -> dict[str, list[float]]:
-    """Against closed forms: largest error [rad] of a pendulum at 200, 400 and 800 steps of 2 s, the
-    power of the step that it falls with, and of ω in the first three modes, as a share."""
+    """Compare with closed forms.
+
+    Return the largest error [rad] of a pendulum at 200, 400 and 800 steps of 2 s, the power of the step that
+    it falls with, and of ω in the first three modes, as a share.
+    """
     steps = (200, 400, 800)
     times = [np.linspace(0, 2, n + 1) for n in steps]
     errors = [float(np.abs(swing(t) - pendulum(t, 1.2, 0.5)).max()) for t in times]

@@ -42,7 +42,7 @@ CASES = {
 
 
 def deviation(p: Planar, segments: int) -> float:
-    """Largest distance [m] of a node from where the boundary-value solution has its arc length.
+    """Return the largest distance [m] of a node from the boundary-value solution at its arc length.
 
     Raises RuntimeError where either does not converge.
     """
@@ -72,7 +72,7 @@ def from_helix(segments: int) -> float:
 
 
 def accuracy() -> dict[str, Any]:
-    """Errors over the length for each case and number of nodes, and the order that fits them."""
+    """Return errors over the length by case and number of nodes, and the order that fits them."""
     errors: dict[str, Callable[[int], float]] = {
         name: lambda n, p=p: deviation(p, n) for name, p in CASES.items()
     }
@@ -86,7 +86,7 @@ def accuracy() -> dict[str, Any]:
 
 
 def robustness(clamped: bool) -> dict[str, float]:
-    """Counts over random placements, see `placements`."""
+    """Count outcomes over random placements, see `placements`."""
     p = placements(COUNT, clamped)
     start = time.perf_counter()
     s = solve(p.rod, p.conditions)

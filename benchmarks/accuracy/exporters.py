@@ -41,7 +41,7 @@ class NotInstalled(Exception):
 
 @cache
 def python_for(target: str) -> Path:
-    """The interpreter that has the simulator. Raises NotInstalled."""
+    """Return the interpreter that has the simulator. Raises NotInstalled."""
     for python in (FOLDER / target / "bin" / "python", Path(sys.executable)):
         try:
             if python.exists():
@@ -64,7 +64,7 @@ def setup(target: str) -> None:
 
 
 def settle(target: str, rope: RopeDescription, pose: int = 0, limit: float = 900) -> np.ndarray:
-    """(K, 3) [m] the nodes at rest in the simulator; NaN at a clamped end's node."""
+    """Return the nodes (K, 3) [m] at rest in the simulator; NaN at a clamped end's node."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"rope{exporter(target).suffix}"
         path.write_text(export(rope, target).text)
@@ -72,13 +72,13 @@ def settle(target: str, rope: RopeDescription, pose: int = 0, limit: float = 900
 
 
 def deviation(target: str, rope: RopeDescription, limit: float = 900) -> float:
-    """Largest distance of a node at rest from rope.x, as a share of the length."""
+    """Return the largest distance of a node at rest from rope.x, as a share of the length."""
     away = np.linalg.norm(settle(target, rope, limit=limit) - rope.x[0], axis=1)
     return float(np.nanmax(away)) / rope.length
 
 
 def measure(target: str, ends: str, ratio: float, limit: float) -> Any:
-    """The deviation, or in words why there is none."""
+    """Return the deviation, or in words why there is none."""
     started = time.monotonic()
     try:
         told: Any = deviation(target, describe(ends, ratio, NODES), limit)
@@ -90,7 +90,7 @@ def measure(target: str, ends: str, ratio: float, limit: float) -> Any:
 
 
 def table(data: dict[str, Any]) -> str:
-    """Deviations {"target ends ratio": share or why there is none} in Markdown."""
+    """Return deviations {"target ends ratio": share or why there is none} in Markdown."""
     cases = [f"{ends} {ratio:g}" for ends in ("pinned", "clamped") for ratio in RATIOS]
     lines = [
         f"Largest distance of a node from the exact elastica, in rope lengths, {NODES} nodes; "

@@ -23,7 +23,7 @@ REAL = ("cable_black_unweighted", "wire_black", "mocap_dlo1/eval_054")
 
 
 def measure(recording: Path, solver: str) -> dict[str, Any]:
-    """One `ropefit run`."""
+    """Run `ropefit run` once: return the numbers of a row."""
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         found = ropefit("run", recording, "--run", Path(folder) / "run", "--solver", solver)

@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def one(case: Case, out: Path, make_only: bool, score_only: bool) -> dict[str, Any] | str | None:
-    """A case's judgement; a sentence if it could not be made; None if there is nothing to judge."""
+    """Return a case's judgement, a sentence if it cannot be made, None if nothing is judged."""
     recordings, truths, results = out / "recordings", out / "truth", out / "results"
     stored = results / f"{case.name}.json"
     if score_only and not stored.exists():

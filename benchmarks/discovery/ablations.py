@@ -65,7 +65,7 @@ def main() -> None:
 
 
 def one(case: Case, out: Path, score_only: bool) -> dict[str, Any] | None:
-    """The judgements of a case by variant, and what was noted; None if it is not to be had."""
+    """Return the judgements of a case by variant, with notes; None if it cannot be made."""
     truth, run = out / "truth" / f"{case.name}.json", out / "runs" / case.name
     stored = {key: out / "ablations" / case.name / f"{key}.json" for key in VARIANTS}
     if score_only and not all(path.exists() for path in stored.values()):
@@ -99,7 +99,7 @@ def one(case: Case, out: Path, score_only: bool) -> dict[str, Any] | None:
 
 
 def without(key: str, run: Path, results: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The answer to a prepared run under a variant, with the CPU time [s] it took.
+    """Return the answer to a prepared run under a variant, with the CPU time [s] it took.
 
     Where beginning anew changed nothing, the diagnosis without that rule is the whole one, less
     the time of trying, and is not run again.
@@ -113,7 +113,7 @@ def without(key: str, run: Path, results: dict[str, dict[str, Any]]) -> dict[str
 
 
 def timed(apart: Callable[[Notes], Any], run: Path) -> dict[str, Any]:
-    """One diagnosis with something about it changed."""
+    """Diagnose once under a variant."""
     inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
     warmed_up(run)
     notes: Notes = {}
@@ -135,14 +135,14 @@ def timed(apart: Callable[[Notes], Any], run: Path) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def warmed_up(run: Path) -> None:
-    """Diagnoses a few frames: loading compiled code is no part of any variant's time."""
+    """Diagnose a few frames: loading compiled code is no part of any variant's time."""
     inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
     with suppress(RopefitError):
         diagnose.compute(inputs, diagnose.DiagnoseSettings(most_frames=4), Context())
 
 
 def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
-    """The section of docs/results.md."""
+    """Return the section of docs/results.md."""
     clean = [one for one in done if one["judged"][WHOLE]["group"] == "clean"]
     single = [one for one in done if one not in clean]
     errors = sum(one["judged"][WHOLE]["calibration"] for one in done)
@@ -192,7 +192,7 @@ def _mean(values: list[float], digits: int) -> str:
 
 
 def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]:
-    """What the variants noted: how often the restart spoke, how much the free rope absorbs."""
+    """Return the notes of the variants: restarts, and the share that the free rope explains."""
     restarts = [one["told"][WHOLE]["restarts"] > 0 for one in done]
     lines = [
         f"The model was fitted again from the winner's values in {_count(restarts)} recordings; in "
@@ -222,7 +222,7 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
 
 
 def _share(rivals: list[dict[str, Any] | None]) -> str:
-    """Of the misfit, what each rival takes away."""
+    """Return the share of the misfit that each candidate takes away."""
     known = [r["absorbed"] if r else None for r in rivals]
     return ", ".join("none" if share is None else f"{share:.0%}" for share in known)
 

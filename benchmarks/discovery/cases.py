@@ -49,7 +49,7 @@ class Case:
 
 
 def listed(size: str, seed: int = 5) -> list[Case]:
-    """The cases of a set: small, standard or full."""
+    """Return the cases of a set: small, standard or full."""
     rng = np.random.default_rng(seed)
     cases: list[Case] = []
 
@@ -139,7 +139,7 @@ def generate(case: Case, recordings: Path, truths: Path) -> str | None:
 
 
 def at_rest(case: Case) -> str:
-    """The name of the recording of a filmed rope at rest."""
+    """Return the name of the recording of a filmed rope at rest."""
     return f"{case.name}-still"
 
 
@@ -157,7 +157,7 @@ def _dragged(case: Case, seed: int) -> made.Made:
 
 
 def _film(case: Case, seed: int, recordings: Path, truths: Path) -> None:
-    """A recording in motion, and one of the same rope at rest if that is to be known."""
+    """Make a recording in motion, and one of the same rope at rest if that is to be known."""
     from benchmarks.discovery import filming  # needs MuJoCo
 
     moving, still = filming.make(case.effects[0], case.score, seed, case.clamped, case.calibration)

@@ -49,7 +49,7 @@ class CameraErrors:
 def surface(
     nodes: Array, tangents: Array, s: Array, radius: float, sensor: Sensor, rng: np.random.Generator
 ) -> Array:
-    """True surface points (m, 3) [m] that the camera sees of a rope through `nodes` (n, 3) [m]."""
+    """Return the visible surface points (m, 3) [m] of a rope through `nodes` (n, 3) [m]."""
     curve = CubicHermiteSpline(s, nodes, tangents)
     view = np.asarray(sensor.viewpoint)
     at = rng.uniform(s[0], s[-1], 3 * sensor.points)
@@ -76,7 +76,7 @@ def surface(
 def observe(
     points: Array, ends: Array, camera: CameraErrors, sensor: Sensor, rng: np.random.Generator
 ) -> Array:
-    """The points (m, 3) [m] that the camera reports; `ends` (2, 3) [m] of the rope."""
+    """Return the points (m, 3) [m] that the camera reports; `ends` (2, 3) [m] of the rope."""
     view = np.asarray(sensor.viewpoint)
     if camera.flat:
         normal = np.cross(ends[1] - ends[0], [0.0, 0.0, 1.0])
@@ -94,7 +94,7 @@ def observe(
 
 
 def mistaken(points: Array, camera: CameraErrors, view: Array) -> Array:
-    """Where a camera at `view` (3,) [m] with these mistakes sees points (…, 3) [m]."""
+    """Return where a camera at `view` (3,) [m] with these errors sees points (…, 3) [m]."""
     turn = Rotation.from_rotvec(camera.rotation).as_matrix()
     away = (1 + camera.scale) * (1 + camera.gain) * (points - view) @ turn.T
     ray = away / np.linalg.norm(away, axis=-1, keepdims=True)
@@ -116,7 +116,7 @@ class Metadata:
 
 
 def write(folder: Path, told: Metadata, clouds: list[Array], sensor: Sensor) -> None:
-    """The recording's directory, new."""
+    """Write the recording's directory anew."""
     if folder.exists():
         shutil.rmtree(folder)
     (folder / "clouds").mkdir(parents=True)

@@ -139,7 +139,7 @@ def tether(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def support_plane(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: how far above the lowest point of all frames the plane lies [m]."""
+    """Draw a plane. Size: its height above the lowest point of all frames [m]."""
     low = float(setting.states[..., 2].min())
     room = float(setting.held.positions[..., 2].min()) - low
     up, radius = np.array([0.0, 0.0, 1.0]), 0.5 * setting.diameter
@@ -153,7 +153,7 @@ def support_plane(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def obstacle(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """A horizontal bar under the rope. Size: how far it reaches above the lowest passing [m]."""
+    """Draw a horizontal bar under the rope. Size: its reach above the lowest passing [m]."""
     x = setting.states[..., :3]
     bar = 0.02 + 0.5 * setting.diameter
     # Where the rope passes in at least half of the frames.
@@ -176,7 +176,7 @@ def obstacle(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def bending_hysteresis(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: the moment that has to be overcome [N m]."""
+    """Draw internal friction. Size: the yield moment [N m]."""
     rod, span = setting.rod, float(rng.uniform(0.5, 2.0)) / setting.rod.length
     unit = rod.density * 9.81 * rod.length**2
 
@@ -189,7 +189,10 @@ def bending_hysteresis(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def plastic_set(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: the share of the rigidity that yields, beyond half of the largest curvature."""
+    """Draw a set.
+
+    Size: the share of the rigidity that yields, beyond half of the largest curvature.
+    """
     rod = setting.rod
     span = float(rng.uniform(0.3, 0.6) * np.abs(setting.states[..., 10:]).max() / rod.bending)
 
@@ -201,7 +204,7 @@ def plastic_set(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def viscoelastic_creep(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: by how much the rope is stiffer when it is bent quickly."""
+    """Draw creep. Size: the additional rigidity under quick bending, over the own one."""
     time = float(rng.uniform(1.0, 8.0)) * INTERVAL
 
     def change(world: World, size: float) -> World:

@@ -13,7 +13,7 @@ from reference_simulators.rod_equations import Array, Field, Point, Rod, rotatio
 
 
 def scale_error(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Of the camera alone, or (every second time) of the measured ends as well."""
+    """Draw an error of scale, of the camera alone or of the measured ends as well."""
     sign, whole = float(rng.choice([-1, 1])), bool(rng.random() < 0.5)
 
     def change(world: World, size: float) -> World:
@@ -71,7 +71,7 @@ def lost_out_of_plane(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def repulsion(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Everything on the rope is pushed away from a point, the less the farther."""
+    """Draw a soft repulsion of the whole rope from a point."""
     x: Array = setting.states[:, len(setting.problem.mesh) // 2, :3].mean(axis=0)
     way = rng.standard_normal(3)
     point = x + 0.12 * way / np.linalg.norm(way)
@@ -80,7 +80,7 @@ def repulsion(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def follower_force(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """A jet that is fixed to the rope and turns with it."""
+    """Draw a jet that is fixed to the rope and turns with it."""
     at = setting.rod.length * float(rng.uniform(0.3, 0.7))
     node = int(np.abs(setting.problem.mesh - at).argmin())
     turns = rotation(setting.states[:, node, 3:7]).mean(axis=0)
@@ -95,7 +95,7 @@ def follower_force(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def nonlinear_bending(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """The rope yields more the more it is bent: its stiffness halves at a moment."""
+    """Draw a softening in bending: the stiffness halves at a moment."""
     moment = float(np.abs(setting.states[..., 10:]).max())
     change = with_rod(softening=lambda _, size: size)
     return Concealed(

@@ -61,7 +61,7 @@ def with_field(field: Callable[[float], Field]) -> Callable[[World, float], Worl
 
 
 def interval(rod: Rod, rng: np.random.Generator, low: float, high: float) -> tuple[float, float]:
-    """A stretch of rope [m] of low to high of its length, away from the ends."""
+    """Draw an interval of arc length [m], of low to high of the length, away from the ends."""
     width = rng.uniform(low, high)
     start = rng.uniform(0.12, 0.88 - width)
     return start * rod.length, (start + width) * rod.length

@@ -22,7 +22,7 @@ STEPS = 8  # in which it is raised
 
 
 def make(seed: int, calibration: bool) -> Made:
-    """A pinned rope of which half or so lies on the table in some frames."""
+    """Make a pinned rope of which about half lies on the table in some frames."""
     rng = np.random.default_rng(seed)
     setting = draw(False, rng, back=True, count=POSES)
     low = float(setting.states[..., 2].min())
@@ -52,7 +52,7 @@ def make(seed: int, calibration: bool) -> Made:
 
 
 def on_table(world: World, height: float) -> World:
-    """The world with a table whose top lies a radius of the rope below a height [m]."""
+    """Return the world with a table whose top lies a radius of the rope below a height [m]."""
     up = np.array([0.0, 0.0, 1.0])
     table = Field(height * up, up, 0.0, CONTACT_HARDNESS, "plane")
     return replace(world, rod=replace(world.rod, fields=(table,)))

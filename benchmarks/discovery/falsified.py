@@ -21,7 +21,7 @@ TILT, CLAMP, SCALE, WEAK_GRAVITY = np.radians(3.0), np.radians(5.0), 0.01, 4.81
 
 
 def copied(source: Path, folder: Path, name: str) -> None:
-    """A copy of a recording under another name."""
+    """Copy a recording under another name."""
     if folder.exists():
         shutil.rmtree(folder)
     shutil.copytree(source, folder)
@@ -31,7 +31,7 @@ def copied(source: Path, folder: Path, name: str) -> None:
 
 
 def gravity(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Another gravity in recording.toml."""
+    """Change gravity in recording.toml."""
     path = folder / "recording.toml"
     old = np.array(tomllib.loads(path.read_text())["gravity"], dtype=float)
     row = "gravity = [" + ", ".join(f"{value:.6f}" for value in change(old)) + "]"
@@ -49,7 +49,7 @@ def weak_gravity(folder: Path) -> None:
 
 
 def scaled(folder: Path) -> None:
-    """Markers 1 % farther from their common centre; the ends stay."""
+    """Move markers 1 % farther from their common centre; the ends stay."""
     path = folder / "markers.npz"
     with np.load(path) as file:
         data = dict(file)
@@ -60,7 +60,7 @@ def scaled(folder: Path) -> None:
 
 
 def turned_clamp(folder: Path) -> None:
-    """The clamp of end 0 is said to point 5 degrees elsewhere, across the rope."""
+    """Turn the recorded clamp of end 0 by 5 degrees, across the rope."""
     path = folder / "ends.csv"
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -64,7 +64,7 @@ class FreeFamily(Family):
 
 
 def free_rope(smaller: Fit, data: Data, noise: Noise, bins: int) -> Rival | None:
-    """The free rope fitted on top of a model. None if it cannot settle.
+    """Fit the free rope on top of a model. None if it cannot settle.
 
     Its log evidence is Laplace's, like every rival's: the priors are in its cost, and so must not
     be in the information that the data add to them.

@@ -36,7 +36,7 @@ class Variant:
 
 @contextmanager
 def watched(notes: Notes) -> Iterator[None]:
-    """As it is; notes how often a stuck model began anew, and how long that took [s]."""
+    """Change nothing; note how often the model was fitted again, and how long that took [s]."""
     plain, notes["restarts"], notes["restart_seconds"] = engine._restarted, 0, 0.0
 
     def restarted(*arguments: Any) -> Fit | None:
@@ -51,12 +51,12 @@ def watched(notes: Notes) -> Iterator[None]:
 
 
 def exact_set_up(notes: Notes) -> AbstractContextManager[Any]:
-    """The nominal fit has the rope's own parameters only."""
+    """Give the nominal fit the rope's own parameters only."""
     return patch.object(diagnose, "calibration", lambda *_: [])
 
 
 def white_noise(notes: Notes) -> AbstractContextManager[Any]:
-    """Stations are independent, ends exact in every frame."""
+    """Take stations as independent, ends as exact in every frame."""
     return patch.object(engine, "measure", _only_white)
 
 
@@ -65,13 +65,13 @@ def _only_white(nominal: Fit, columns: Any, noise: Noise, moves: Any) -> Noise:
 
 
 def never_restarted(notes: Notes) -> AbstractContextManager[Any]:
-    """Evidence counts over the smaller model as it stood."""
+    """Count evidence over the smaller model as it stood."""
     return patch.object(engine, "_restarted", lambda *_: None)
 
 
 @contextmanager
 def naive_bic(notes: Notes) -> Iterator[None]:
-    """The effect with the lowest BIC is accepted if it lowers it at all."""
+    """Accept the effect with the lowest BIC if it lowers it at all."""
     plain = engine.fit_rivals
 
     def rivals(
@@ -93,13 +93,13 @@ def naive_bic(notes: Notes) -> Iterator[None]:
 
 
 def penalty(current: Fit, one: Scored | Rival) -> float:
-    """k ln n of BIC for a family's k values and n whitened residuals."""
+    """Return k ln n of BIC for a hypothesis' k values and n whitened residuals."""
     return len(one.family.effect.names) * float(np.log(len(current.z)))
 
 
 @contextmanager
 def free_rival(notes: Notes) -> Iterator[None]:
-    """Each round has one rival more: a rope whose EI and rest curve are free along it."""
+    """Add a candidate to each round: a rope whose EI and rest curve are free along it."""
     plain, notes["rounds"] = engine.fit_rivals, []
 
     def rivals(
@@ -132,7 +132,7 @@ def _weighed(current: Fit, rival: Rival | None) -> dict[str, Any] | None:
 
 @contextmanager
 def _in_rounds(rivals: Callable[..., list[Rival]]) -> Iterator[None]:
-    """Other rivals in the rounds of the search, but not where its noise is measured."""
+    """Replace the candidates in the rounds of the search, but not where its noise is measured."""
     plain, noise = engine.fit_rivals, engine._noise
 
     def as_before(*arguments: Any) -> Noise:

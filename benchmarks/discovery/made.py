@@ -47,7 +47,7 @@ class Made:
 def write(
     folder: Path, truth_file: Path, name: str, made: Made, seed: int, group: str
 ) -> dict[str, Any]:
-    """The recording and, elsewhere, its truth."""
+    """Write the recording and, elsewhere, its truth."""
     setting, world = made.setting, made.world
     rng = np.random.default_rng([seed, 1])
     radius, sensor = 0.5 * setting.diameter, setting.sensor

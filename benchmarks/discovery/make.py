@@ -24,7 +24,7 @@ class Implausible(RuntimeError):
 
 
 def moved_frames(setting: Setting, states: Array) -> list[int]:
-    """Frames with a shape (of T, N + 1, 13) that differs from the setting's."""
+    """Return the frames whose shape (of T, N + 1, 13) differs from the setting's."""
     change = np.linalg.norm(states[..., :3] - setting.states[..., :3], axis=-1).max(axis=1)
     return np.flatnonzero(change > 1e-4).tolist()
 
@@ -32,7 +32,7 @@ def moved_frames(setting: Setting, states: Array) -> list[int]:
 def at_score(
     setting: Setting, scale: Meter, effect: Concealed, wanted: float
 ) -> tuple[Sized, Array]:
-    """The effect at the size whose score is `wanted`, within a tenth, and the states there."""
+    """Find the size whose score is `wanted`, within a tenth; return it and the states there."""
     size, tried = min(effect.start, effect.most), []
     start = None
     for _ in range(8):
@@ -67,7 +67,7 @@ def at_score(
 def as_drawn(
     setting: Setting, scale: Meter, effect: Concealed, factor: float
 ) -> tuple[Sized, Array]:
-    """A measurement error at a usual size: its own prior takes its score, so none is asked for."""
+    """Apply a measurement error at a usual size: its prior explains it, so no score is asked for."""
     size = min(factor * effect.start, effect.most)
     world = effect.change(setting.world, size)
     _, states = shapes(setting, world)
@@ -77,12 +77,12 @@ def as_drawn(
 
 
 def breaks_of(effects: list[Concealed]) -> list[float]:
-    """Arc lengths [m] that the mesh must have."""
+    """Return arc lengths [m] that the mesh must have."""
     return [s for effect in effects if effect.place for s in effect.place]
 
 
 def with_mesh(setting: Setting, effects: list[Concealed]) -> Setting:
-    """The setting on a mesh that resolves where the effects act."""
+    """Solve the setting on a mesh that resolves where the effects act."""
     places = breaks_of(effects)
     kinds, held = setting.held.kinds, setting.held
     rolling, states = hang(setting.rod, setting.held, breaks=places)

@@ -15,7 +15,7 @@ Case = dict[str, Any]
 def markdown(
     judgements: list[dict[str, Any]], impossible: dict[str, str], options: str, listed: int
 ) -> str:
-    """The section of docs/results.md; options: of the command; listed: cases it asks for."""
+    """Return the section of docs/results.md; options: of the command; listed: cases it asks for."""
     in_time = [j for j in judgements if IN_TIME & set(j["true"])]
     lines = [
         f"{len(judgements)} of {listed} recordings by simulators that are not ropefit's; by",
@@ -66,7 +66,7 @@ def confused(judgements: list[Case]) -> list[str]:
 
 
 def miss(j: dict[str, Any]) -> str:
-    """What went wrong with a case, in a line; empty when nothing did."""
+    """Return what went wrong with a case, in a line; empty when nothing did."""
     head = f"`{j['case']}` ({' + '.join(j['true']) or 'nothing'}, score {j['score']:.3g}) "
     if "verdict" not in j:
         return head + str(j["error"])
@@ -85,7 +85,7 @@ def miss(j: dict[str, Any]) -> str:
 
 
 def examples(judgements: list[Case], answers: dict[str, Case]) -> str:
-    """Of each kind the first case that was answered rightly; truths by name in the judgements."""
+    """Return the first case of each kind with the right answer; answers by name of the case."""
     chosen = {
         "Found": next((j for j in judgements if _found(j)), None),
         "Clean": next((j for j in judgements if _is(j, "clean", "none")), None),

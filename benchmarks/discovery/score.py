@@ -18,12 +18,12 @@ FACTORS = {"log_factor": lambda v: abs(float(np.log(v))), "scale": lambda v: v -
 
 
 def names_of(effect: dict[str, Any]) -> set[str]:
-    """An accepted effect and what it cannot be told from."""
+    """Return the names of an accepted effect and of its equivalents."""
     return {effect["name"], *effect.get("equivalent_to", [])}
 
 
 def judged(truth: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
-    """One case: everything the table counts."""
+    """Judge one case: return everything that the table counts."""
     answer = result["answer"]
     out: dict[str, Any] = {
         "case": truth["name"],
@@ -54,7 +54,7 @@ def judged(truth: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _place_and_size(truth: dict[str, Any], effects: list[dict[str, Any]]) -> dict[str, Any]:
-    """Whether the named true effects are where and as large as they are; None where not asked."""
+    """Return whether the named true effects have the right place and size; None where not asked."""
     place, size, error = [], [], []
     for true in truth["effects"]:
         match = next((e for e in effects if e["name"] == true["name"]), None)
@@ -79,7 +79,7 @@ def _place_and_size(truth: dict[str, Any], effects: list[dict[str, Any]]) -> dic
 def same_quantity(
     true: dict[str, Any], parameters: dict[str, Any]
 ) -> tuple[dict[str, Any] | None, float]:
-    """The reported parameter of the true one's name, or the only one of its unit; its true value.
+    """Return the reported parameter of the true one's name, or the only one of its unit; its truth.
 
     Factors may also be reported as their logarithm or as what they add to one.
     """
@@ -102,7 +102,7 @@ def _plain(unit: str) -> str:
 
 
 def share(values: list[Any]) -> tuple[float, int] | None:
-    """Share of true values and their number; None of nothing."""
+    """Return the share of true values and their number; None of nothing."""
     known = [value for value in values if value is not None]
     return (float(np.mean(known)), len(known)) if known else None
 
@@ -188,7 +188,7 @@ def _number(what: str, target: float, values: list[float]) -> dict[str, Any]:
 
 
 def confusion(judgements: list[dict[str, Any]]) -> dict[str, Counter[str]]:
-    """What was called what: by true effect, the counts of the first named (or the verdict)."""
+    """Count by true effect what was named first (or the verdict)."""
     out: dict[str, Counter[str]] = {}
     for j in judgements:
         true = {"clean": "clean", "coarse": "coarse mesh"}.get(j["group"], " + ".join(j["true"]))

@@ -59,7 +59,7 @@ class Setting:
 def motion(
     length: float, frames: int, clamped: bool, rng: np.random.Generator, back: bool = False
 ) -> Ends:
-    """End 0 is brought nearer and taut, lifted, swept and turned; end 1 stays.
+    """Draw the motion: end 0 is brought nearer and taut, lifted, swept and turned; end 1 stays.
 
     Smooth, and no pose comes twice; with `back`, half of the way and back again.
     """
@@ -101,8 +101,11 @@ def draw(
     back: bool = False,
     count: int | None = None,
 ) -> Setting:
-    """A random rope of the benchmark's range, hanging; `breaks` are fractions of its length; for
-    `back` see `motion`; `count` of frames, else as many as a person records poses."""
+    """Draw a random hanging rope.
+
+    `breaks` are fractions of its length; for `back` see `motion`; `count` of frames, else as many
+    as a person records poses.
+    """
     length = float(rng.uniform(0.8, 1.2))
     density = float(rng.uniform(0.03, 0.09))
     bending = float(10 ** rng.uniform(-4, np.log10(2e-3))) * density * 9.81 * length**3
@@ -127,13 +130,13 @@ def draw(
 
 
 def grasped(held: Ends, states: Array) -> Ends:
-    """Ends with the frames of a rope without twist: its spin is its own when it is gripped."""
+    """Return ends with the frames of a rope without twist: gripped as it is."""
     turns = states[:, [0, -1], 3:7]
     return replace(held, orientations=turns / np.linalg.norm(turns, axis=2, keepdims=True))
 
 
 def miscalibrated(world: World, rng: np.random.Generator) -> World:
-    """The world with errors of the set-up, one draw of the priors for the whole recording."""
+    """Return the world with errors of the set-up, one draw of the priors for all frames."""
 
     def normal(name: str, size: int) -> Array:
         return PRIORS[name] * rng.standard_normal(size)
@@ -153,12 +156,12 @@ def miscalibrated(world: World, rng: np.random.Generator) -> World:
 
 
 def moved(held: Ends, by: Array) -> Ends:
-    """The ends (2, 3) [m] elsewhere in all frames."""
+    """Return the ends moved by (2, 3) [m] in all frames."""
     return replace(held, positions=held.positions + by)
 
 
 def turned(held: Ends, by: Array) -> Ends:
-    """Clamps turned by rotation vectors (2, 3) [rad] in their own axes."""
+    """Return clamps turned by rotation vectors (2, 3) [rad] in their own axes."""
     out = held.orientations.copy()
     for end in range(2):
         for frame in range(len(out)):

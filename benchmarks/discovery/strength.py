@@ -31,7 +31,7 @@ STRETCHES = 30
 
 
 def shapes(setting: Setting, world: World, start: Array | None = None) -> tuple[RodProblem, Array]:
-    """States (T, N + 1, 13) of the changed world, on the setting's mesh; from `start` if given."""
+    """Solve the changed world on the setting's mesh: return states (T, N + 1, 13)."""
     gauge = CLAMPED not in world.held.kinds and world.rod.isotropic
     goal = replace(setting.problem, rod=world.rod, held=world.held, gauge=gauge)
     if world.law is not None:
@@ -50,11 +50,11 @@ class Meter:
     points: Array  # (T, P, 3) m
 
     def whitened(self, change: Array) -> Array:
-        """(T * P * 2,) of changes (T, P, 3) [m]."""
+        """Whiten changes (T, P, 3) [m]: return (T * P * 2,)."""
         return np.einsum("tpij,tpj->tpi", self.basis, change).ravel()
 
     def score(self, change: Array) -> float:
-        """Signal over noise of a change (T, P, 3) [m], nuisances taken out by their priors."""
+        """Return signal over noise of a change (T, P, 3) [m], nuisances marginalised."""
         z, b = self.whitened(change), self.nuisances
         inner = b.T @ z
         left = z @ z - inner @ np.linalg.solve(np.eye(b.shape[1]) + b.T @ b, inner)
@@ -62,7 +62,7 @@ class Meter:
 
 
 def meter(setting: Setting) -> Meter:
-    """The meter of one setting."""
+    """Return the meter of one setting."""
     rod, held, problem, y = setting.rod, setting.held, setting.problem, setting.states
     stations = (np.arange(STRETCHES) + 0.5) * rod.length / STRETCHES
     index = np.abs(problem.mesh[:, None] - stations).argmin(axis=0)
@@ -118,7 +118,7 @@ def meter(setting: Setting) -> Meter:
 
 
 def seen_change(setting: Setting, scale: Meter, world: World, states: Array) -> Array:
-    """(T, P, 3) [m] what changes at the stations, camera mistakes included."""
+    """Return the change (T, P, 3) [m] at the stations, camera errors included."""
     points = states[:, scale.index, :3]
     if world.camera.flat:
         ends = setting.held.positions

@@ -18,7 +18,7 @@ BUDGETS = (30, 100, 300)
 
 
 def section(r: Results) -> str:
-    """Markdown of the whole experiment."""
+    """Return Markdown of the whole experiment."""
     budgets = tuple(f"jacobi-{budget}" for budget in BUDGETS)
     parts = {
         "Projection onto the plane of gravity and the ends": (("thomas",), _projection),

@@ -22,7 +22,7 @@ from benchmarks.paper.results import MEANING, Results, cloud, lengths, states
 
 
 def extremes(r: Results) -> tuple[int, int]:
-    """Rows of the most bent and the most tensioned frame."""
+    """Return rows of the most bent and the most tensioned frame."""
     return states(r.observations("thomas"))
 
 

@@ -38,7 +38,7 @@ class Done:
 
 
 def section(r: Results) -> str:
-    """Markdown of the whole experiment."""
+    """Return Markdown of the whole experiment."""
     parts = {"Three points as the target": (tuple(RUNS), _reached)}
     return assemble(r, "Shape control (Baxter)", parts)
 
@@ -152,6 +152,6 @@ def _shapes(r: Results, done: dict[tuple[str, str], Done]) -> Path:
 
 
 def _labels(axis) -> tuple[list, list[str]]:
-    """Handles and labels without the empty ones."""
+    """Return handles and labels without the empty ones."""
     pairs = [(h, t) for h, t in zip(*axis.get_legend_handles_labels(), strict=True) if t]
     return [h for h, _ in pairs], [t for _, t in pairs]

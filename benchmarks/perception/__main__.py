@@ -40,7 +40,7 @@ CLOUD_POINTS, TABLE_POINTS, OUTLIERS = 1500, 4000, 0.05
 
 
 def measure(frames: int) -> dict[str, Any]:
-    """All numbers of the tables."""
+    """Return all numbers of the tables."""
     cv2.setNumThreads(1)
     rows = []
     for number, kind in enumerate(ROPES):
@@ -109,7 +109,7 @@ def _trace(kind: Kind, frame: Frame, looked: Looked):
 
 
 def distances(trace: Trace, frame: Frame) -> np.ndarray:
-    """[m] of the true centreline, where the camera saw it, from the one found."""
+    """Return distances [m] of the true centreline, where visible, from the traced one."""
     at = np.flatnonzero(~frame.hidden & _clear(frame))[::10]
     dense = np.stack(
         [np.interp(np.linspace(0, trace.length, 8000), trace.arc, c) for c in trace.centreline.T], 1
@@ -127,7 +127,7 @@ def _marked(frame: Frame, trace: Trace) -> np.ndarray:
 
 
 def _clear(frame: Frame) -> np.ndarray:
-    """(N,) bool: away from the edges of hidden stretches, where rounding decides."""
+    """Return whether (N,) points are away from the edges of hidden stretches."""
     edges = frame.arc[1:][np.diff(frame.hidden.astype(int)) != 0]
     out = np.ones(len(frame.arc), dtype=bool)
     for edge in edges:
@@ -136,7 +136,7 @@ def _clear(frame: Frame) -> np.ndarray:
 
 
 def _clouds(kind: Kind, count: int = 10) -> dict[str, Any]:
-    """One-sided clouds of a rope over a table, with outliers and a hidden tenth."""
+    """Measure one-sided clouds of a rope over a table, with outliers and a hidden tenth."""
     errors, seconds, dropped = [], [], []
     for i in range(count):
         rng = np.random.default_rng([77, i])
@@ -168,7 +168,7 @@ def _clouds(kind: Kind, count: int = 10) -> dict[str, Any]:
 def cloud(
     rng: np.random.Generator, arc: np.ndarray, curve: np.ndarray, radius: float
 ) -> np.ndarray:
-    """(N, 3) [m] points on the side of a rope that faces the origin, a table behind, outliers."""
+    """Return points (N, 3) [m] on the visible side of a rope, a table behind it, and outliers."""
     at = rng.integers(0, len(arc), CLOUD_POINTS)
     tangent = np.gradient(curve, axis=0)[at]
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)

@@ -59,20 +59,22 @@ class Frame:
 
 
 def _open3d() -> Any:
-    """open3d, untyped: its stubs miss what its constructors take."""
+    """Return open3d, untyped: its stubs miss what its constructors take."""
     import open3d
 
     return open3d
 
 
 def camera() -> Camera:
-    """The camera all frames are seen with; the recording's axes are its own."""
+    """Return the camera all frames are seen with; the recording's axes are its own."""
     return Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2 - 0.5, HEIGHT / 2 - 0.5, np.eye(4))
 
 
 def shape(rng: np.random.Generator, loop: bool) -> tuple[np.ndarray, np.ndarray]:
-    """(arc (N,), curve (N, 3)) [m] of a smooth rope of LENGTH before the camera; with a loop it
-    crosses itself once in the picture."""
+    """Return (arc (N,), curve (N, 3)) [m] of a smooth rope of LENGTH before the camera.
+
+    With a loop it crosses itself once in the picture.
+    """
     s = np.linspace(0, 1, 4001)
     for _ in range(1000):
         # Heading along the rope: a sum of slow waves, and once around for a loop.
@@ -107,8 +109,7 @@ def _by_length(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def crossings(pixels: np.ndarray, near: float = 30.0) -> list[tuple[int, int]]:
-    """Pairs of indices at which a path (N, 2) [px] comes within `near` of another part of itself,
-    one a place."""
+    """Return index pairs at which a path (N, 2) [px] comes within `near` of itself, one a place."""
     thin = pixels[::10]
     arc = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(thin, axis=0), axis=1))])
     pairs = KDTree(thin).query_pairs(near, output_type="ndarray")
@@ -122,7 +123,7 @@ def crossings(pixels: np.ndarray, near: float = 30.0) -> list[tuple[int, int]]:
 
 
 def render(kind: Kind, rng: np.random.Generator, loop: bool) -> Frame:
-    """One frame of a rope among clutter."""
+    """Render one frame of a rope among clutter."""
     o3d = _open3d()
 
     arc, curve = shape(rng, loop)
@@ -158,7 +159,7 @@ def render(kind: Kind, rng: np.random.Generator, loop: bool) -> Frame:
 def _hidden(
     rng: np.random.Generator, arc: np.ndarray, keep: list[float]
 ) -> list[tuple[float, float]]:
-    """Two stretches that together are HIDDEN of the rope, apart from its ends and crossings."""
+    """Return two stretches, together HIDDEN of the rope, away from its ends and crossings."""
     out: list[tuple[float, float]] = []
     for _ in range(1000):
         size = HIDDEN / 2 * arc[-1] * 0.8
@@ -179,7 +180,7 @@ def rays(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def shaded(scene, colors: np.ndarray, rays: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(H, W, 3) uint8: shaded, with cast shadows, texture on the ground and sensor noise."""
+    """Return the picture (H, W, 3) uint8: with cast shadows, ground texture and sensor noise."""
     o3d = _open3d()
 
     hit = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
@@ -202,7 +203,7 @@ def shaded(scene, colors: np.ndarray, rays: np.ndarray, rng: np.random.Generator
 
 
 def sensed(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(H, W) [m] as a depth camera gives it: noise, flying pixels, losses, whole millimetres."""
+    """Return depths (H, W) [m] as a depth camera gives them: noise, flying pixels, losses."""
     kernel = np.ones((3, 3), np.uint8)
     near, far = cv2.erode(depth, kernel), cv2.dilate(depth, kernel)
     edge = far - near > EDGE

@@ -33,8 +33,10 @@ class Score:
 
 
 def join(source: Path, clips: list[Path], target: Path, arc: np.ndarray | None = None) -> None:
-    """One recording of several clips, with pauses between them. arc (M,) [m]: where the markers sit
-    on the rope, if that is known from other clips."""
+    """Join several clips to one recording, with pauses between them.
+
+    Arc (M,) [m]: places of the markers on the rope, if known from other clips.
+    """
     arrays = [np.load(clip / "markers.npz") for clip in clips]
     target.mkdir(parents=True)
     np.savez(
@@ -50,7 +52,7 @@ def join(source: Path, clips: list[Path], target: Path, arc: np.ndarray | None =
 
 
 def clips_of(source: Path, kind: str) -> list[Path]:
-    """The authors' clips, without those in which a marker jumps (training ones only)."""
+    """Return the authors' clips, without training clips in which a marker jumps."""
     bad = JUMPING.get(source.name, ()) if kind == "train" else ()
     return [c for c in sorted(source.glob(f"{kind}_*")) if int(c.name[-3:]) not in bad]
 

@@ -35,7 +35,7 @@ class Finding(NamedTuple):
 
 
 def answer(url: str) -> dict[str, Any] | None:
-    """The JSON there; None where there is none. Raises OSError when the index does not answer."""
+    """Return the JSON at an address, None where there is none. Raises OSError without an answer."""
     try:
         with urllib.request.urlopen(url, timeout=180) as reply:
             return json.load(reply)
@@ -46,7 +46,7 @@ def answer(url: str) -> dict[str, Any] | None:
 
 
 def names(told: dict[str, Any]) -> list[str]:
-    """Vulnerabilities in an answer, one name each: a CVE where it has one."""
+    """Return the vulnerabilities in an answer, one name each: a CVE where it has one."""
     out = set()
     for item in told["vulnerabilities"]:
         if not item["withdrawn"]:
@@ -56,8 +56,10 @@ def names(told: dict[str, Any]) -> list[str]:
 
 
 def ask(package: str, version: str, index: str = INDEX) -> Finding:
-    """What the index knows of a version. Raises OSError as `answer`, and LookupError where it has
-    no such package."""
+    """Ask the index about a version.
+
+    Raises OSError as `answer`, LookupError without such a package.
+    """
     told = answer(f"{index}/{package}/{version}/json")
     if told is not None:
         return Finding(package, version, names(told), version)
@@ -69,7 +71,7 @@ def ask(package: str, version: str, index: str = INDEX) -> Finding:
 
 
 def text(found: list[Finding], date: str) -> str:
-    """What the document says."""
+    """Return the section of the document."""
     known = [f for f in found if f.known]
     clean = [f for f in found if f.known == []]
     silent = [f for f in found if f.known is None]
@@ -88,7 +90,7 @@ def text(found: list[Finding], date: str) -> str:
 
 
 def main() -> None:
-    """Exit 1 where a vulnerability is known, or the index knows none at all."""
+    """Audit; exit 1 where a vulnerability is known, or the index knows none at all."""
     p = parser(__doc__)
     p.add_argument("--index", default=INDEX, help="address of the index's JSON")
     options = p.parse_args()

@@ -33,7 +33,7 @@ SHARED = {"--json", "--quiet", "--debug", "--help"}
 
 
 def page() -> str:
-    """The whole page in Markdown."""
+    """Return the whole page in Markdown."""
     group: Any = typer.main.get_command(app)
     return HEAD + "".join(_command(name, command) for name, command in group.commands.items())
 

@@ -43,7 +43,7 @@ class Chain:
 
 
 def chains(recording: Path) -> list[Chain]:
-    """All stages with the paper's solver, and with the equilibrium and its diagnosis."""
+    """Return all stages with the paper's solver, and with the equilibrium and its diagnosis."""
     quiet = Session(quiet=True)
 
     def observe(nodes: int) -> Callable[[Path], Any]:
@@ -80,7 +80,7 @@ def chains(recording: Path) -> list[Chain]:
 
 
 def hashes(run: Path) -> dict[str, str]:
-    """{file: hash of its content} of a run; raises RopefitError if an artifact is damaged."""
+    """Return {file: hash of its content} of a run. Raises RopefitError at a damaged artifact."""
     found = {}
     for path in sorted(run.iterdir()) if run.exists() else []:
         if path.name.startswith("."):
@@ -96,7 +96,7 @@ def hashes(run: Path) -> dict[str, str]:
 
 
 def run_chain(chain: Chain, which: int, run: Path, told: int | None = None) -> None:
-    """All stages; the number of the one under way goes to file descriptor `told`."""
+    """Run all stages; write the number of the current one to file descriptor `told`."""
     for number, (_, call) in enumerate(chain.calls[which]):
         if told is not None:
             os.write(told, bytes([number]))
@@ -140,7 +140,7 @@ def tell_resumed(told: int) -> None:
 
 
 def prepare(chain: Chain, scratch: Path) -> None:
-    """Undisturbed runs: what files must be, how long it takes, how many steps of writing."""
+    """Run undisturbed: note the files, the time and the number of steps of writing."""
     for which in (0, 1):
         run = scratch / f"reference {chain.name} {which}"
         run_chain(chain, which, run)

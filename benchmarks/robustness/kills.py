@@ -115,7 +115,7 @@ def _check(chain: Chain, run: Path, tally: Tally) -> None:
 
 
 def _finished(chain: Chain, which: int, run: Path, tally: Tally) -> None:
-    """A run that came to its end: the same numbers, and nothing else in the folder."""
+    """Check a run that came to its end: the same numbers, and nothing else in the folder."""
     found = hashes(run)
     if found != chain.files[which]:
         wrong = {

@@ -27,7 +27,7 @@ CPU = "+cpu"  # of a build without CUDA
 
 
 def lowest() -> dict[str, str]:
-    """{package: lowest version allowed} on this machine."""
+    """Return {package: lowest version allowed} on this machine."""
     project = tomllib.loads(Path("pyproject.toml").read_text())["project"]
     out = {}
     for line in project["dependencies"]:
@@ -40,7 +40,7 @@ def lowest() -> dict[str, str]:
 
 
 def offered(pip: list[str], name: str) -> list[str]:
-    """Versions with a wheel for this Python, lowest first; local builds too."""
+    """Return versions with a wheel for this Python, lowest first; local builds too."""
     listed = subprocess.run(
         [*pip, "index", "versions", name, "--only-binary", ":all:"], capture_output=True, text=True
     ).stdout
@@ -50,8 +50,11 @@ def offered(pip: list[str], name: str) -> list[str]:
 
 
 def choice(name: str, version: str, every: list[str], linux: bool) -> str | None:
-    """The version to install: the lowest from `version` on, of torch for Linux the lowest without
-    CUDA; None where there is none."""
+    """Return the version to install.
+
+    The lowest from `version` on, of torch for Linux the lowest without CUDA; None where there is
+    none.
+    """
     enough = [item for item in every if _number(item) >= _number(version)]
     if name == "torch" and linux:
         enough = [item for item in enough if item.endswith(CPU)] or [_pinned(name)]
@@ -65,7 +68,7 @@ def _pinned(name: str) -> str:
 
 
 def _number(version: str) -> tuple[int, ...]:
-    """(4, 10, 0) of 4.10; a local build as the version it is of."""
+    """Return (4, 10, 0) of 4.10; a local build as the version it is of."""
     parts = [int(part) for part in re.findall(r"\d+", version.partition("+")[0])]
     return tuple(parts + [0] * (4 - len(parts)))
 

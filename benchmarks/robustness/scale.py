@@ -49,7 +49,7 @@ LIMITS = {
 
 
 def batch(folder: Path, runs: Path, until: str, workers: int) -> tuple[float, list[dict[str, Any]]]:
-    """Seconds and what is known of each recording, in the order in which they were begun."""
+    """Run a batch: return seconds and the record of each recording, in order of their start."""
     started = time.monotonic()
     quiet = Session(quiet=True)
     data = run_batch(quiet, [folder], runs, SETTINGS, until, workers=workers)
@@ -57,21 +57,21 @@ def batch(folder: Path, runs: Path, until: str, workers: int) -> tuple[float, li
 
 
 def recordings(folder: Path, count: int) -> Path:
-    """`count` copies of one recording."""
+    """Make `count` copies of one recording."""
     for number in range(count):
         marker_recording(folder / f"r{number:06d}", frames=4)
     return folder
 
 
 def growth(found: list[dict[str, Any]]) -> float:
-    """Bytes by which a worker's most memory grows over the last three quarters of its tasks."""
+    """Return the growth [B] of a worker's peak memory over the last three quarters of its tasks."""
     peaks = np.array([r["peak_memory_bytes"] for r in found], dtype=float)
     part = max(len(peaks) // 4, 1)
     return float(np.median(peaks[-part:]) - np.median(peaks[part : 2 * part]))
 
 
 def per_recording(folder: Path, runs: Path) -> dict[str, float]:
-    """What the process that hands out the tasks needs for each recording, and leaves behind."""
+    """Return what the dispatching process needs for each recording, and leaves behind."""
     tracemalloc.start()
     started = time.monotonic()
     tasks = _tasks(find_recordings([folder]), runs, SETTINGS, "report")
@@ -110,7 +110,7 @@ def main() -> None:
 
 
 def measure(count: int, until: str, scratch: Path) -> dict[str, Any]:
-    """One recording through all stages; then weak scaling and memory over many."""
+    """Run one recording through all stages; measure weak scaling and memory over many."""
     batch(recordings(scratch / "warm", 2), scratch / "warm runs", "report", 2)  # compile, import
     _, whole = batch(recordings(scratch / "whole", 1), scratch / "whole runs", "report", 1)
     few = max(count // 2, 1)
@@ -136,7 +136,7 @@ def measure(count: int, until: str, scratch: Path) -> dict[str, Any]:
 
 
 def table(data: dict[str, Any]) -> str:
-    """The measured costs and what a million such recordings need."""
+    """Return the measured costs and what a million such recordings need."""
     lines = [
         "Written by `python -m benchmarks.robustness.scale`; a small recording: markers, 4 frames.",
         "",
@@ -182,7 +182,7 @@ def table(data: dict[str, Any]) -> str:
 
 
 def _told(value: float, unit: str) -> str:
-    """With three digits and a prefix."""
+    """Return a value with three digits and a prefix."""
     for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m")):
         if value >= factor:
             return f"{value / factor:.3g} {prefix}{unit}".rstrip()

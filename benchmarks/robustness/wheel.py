@@ -18,7 +18,7 @@ QUICK = ["--solver", "thomas", "--steps", "5", "--evaluations", "3"]
 
 
 def main() -> None:
-    """Exit 0 when all of it works; what is going on goes to standard error."""
+    """Build, install and use the wheel; progress goes to standard error."""
     p = parser(__doc__)
     p.add_argument("--folder", type=Path, default=Path("build/wheel"))
     options = p.parse_args()

@@ -37,8 +37,10 @@ print(time.perf_counter() - start, time.process_time() - before, torch_s)
 
 
 def start_up() -> dict[str, float]:
-    """Seconds from nothing imported to the first solution, compiled code in the cache; processor
-    time of the same, and of importing numpy and torch alone."""
+    """Return the time [s] from nothing imported to the first solution, compiled code in the cache.
+
+    Processor time of the same, and of importing numpy and torch alone.
+    """
     times = []
     for _ in range(4):
         run = subprocess.run(
@@ -80,7 +82,7 @@ def measure(full_grid: bool, elastica: Path | None) -> dict[str, Any]:
 
 
 def attempt(work: Callable[[], float]) -> float | str:
-    """The seconds, or in words why there are none."""
+    """Return the seconds, or in words why there are none."""
     try:
         return work()
     except (ImportError, OSError, RuntimeError, subprocess.TimeoutExpired) as problem:

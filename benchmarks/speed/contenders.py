@@ -18,7 +18,7 @@ APART = 0.65  # m, of the frame that is timed
 
 
 def mujoco(edges: int) -> float:
-    """Seconds for one frame: from straight to rest, then twelve times to rest from a neighbour.
+    """Time [s] one frame: from straight to rest, then twelve times to rest from a neighbour.
 
     Raises ImportError without `mujoco-core` (pip install 'ropefit[samples]').
     """
@@ -79,7 +79,7 @@ print(json.dumps({"seconds": time.perf_counter() - begin, "speed": speed,
 
 
 def pyelastica(python: Path, segments: int) -> dict[str, float]:
-    """Seconds to bring one state to rest, the speed [m/s] left, and the lowest point [m].
+    """Bring one state to rest: return the seconds, the speed [m/s] left and the lowest point [m].
 
     Raises RuntimeError with the last line of what went wrong.
     """

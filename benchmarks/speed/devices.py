@@ -29,7 +29,7 @@ SEGMENTS = 19
 
 
 def ropes(count: int) -> tuple[torch.Tensor, Callable[[torch.Tensor], Rod], Conditions]:
-    """(count,) bending rigidities [N m²], the rods they make, and what holds them."""
+    """Return bending rigidities (count,) [N m²], the rods they make, and what holds them."""
     bend = 2e-3 * torch.logspace(-1, 1, count // FRAMES, dtype=torch.float64)
     ends = torch.zeros(count, 2, 3, dtype=torch.float64)
     ends[:, 1, 0] = torch.from_numpy(np.resize(apart(), count))
@@ -44,8 +44,7 @@ def ropes(count: int) -> tuple[torch.Tensor, Callable[[torch.Tensor], Rod], Cond
 
 
 def shortest(work: Callable[[], Any], clock: Callable[[], float]) -> float:
-    """[s] of the shortest of three runs, or of as many as take a second; the first one is not
-    counted."""
+    """Return the time [s] of the shortest of three runs, or of as many as take a second."""
     work()
     times: list[float] = []
     while len(times) < 3 or (sum(times) < 1 and len(times) < 100):
@@ -56,7 +55,7 @@ def shortest(work: Callable[[], Any], clock: Callable[[], float]) -> float:
 
 
 def measure(device: torch.device | None, count: int) -> dict[str, Any]:
-    """Seconds to states, and to states and gradient; None is the compiled path."""
+    """Time [s] states, and states with gradient; device None is the compiled path."""
     bend, rod, held = ropes(count)
     reference = solve(rod(bend), held)
 

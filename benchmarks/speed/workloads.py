@@ -26,7 +26,7 @@ GRID, SLICE = 5**6, 5**4  # candidates, and how many of them are simulated at on
 
 
 def best(work: Callable[[], Any], least: int = 3, seconds: float = 1.0) -> float:
-    """Shortest time [s] of several runs; the first is not counted (compilation, caches)."""
+    """Return the shortest time [s] of several runs, without the first (compilation, caches)."""
     work()
     times, begin = [], time.perf_counter()
     while len(times) < least or (time.perf_counter() - begin < seconds and len(times) < 200):
@@ -41,8 +41,7 @@ def apart() -> np.ndarray:
 
 
 def equilibrium(nodes: int) -> dict[str, float]:
-    """Cold start: build, solve all frames, gradient of a loss in EI, GJ, EA, GA, density and rest
-    curvature."""
+    """Time a cold start: build, solve all frames, gradient of a loss in six parameters."""
     gravity = torch.from_numpy(GRAVITY)
     ends = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
     ends[:, 1, 0] = torch.from_numpy(apart())
@@ -85,8 +84,10 @@ def hanging(solver: str, settings: Settings) -> Rope:
 
 
 def algorithm(solver: str, contender: str) -> dict[str, float]:
-    """Algorithm 1, K = 20, 100 iterations of all frames [s]; contender: compiled, reference (both
-    ropefit), or careful (torch)."""
+    """Time [s] Algorithm 1, K = 20, 100 iterations of all frames.
+
+    Contender: compiled, reference (both ropefit), or careful (torch).
+    """
     rope = hanging(solver, HUNDRED)
 
     def work(gradient: bool) -> torch.Tensor:
@@ -114,8 +115,10 @@ def algorithm(solver: str, contender: str) -> dict[str, float]:
 
 
 def grid(solver: str, slices: int) -> dict[str, float]:
-    """Seconds for slices of the grid of candidate weights, 100 iterations of all frames each, on
-    two threads; and the processor time of a thread."""
+    """Time slices of the grid of candidate weights, on two threads, with their processor time.
+
+    100 iterations of all frames each, scaled to the whole grid.
+    """
     rope = hanging(solver, HUNDRED)
     axis = torch.linspace(0.2, 1.0, 5, dtype=torch.float64)
     candidates = torch.cartesian_prod(*[axis] * 6) * torch.tensor([0.1, 1.0, 1.0, 1.0, 1.0, 1.0])

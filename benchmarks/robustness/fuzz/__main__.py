@@ -30,7 +30,7 @@ STATE = Path("build/fuzz")
 
 
 def main() -> None:
-    """Rounds over all targets; the table."""
+    """Fuzz in rounds over all targets; print the table."""
     p = parser(__doc__)
     p.add_argument("--executions", type=int, default=1_000_000)
     p.add_argument("--seconds", type=int, default=30, help="of one target in one round")
@@ -65,7 +65,7 @@ def _executions(totals: dict[str, Any]) -> int:
 
 
 def _round(name: str, seconds: int, totals: dict[str, Any]) -> None:
-    """One process; what it counted and found is added."""
+    """Fuzz one target in a process of its own; add what it counted and found."""
     t = totals.setdefault(
         name, {"executions": 0, "refused": 0, "rounds": 0, "findings": {}, "ended": []}
     )

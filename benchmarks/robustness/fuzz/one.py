@@ -103,7 +103,7 @@ class Harness:
             self.save()
 
     def save(self) -> None:
-        """The counts so far, whole at any instant."""
+        """Save the counts so far, atomically."""
         self.saved = time.monotonic()
         data = {"executions": self.count, "refused": self.refused, "findings": self.findings}
         temporary = self.log.with_suffix(".tmp")
@@ -112,7 +112,7 @@ class Harness:
 
 
 def slug(name: str) -> str:
-    """A target's name as a file's."""
+    """Return a target's name as a file name."""
     return "".join(c if c.isalnum() or c == "." else "_" for c in name)
 
 
