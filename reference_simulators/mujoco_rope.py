@@ -114,7 +114,7 @@ class Rope:
         """Return the centreline (n, 3) [m] at rest in a frame; RuntimeError if it keeps moving."""
         return self.rest((self.ends[frame, 0], self.directions[frame, 0]), f"frame {frame}")
 
-    def rest(self, pose: tuple[Array, Array], told: str = "its first pose") -> Array:
+    def rest(self, pose: tuple[Array, Array], where: str = "its first pose") -> Array:
         """Return the same with end 0 at a place (3,) [m], facing a direction (3,)."""
         self._lead(pose, self.move_time)
         free = slice(3 * self.held, 3 * (len(self.at) - self.held))
@@ -125,7 +125,7 @@ class Rope:
                 calm = calm + 1 if np.abs(self.data.qvel[free]).max() < self.slowest else 0
                 if calm == 3:
                     return self._nodes()
-        raise RuntimeError(f"MuJoCo's rope does not come to rest in {told}")
+        raise RuntimeError(f"MuJoCo's rope does not come to rest in {where}")
 
     def _lead(self, pose: tuple[Array, Array], seconds: float) -> None:
         start, steps = self.now, round(seconds / TIMESTEP)

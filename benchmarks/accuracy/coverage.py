@@ -37,7 +37,7 @@ POINTS, MARKERS = 240, 21
 
 @dataclass(frozen=True)
 class Case:
-    """One recording: its truth, its data, and what the fit is told."""
+    """One recording: its truth, its data, and what the fit is given."""
 
     truth: dict[str, float]
     data: Data

@@ -212,7 +212,7 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
             r["best"] is None or r["free"]["evidence"] > r["best"]["evidence"] for r in fitted
         ]
         named = ["free_rope" in one["judged"][FREE].get("named", []) for one in some]
-        free, best = (_share([rivals[of] for rivals in fitted]) for of in ("free", "best"))
+        free, best = (_share([candidates[of] for candidates in fitted]) for of in ("free", "best"))
         lines.append(
             f"{what}: the free rope takes {free} of the misfit beyond noise "
             f"(the best effect {best}), has the higher evidence in {_count(beaten)} and is "
@@ -221,9 +221,9 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
     return lines
 
 
-def _share(rivals: list[dict[str, Any] | None]) -> str:
+def _share(candidates: list[dict[str, Any] | None]) -> str:
     """Return the share of the misfit that each candidate takes away."""
-    known = [r["absorbed"] if r else None for r in rivals]
+    known = [r["absorbed"] if r else None for r in candidates]
     return ", ".join("none" if share is None else f"{share:.0%}" for share in known)
 
 

@@ -13,7 +13,7 @@ from reference_simulators.rod_equations import Field, Point, Rod, Section
 
 @dataclass(frozen=True)
 class Concealed:
-    """One thing that is true and not told; `change` applies it at a size.
+    """One thing that is true and not in the recording; `change` applies it at a size.
 
     `parameter` and `unit` name the size as the tool would report it (`reported` of the size).
     """

@@ -1,4 +1,4 @@
-"""Real recordings of which something false is told: the noise is real and the truth is exact."""
+"""Real recordings with one false statement: the noise is real and the truth is exact."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def turned_clamp(folder: Path) -> None:
         writer.writerows(rows)
 
 
-# What is told, how, and the names that are right for it.
+# What is stated falsely, how, and the names that are right for it.
 FALSEHOODS: dict[str, tuple[Callable[[Path], None], set[str]]] = {
     "gravity tilted by 3 degrees": (tilted_gravity, {"gravity_misalignment"}),
     "gravity of 4.81 m/s2": (weak_gravity, {"gravity_misalignment", "distributed_load"}),

@@ -67,7 +67,7 @@ def at_score(
 def as_drawn(
     setting: Setting, scale: Meter, effect: Concealed, factor: float
 ) -> tuple[Sized, Array]:
-    """Apply a measurement error at a usual size: its prior explains it, so no score is asked for."""
+    """Apply a measurement error at a usual size: its prior explains it, so no score is asked."""
     size = min(factor * effect.start, effect.most)
     world = effect.change(setting.world, size)
     _, states = shapes(setting, world)

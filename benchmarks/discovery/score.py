@@ -12,7 +12,7 @@ from benchmarks.discovery.concealed_errors import MEASUREMENT
 VISIBLE, WEAK = 12.0, 6.0
 SOLVER = {"under_converged", "too_coarse"}
 PLACE = 0.03  # of the length
-# Where a plane or a target lies can be told in many ways: only that there is one is scored.
+# The place of a plane or a bar has many parametrisations: only that there is one is scored.
 NO_SIZE = {"support_plane", "obstacle"}
 FACTORS = {"log_factor": lambda v: abs(float(np.log(v))), "scale": lambda v: v - 1}
 

@@ -81,7 +81,7 @@ def _parameters(r: Results) -> str:
                 "the gravity weight decides how much a rope of few iterations sags",
             ),
             Claim(
-                "six optimized weights are told",
+                "six optimized weights are reported",
                 f"{len(determined)} of 6 are determined by the data",
                 len(determined) == 6,
                 "η^SOR multiplies four of the others, and weights trade with the number of "
@@ -243,7 +243,7 @@ def _solvers(r: Results) -> str:
                 f"{1e2 * paper:.1f} % with the paper's weights (0.26) as they are",
                 off["jacobi"] > 0.1,
                 "how far Jacobi stretches a rope is set by gravity weight, time step and "
-                "iterations, of which the paper tells the first only; where weights are fitted "
+                "iterations, of which the paper gives the first only; where weights are fitted "
                 "together, those that stretch the rope lose",
                 explains=False,
             ),

@@ -1,4 +1,4 @@
-"""What ropefit says about the inextensible rope where the paper was puzzled."""
+"""What ropefit says about the inextensible rope where the paper gives no reason."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def flattened(r: Results) -> str:
                 "after",
                 "lost_out_of_plane" not in names,
                 "a rope whose ends turn sideways leaves the plane, and the projection hides it; "
-                "`ropefit preprocess` keeps such a rope in 3D unless told otherwise",
+                "`ropefit preprocess` keeps such a rope in 3D unless asked otherwise",
                 explains=False,
             ),
         ])

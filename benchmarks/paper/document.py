@@ -13,7 +13,7 @@ class Claim:
     """A statement of the paper, what was measured here, and why they agree or differ.
 
     `because` is said only where the outcome is the one that it explains (`explains`); any other
-    outcome is told as unexplained.
+    outcome is reported as unexplained.
     """
 
     paper: str
@@ -63,6 +63,6 @@ def diagnosed(said: dict[str, Any]) -> str:
         interval = " to ".join(f"{v:.3g}" for v in size["ci95"])
         parts.append(
             f"`{effect['name']}`, {name} {size['value']:.3g} {size['unit']} ({interval})"
-            + (f", or as well {ties}" if ties else "")
+            + (f", equivalent to {ties}" if ties else "")
         )
     return f"verdict *{found['verdict']}*: " + "; ".join(parts)

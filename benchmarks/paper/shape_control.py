@@ -19,7 +19,7 @@ from reference_simulators.rod_equations import rotation
 RUNS = {
     "thomas": "Thomas, position only (the paper)",
     "pinned": "equilibrium, taken as pinned, position only",
-    "clamped": "equilibrium, clamp told, position and orientation",
+    "clamped": "equilibrium, clamp given, position and orientation",
 }
 TARGETS = {"same": "gripper as it was", "turned": "gripper turned"}
 
@@ -101,7 +101,7 @@ def _reached(r: Results) -> str:
             ),
             Claim(
                 "with rotation the desired position could be reached (not done)",
-                f"told how the gripper holds the rope, and orientation controlled: "
+                f"given how the gripper holds the rope, with controlled orientation: "
                 f"{millimetres(turned.mean())} instead of {millimetres(paper.mean())}, the worst "
                 f"{millimetres(turned.max())}",
                 turned.mean() < 0.5 * paper.mean(),

@@ -1,4 +1,4 @@
-"""How well preprocess sees ropes: rendered RGB-D frames, and clouds with outliers and a table.
+"""Accuracy of preprocess: rendered RGB-D frames, and clouds with outliers and a table.
 
     python -m benchmarks.perception [--frames 10] [--write docs/results.md] [--json FILE]
 

@@ -1,9 +1,9 @@
-"""Known vulnerabilities of the versions that are tested, as the package index tells them.
+"""Known vulnerabilities of the versions that are tested, by the package index.
 
     python -m benchmarks.robustness.audit [--write docs/dependencies.md] [--json FILE]
 
 The index has them from the public databases (OSV, PyPA). It is asked for the pinned version; an
-index that answers for the latest version only says nothing about an older one, which is then told.
+index that answers for the latest version only says nothing about an older one; it is listed.
 A package that is known to be vulnerable is asked for first: no answer about it, no audit.
 """
 
@@ -25,8 +25,8 @@ PINNED = re.compile(r"^([\w-]+)==([\w.]+)", re.M)
 
 
 class Finding(NamedTuple):
-    """What is known of a version: names of vulnerabilities, None where nothing is told of it; the
-    latest version there is."""
+    """What is known of a version: names of vulnerabilities, None without an answer; the latest
+    version there is."""
 
     package: str
     version: str
@@ -78,7 +78,7 @@ def text(found: list[Finding], date: str) -> str:
     lines = [
         f"Asked on {date} for the {len(found)} pinned versions (not for what these need in turn):",
         f"{len(clean)} without a known vulnerability, {len(known)} with one,",
-        f"{len(silent)} of which nothing is told.",
+        f"{len(silent)} for which the index gives no answer.",
     ]
     if known:
         lines += ["", "| version | known |", "|---|---|"]

@@ -5,7 +5,7 @@
 A package without a wheel of its lowest version for this Python gets the lowest that has one. torch
 for Linux comes with gigabytes of CUDA from the public index: the lowest build without is taken
 where pip is shown one (PIP_FIND_LINKS, PIP_EXTRA_INDEX_URL), and the pinned version where not. What
-was installed in the end is told. Nothing is built from source.
+was installed in the end is printed. Nothing is built from source.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """What a batch costs: seconds and bytes of a task, one worker against two, memory over many tasks,
-and what the process that hands out the tasks needs for each.
+and what the dispatching process needs for each.
 
     python -m benchmarks.robustness.scale [--recordings 1000] [--until preprocess]
                                           [--write docs/scale.md]
@@ -38,12 +38,12 @@ SETTINGS = {
 }
 MILLION = 1_000_000
 WORKERS = 1000
-# What one process, page or folder may grow to before somebody notices: how much, and who.
+# What one process, page or folder may grow to: how much, and why.
 LIMITS = {
     "index.html": (50e6, "B", "a page that a browser opens at once"),
     "summary.csv": (1e9, "B", "a table that is read as one"),
-    "memory of the process that hands out": (8e9, "B", "half of a machine of 16 GB"),
-    "time to list and tell, without work": (3600.0, "s", "an hour before and after"),
+    "memory of the dispatching process": (8e9, "B", "half of a machine of 16 GB"),
+    "time to list and report, without work": (3600.0, "s", "an hour before and after"),
     "files": (100e6, "", "inodes of a file system of some TB"),
 }
 
@@ -88,8 +88,8 @@ def per_recording(folder: Path, runs: Path) -> dict[str, float]:
     found = {
         "index.html": pages[0] - empty[0],
         "summary.csv": pages[1] - empty[1],
-        "memory of the process that hands out": held,
-        "time to list and tell, without work": seconds,
+        "memory of the dispatching process": held,
+        "time to list and report, without work": seconds,
         "record in " + FOLDER: sum(p.stat().st_size for p in (runs / FOLDER).rglob("*.json")),
     }
     return {name: value / len(records) for name, value in found.items()} | {"files": float(files)}
