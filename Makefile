@@ -44,30 +44,29 @@ check: $(STAMP)
 # The JSON Schema of every artifact, from the pydantic models; every option, from the command line.
 schemas: $(STAMP)
 	$(BIN)/python -m ropefit.artifacts.export schemas
-	$(BIN)/python -m benchmarks.commands --write docs/commands.md
+	$(BIN)/python -m benchmarks.robustness.commands --write docs/commands.md
 
-# The tables of docs/results.md.
+# The tables of docs/results.md, and those of docs/paper.md that are not of its experiments.
 results: $(STAMP)
-	$(BIN)/python -m benchmarks.losses --write docs/results.md
-	$(BIN)/python -m benchmarks.recordings --write docs/results.md
-	$(BIN)/python -m benchmarks.equilibrium --write docs/results.md
-	$(BIN)/python -m benchmarks.stress --write docs/results.md
+	$(BIN)/python -m benchmarks.accuracy.recordings --write docs/paper.md
+	$(BIN)/python -m benchmarks.accuracy.equilibrium --write docs/results.md
+	$(BIN)/python -m benchmarks.robustness.stress --write docs/results.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
-	$(BIN)/python -m benchmarks.devices --write docs/results.md
-	$(BIN)/python -m benchmarks.dynamics --write docs/results.md
+	$(BIN)/python -m benchmarks.speed.devices --write docs/results.md
+	$(BIN)/python -m benchmarks.accuracy.dynamics --write docs/results.md
 	$(BIN)/python -m benchmarks.real --write docs/results.md
 	$(BIN)/python -m benchmarks.perception --write docs/results.md
 
 # An environment for each simulator under build/simulators, then how far exported ropes are off.
 exporters: $(STAMP)
-	$(BIN)/python -m benchmarks.exporters --setup --write docs/results.md
+	$(BIN)/python -m benchmarks.accuracy.exporters --setup --write docs/results.md
 
 # The wheel in an environment of its own; known vulnerabilities of the versions that are tested.
 wheel: $(STAMP)
-	$(BIN)/python -m benchmarks.wheel --write docs/dependencies.md
+	$(BIN)/python -m benchmarks.robustness.wheel --write docs/dependencies.md
 
 audit: $(STAMP)
-	$(BIN)/python -m benchmarks.audit --write docs/dependencies.md
+	$(BIN)/python -m benchmarks.robustness.audit --write docs/dependencies.md
 
 include pipelines/batch.mk
 include pipelines/paper.mk

@@ -1,1 +1,1 @@
-"""Longer proofs, run by name: each prints a table and writes JSON."""
+"""Measurements that take long, run by name: each prints a table and writes JSON."""

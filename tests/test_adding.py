@@ -75,7 +75,7 @@ def test_adding_an_importer(tmp_path: Path) -> None:
 def test_adding_an_exporter(tmp_path: Path) -> None:
     package("adding-an-exporter.md", tmp_path)
     (tmp_path / "use.py").write_text(
-        "from benchmarks.elastica import describe\n"
+        "from reference_simulators.as_ropefit import describe\n"
         "from ropefit.exporters import export\n"
         "from ropefit.exporters.effects import PointMass\n"
         "rope = describe('pinned', 1e-2, 11, effects=(PointMass(3, 0.1),))\n"

@@ -168,7 +168,7 @@ def test_without_its_seal_a_file_is_still_read(path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["attribute", "text"])
 def test_files_on_which_libhdf5_never_returns(name: str) -> None:
-    path = ROOT / "benchmarks" / "fuzz" / "found" / f"hang-global-heap-{name}.h5"
+    path = ROOT / "benchmarks" / "robustness" / "fuzz" / "found" / f"hang-global-heap-{name}.h5"
     started = time.monotonic()
     # What lies where the heap points to differs from process to process: most never end, some do.
     told = refused(path)

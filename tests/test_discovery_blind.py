@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.discovery.__main__ import one
 from benchmarks.discovery.cases import listed
-from benchmarks.discovery.table import miss
+from benchmarks.discovery.report import miss
 
 CASES = {case.name: case for case in listed("small", seed=5)}
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import cKDTree
 
-from benchmarks.discovery import falsified, score, table, worked
+from benchmarks.discovery import falsified, report, score
 from benchmarks.discovery.cases import listed
 from benchmarks.discovery.made import Made, write
 from benchmarks.discovery.make import make
@@ -173,9 +173,10 @@ def test_the_scorer_counts_hits_ties_and_misses():
         "tether": 1,
         "no answer": 1,
     }
-    text = table.markdown(everything, {}, "--cases small", len(everything))
+    text = report.markdown(everything, {}, "--cases small", len(everything))
     assert "exit 1" in text
     assert "called tether" in text
+    assert "true effect: point_mass (of 3) tether 1, no answer 1; kink (of 1) tether 1." in text
 
 
 def test_worked_examples_are_the_first_that_were_answered_rightly():
@@ -192,7 +193,7 @@ def test_worked_examples_are_the_first_that_were_answered_rightly():
     }
     said["heldout"] = {"rms_before_m": 0.002, "rms_after_m": 0.001, "noise_m": 0.001}
     judged = score.judged(truth("point_mass"), {"answer": said, "error": None, "seconds": times})
-    told = worked.markdown([judged], {judged["case"]: said})
+    told = report.examples([judged], {judged["case"]: said})
     assert "a mass sits on the rope" in told
     assert "log Bayes factor 20.0" in told
     assert "**Clean:**" not in told

@@ -1,7 +1,8 @@
-"""The benchmark's own simulator against closed forms: nothing here asks ropefit."""
+"""The reference simulators against closed forms: nothing here asks ropefit."""
 
 from __future__ import annotations
 
+import ast
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.discovery.collocation import solve
-from benchmarks.discovery.elastica import (
+from reference_simulators.collocation import solve
+from reference_simulators.kirchhoff_rod import (
     CLAMPED,
     FREE,
     PINNED,
@@ -21,9 +22,26 @@ from benchmarks.discovery.elastica import (
     hang,
     problem,
 )
-from benchmarks.discovery.rod_equations import Point, Rod, rotation
+from reference_simulators.rod_equations import Point, Rod, rotation
+from tests.conftest import ROOT
 
 WEIGHT = 0.05 * 9.81  # N/m
+# Modules that state the reference problems in ropefit's terms, or check its states by its energy.
+BRIDGES = {"as_ropefit.py", "energy_balance.py"}
+
+
+def test_simulators_share_no_code_with_ropefit():
+    modules = sorted((ROOT / "reference_simulators").glob("*.py"))
+    assert len(modules) > 8
+    for path in modules:
+        imported = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                imported.add(node.module.split(".")[0])
+        assert not imported & {"benchmarks", "tests"}, path.name
+        assert ("ropefit" in imported) == (path.name in BRIDGES), path.name
 
 
 def pinned(first, last) -> Ends:
@@ -122,15 +140,14 @@ def test_a_finer_mesh_changes_nothing():
 def test_mujoco_agrees_on_a_rope_with_a_mass():
     """Two simulators with nothing in common; 0.3 mm on a rope that the mass moves by 8 mm."""
     pytest.importorskip("mujoco")
-    from benchmarks.discovery import mujoco_rope
-    from benchmarks.discovery.setting import World
+    from reference_simulators import mujoco_rope
 
     rod = Rod(1.0, 0.05, 1e-3 * WEIGHT, 8e-4 * WEIGHT)
     held = pinned([-0.6, 0.1, 0.1], [0.0, 0.0, 0.0])
     solved, y = hang(rod, held, breaks=[0.4])
     heavy = replace(rod, points=(Point(0.4, mass=0.005),))
     z = follow(lambda part: replace(solved, rod=heavy if part == 1.0 else rod), y)
-    s, nodes = mujoco_rope.shapes(World(heavy, held), 0.008)
+    s, nodes = mujoco_rope.shapes(heavy, held, 0.008)
     curve = CubicHermiteSpline(solved.mesh, z[0, :, :3], rotation(z[0, :, 3:7])[..., 2])
     assert np.linalg.norm(z[0, :, :3] - y[0, :, :3], axis=1).max() > 0.005
     assert np.linalg.norm(nodes[0] - curve(s), axis=1).max() < 0.0003

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shlex
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.commands import page
+from benchmarks.robustness.commands import page
 from ropefit.cli import app
 from tests.conftest import ROOT, SAMPLES
 from tests.sources import CAMERA, Ros
@@ -83,7 +84,7 @@ def commands() -> list[str]:
 def test_every_option_is_described():
     """docs/commands.md is the command line's own; every option has a sentence."""
     assert (DOCS / "commands.md").read_text() == page(), (
-        "run python -m benchmarks.commands --write docs/commands.md"
+        "run python -m benchmarks.robustness.commands --write docs/commands.md"
     )
     assert "None |" not in page()
     for command in commands():
@@ -98,3 +99,29 @@ def test_the_readme_shows_commands_that_exist():
     assert set(shown) <= set(commands())
     for link in re.findall(r"\]\(((?:docs|examples|sample_data)/[^)#]+)\)", text):
         assert (ROOT / link).exists(), link
+
+
+def test_the_benchmarks_that_are_named_exist():
+    """Every `python -m benchmarks...` in documents, Makefile, pipelines and CI is a module."""
+    pages = [ROOT / "README.md", ROOT / "Makefile", ROOT / ".ci" / "run", *DOCS.glob("*.md")]
+    pages += sorted((ROOT / "pipelines").glob("*.mk"))
+    named = {
+        (file.name, module)
+        for file in pages
+        for module in re.findall(r"-m (benchmarks[\w.]*\w)", file.read_text())
+    }
+    assert len(named) > 20
+    for where, module in sorted(named):
+        found = importlib.util.find_spec(module)
+        assert found is not None, f"{where} names {module}"
+        if found.submodule_search_locations:
+            assert importlib.util.find_spec(f"{module}.__main__"), f"{where} names {module}"
+
+
+def test_every_section_of_the_results_has_its_command():
+    text = (DOCS / "results.md").read_text()
+    sections = re.findall(r"<!-- begin ([\w-]+) -->\n(.*?)<!-- end \1 -->", text, re.DOTALL)
+    assert len(sections) == text.count("<!-- begin") == text.count("<!-- end") > 10
+    for name, section in sections:
+        assert "`python -m benchmarks." in section, name
+    assert len(text.splitlines()) <= 400

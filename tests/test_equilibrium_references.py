@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.equilibrium import guess_of, planar
-from benchmarks.references import Planar, catenary, elastica, hanging_bar, helix
+from reference_simulators.as_ropefit import guess_of, planar
+from reference_simulators.closed_forms import catenary, hanging_bar, helix
+from reference_simulators.planar_elastica import Planar, elastica
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.conditions import Conditions
@@ -48,7 +49,7 @@ def test_heavy_elastica(name):
 
 
 def test_accuracy_of_a_hanging_rope():
-    """The pinned rope of the issue, EI = 2e-4 ρ g L³; ends nearer than this bend it more sharply
+    """A pinned rope, EI = 2e-4 ρ g L³; ends nearer than this bend it more sharply
     and cost proportionally more (docs/results.md has all distances)."""
     case = Planar(1.0, 2e-4, 1.0, far=(0.65, 0.0))
     for nodes, most in ((20, 7e-4), (40, 2e-4), (100, 3e-5)):

@@ -9,8 +9,9 @@ import torch
 from scipy.optimize import brentq
 from scipy.special import jv
 
-from benchmarks.equilibrium import planar
-from benchmarks.references import Planar, buckled_reach
+from reference_simulators.as_ropefit import planar
+from reference_simulators.closed_forms import buckled_reach
+from reference_simulators.planar_elastica import Planar
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers import newton_kernels as kernels
 from ropefit.solvers.conditions import Conditions

@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
-from benchmarks.equilibrium import planar
-from benchmarks.references import Planar
+from reference_simulators.as_ropefit import planar
+from reference_simulators.planar_elastica import Planar
 from ropefit.rod.strains import Rest
 from ropefit.solvers.chain import Chain
 from ropefit.solvers.compiled import simulate_compiled

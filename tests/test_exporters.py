@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from benchmarks.elastica import describe
-from benchmarks.exporters import NotInstalled, deviation, python_for, settle
+from benchmarks.accuracy.exporters import NotInstalled, deviation, python_for, settle
+from reference_simulators.as_ropefit import describe
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.exporters import export, exporters
 from ropefit.exporters.effects import Cylinder, EndTwist, Plane, PointMass, Sphere, Tether
@@ -63,7 +63,7 @@ def hooked(s: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("target", ["mujoco", "mujoco3", "pyelastica"])
 def test_what_varies_along_the_rope_goes_along(target: str, shape: dict) -> None:
     needed(target)
-    rope = describe("clamped", 1e-2, 31, shape)
+    rope = describe("clamped", 1e-2, 31, **shape)
     assert deviation(target, rope) < MOST / 5
     plain = describe("clamped", 1e-2, 31)
     assert np.abs(rope.x - plain.x).max() > 2 * MOST  # else nothing was tested

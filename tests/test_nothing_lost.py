@@ -101,10 +101,10 @@ def test_a_directory_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_a_few_kills(tmp_path: Path) -> None:
-    """A small part of `python -m benchmarks.kills`, in a process of its own: it forks."""
+    """A small part of `python -m benchmarks.robustness.kills`, in its own process: it forks."""
     result = subprocess.run(
-        [sys.executable, "-m", "benchmarks.kills", "--kills", "12", "--chain", "0", "--until",
-         "preprocess"],
+        [sys.executable, "-m", "benchmarks.robustness.kills", "--kills", "12", "--chain", "0",
+         "--until", "preprocess"],
         cwd=ROOT, capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert result.returncode == 0, result.stdout + result.stderr

@@ -114,11 +114,11 @@ def test_a_claim_gives_its_reason_only_for_the_outcome_that_it_explains():
     assert claims([kept, lost]).count("\n") == 4
 
 
-def test_a_diagnosis_is_told_with_its_size_and_what_it_may_be_as_well():
+def test_a_diagnosis_is_reported_with_its_size_and_equivalents():
     size = {"value": 0.3, "unit": "N", "ci95": [0.2, 0.4]}
     effect = {"name": "tether", "parameters": {"EA": size}, "equivalent_to": ["tether", "kink"]}
     told = diagnosed({"diagnose": {"verdict": "found", "effects": [effect]}})
-    assert told == "verdict *found*: `tether`, EA 0.3 N (0.2 to 0.4), or as well kink"
+    assert told == "verdict *found*: `tether`, EA 0.3 N (0.2 to 0.4), equivalent to kink"
     none = diagnosed({"diagnose": {"verdict": "none", "effects": []}})
     assert none == "verdict *none*, no effect named"
 

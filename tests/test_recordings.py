@@ -292,7 +292,7 @@ def test_real_recordings(real: Path, name: str, markers: int) -> None:
 
 
 def test_a_signalling_nan_is_a_missing_point() -> None:
-    path = ROOT / "benchmarks" / "fuzz" / "found" / "warning-signalling-nan.pcd"
+    path = ROOT / "benchmarks" / "robustness" / "fuzz" / "found" / "warning-signalling-nan.pcd"
     with warnings.catch_warnings(action="error"):
         points = read_cloud(path)
     assert points.shape[1] == 3

@@ -1,4 +1,4 @@
-"""Random ropes in random motions: what is called converged is so, by judges that can tell."""
+"""Random ropes in random motions: what is called converged is so, by checks that can fail."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -7,10 +7,20 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks import stepped
-from benchmarks.led import from_reference, joined, led, rope, wound
-from benchmarks.motions import paths
-from benchmarks.placements import Placements, imbalance
+from benchmarks.robustness.quasi_static import (
+    concatenated,
+    distance_to_reference,
+    follow_random_paths,
+    rope,
+    whole_turns,
+)
+from benchmarks.robustness.random_ropes import motions, paths
+from reference_simulators.energy_balance import (
+    energy_gain,
+    equilibrium_residual,
+    rates,
+    step_residual,
+)
 from ropefit.rod.quaternion import conjugate_product, from_rotation_vector, multiply
 from ropefit.solvers import dynamics
 from ropefit.solvers.branches import follow, turned_over
@@ -19,19 +29,19 @@ from ropefit.solvers.equilibrium import solve
 
 
 @pytest.mark.parametrize("clamped", [False, True], ids=["pinned", "clamped"])
-def test_led_from_pose_to_pose(clamped):
+def test_moved_from_pose_to_pose(clamped):
     count, frames, nodes = 40, 5, 20
-    m = led(count, clamped, nodes, frames, seed=3)
+    m = follow_random_paths(count, clamped, nodes, frames, seed=3)
     held = Conditions(
         torch.cat([c.ends for c in m.conditions]), torch.cat([c.clamp for c in m.conditions])
     )
     bend = np.repeat(m.bend, frames)
-    p = Placements(rope(bend, nodes - 1, clamped), held, bend, bend)
-    s = joined(m.states, p.rod, p.conditions)
+    each = rope(bend, nodes - 1, clamped)
+    s = concatenated(m.states, each, held)
     assert s.converged.all()
-    assert imbalance(p, s).max() < 1e-8
-    assert not wound(m).any()
-    near = np.array([from_reference(m, k, 4, clamped) for k in range(5)])
+    assert equilibrium_residual(rope(bend, nodes - 1, clamped), held, s).max() < 1e-8
+    assert not whole_turns(m).any()
+    near = np.array([distance_to_reference(m, k, 4, clamped) for k in range(5)])
     found = near[np.isfinite(near[:, 0])]
     assert len(found) >= 4
     assert found[:, 1].max() < 0.02
@@ -51,14 +61,14 @@ def test_long_steps_are_taken_in_halves():
             after = solve(rod, there, state)
             jumped += int(turned_over(here, state, there, after)[0])
             state = after
-    m = led(count, True, segments + 1, 6, seed=0)
+    m = follow_random_paths(count, True, segments + 1, 6, seed=0)
     assert jumped > 3
-    assert not wound(m).any()
+    assert not whole_turns(m).any()
 
 
 def test_turned_over_tells_a_whole_turn():
-    """A clamp turned once about in steps: the rope that followed is wound, that from the catenary
-    is not, whatever the sign of a clamp's quaternion."""
+    """A clamp turned once about in steps: the rope that followed is wound up, that from
+    the catenary is not, whatever the sign of a clamp's quaternion."""
     angle = torch.linspace(0, 2 * np.pi, 13, dtype=torch.float64)
     turn = from_rotation_vector(torch.stack([0 * angle, 0 * angle, angle], dim=-1))
     along_x = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64).expand(13, 4)
@@ -79,28 +89,29 @@ def test_turned_over_tells_a_whole_turn():
 @pytest.mark.parametrize("ends", ["pinned", "clamped", "hung"])
 @pytest.mark.parametrize("stretchy", [False, True], ids=["inextensible", "stretchy"])
 def test_steps_of_ropes_in_motion(ends, stretchy):
-    m = stepped.motions(150, ends, stretchy, 20, 30, 1)
+    m = motions(150, ends, stretchy, 20, 30, 1)
     found = dynamics.solve(m.rope, m.drive, m.start)
     assert found.converged.mean() > 0.6
     there = np.isfinite(found.x.sum((-1, -2)))
     assert np.array_equal(there.all(axis=-1), found.converged)
-    off = stepped.imbalance(m, found)
+    off = step_residual(m.rope, m.drive, m.start, found)
     assert np.array_equal(np.isnan(off), ~there)
     assert np.nanmax(off) < 1e-6
-    assert stepped.gain(m, found)[found.converged].max() < 0.1
-    # The judge can tell: a node or a frame of one step a little off.
+    assert energy_gain(m.rope, m.drive, m.start, found, m.rest)[found.converged].max() < 0.1
+    # The check can fail: a node or a frame of one step a little off.
     step = int(found.done[found.converged].min()) // 2
     for name in ("x", "q"):
         changed = getattr(found, name).copy()
         changed[:, step, 7] += 1e-5
-        moved = stepped.imbalance(m, replace(found, **{name: changed}))[found.converged]
+        other = replace(found, **{name: changed})
+        moved = step_residual(m.rope, m.drive, m.start, other)[found.converged]
         assert (moved[:, step] > 1e-6).mean() > 0.95
 
 
 def test_a_rope_that_is_free_to_spin_does_not():
     """What costs nothing is not taken for motion: between steps no segment turns much about
     itself, though it may turn across."""
-    m = stepped.motions(150, "pinned", False, 20, 30, 1)
+    m = motions(150, "pinned", False, 20, 30, 1)
     found = dynamics.solve(m.rope, m.drive, m.start)
     free = found.converged & ~(m.rope.loss != 0).any(-1).any(-1).numpy()
     assert free.sum() > 15
@@ -113,7 +124,7 @@ def test_a_rope_that_is_free_to_spin_does_not():
 def test_rates_of_a_parabola_are_exact():
     time = torch.tensor([[0.0, 0.1, 0.25, 0.3, 0.5]], dtype=torch.float64)
     y = (3 * time**2 - time + 1)[..., None]
-    slope = stepped.rates(time, y, torch.tensor([[-1.0]], dtype=torch.float64))
+    slope = rates(time, y, torch.tensor([[-1.0]], dtype=torch.float64))
     expected = (6 * time - 1)[..., None]
     assert torch.allclose(slope[:, 2:], expected[:, 2:], rtol=0, atol=1e-12)
     assert float(slope[0, 1, 0]) == pytest.approx((float(y[0, 1, 0]) - 1) / 0.1)

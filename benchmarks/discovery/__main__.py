@@ -16,11 +16,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.discovery import falsified, worked
+from benchmarks.discovery import falsified
 from benchmarks.discovery.cases import Case, at_rest, generate, listed
-from benchmarks.discovery.run import diagnose, identified, kept
+from benchmarks.discovery.report import examples, markdown
+from benchmarks.discovery.run import diagnose, identified, kept, read_json
 from benchmarks.discovery.score import judged, rows
-from benchmarks.discovery.table import markdown
 from benchmarks.document import parser, publish
 
 
@@ -66,11 +66,10 @@ def main() -> None:
     if shards > 1:
         chosen += f" --shard {options.shard}"
     answers = {
-        j["case"]: falsified.read(out / "results" / f"{j['case']}.json")["answer"]
-        for j in judgements
+        j["case"]: read_json(out / "results" / f"{j['case']}.json")["answer"] for j in judgements
     }
     text = markdown(judgements, impossible, chosen, len(cases))
-    text += "\n" + worked.markdown(judgements, answers)
+    text += "\n" + examples(judgements, answers)
     data: dict[str, Any] = {
         "rows": rows(judgements), "cases": judgements, "impossible": impossible,
     }  # fmt: skip
@@ -81,13 +80,13 @@ def main() -> None:
 
 
 def one(case: Case, out: Path, make_only: bool, score_only: bool) -> dict[str, Any] | str | None:
-    """A case's judgement; a sentence if it could not be made; None if there is nothing to judge."""
+    """Return a case's judgement, a sentence if it cannot be made, None if nothing is judged."""
     recordings, truths, results = out / "recordings", out / "truth", out / "results"
     stored = results / f"{case.name}.json"
     if score_only and not stored.exists():
         return None
     if score_only:
-        return judged(falsified.read(truths / f"{case.name}.json"), falsified.read(stored))
+        return judged(read_json(truths / f"{case.name}.json"), read_json(stored))
     start = time.perf_counter()
     why = generate(case, recordings, truths)
     if why is not None:
@@ -104,7 +103,7 @@ def one(case: Case, out: Path, make_only: bool, score_only: bool) -> dict[str, A
         )
     run = out / "runs" / case.name
     result = kept(stored, lambda: diagnose(recordings / case.name, run, case.preprocess, nominal))
-    return judged(falsified.read(truths / f"{case.name}.json"), result)
+    return judged(read_json(truths / f"{case.name}.json"), result)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What each rule of the diagnosis is worth: the same recordings, one rule left out at a time.
+"""What each rule of the diagnosis contributes: the same recordings, one rule disabled at a time.
 
     python -m benchmarks.discovery.ablations [--cases NAME,...] [--seed N] [--out DIR]
                                              [--json FILE] [--write docs/results.md]
@@ -18,10 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discovery import falsified
 from benchmarks.discovery.cases import Case, generate, listed
-from benchmarks.discovery.left_out import FREE, VARIANTS, WHOLE, WITHOUT_RESTART, Told
-from benchmarks.discovery.run import identified, kept
+from benchmarks.discovery.left_out import FREE, VARIANTS, WHOLE, WITHOUT_RESTART, Notes
+from benchmarks.discovery.run import identified, kept, read_json
 from benchmarks.discovery.score import judged
 from benchmarks.document import parser, publish
 from ropefit.artifacts import Model, Observations
@@ -68,7 +67,7 @@ def main() -> None:
 
 
 def one(case: Case, out: Path, score_only: bool) -> dict[str, Any] | None:
-    """The judgements of a case by variant, and what was noted; None if it is not to be had."""
+    """Return the judgements of a case by variant, with notes; None if it cannot be made."""
     truth, run = out / "truth" / f"{case.name}.json", out / "runs" / case.name
     stored = {key: out / "ablations" / case.name / f"{key}.json" for key in VARIANTS}
     if score_only and not all(path.exists() for path in stored.values()):
@@ -79,21 +78,21 @@ def one(case: Case, out: Path, score_only: bool) -> dict[str, Any] | None:
             print(f"{case.name}: not made: {why}")
             return None
         if not (run / Model.file_name).exists():
-            told = identified(out / "recordings" / case.name, run)
-            if told["error"]:
-                print(f"{case.name}: {told['error']}")
+            result = identified(out / "recordings" / case.name, run)
+            if result["error"]:
+                print(f"{case.name}: {result['error']}")
                 return None
     results: dict[str, dict[str, Any]] = {}
     for key in VARIANTS:
         if score_only:
-            results[key] = falsified.read(stored[key])
+            results[key] = read_json(stored[key])
         else:
             results[key] = kept(stored[key], lambda key=key: without(key, run, results))
         said = results[key]["answer"] or {"verdict": results[key]["error"], "effects": []}
         called = "/".join(effect["name"] for effect in said["effects"])
         seconds = results[key]["seconds"]["diagnose"]
         print(f"{case.name}: {key}: {said['verdict']} {called} {seconds:.0f} s", flush=True)
-    known = falsified.read(truth)
+    known = read_json(truth)
     return {
         "case": case.name,
         "judged": {key: judged(known, result) for key, result in results.items()},
@@ -102,7 +101,7 @@ def one(case: Case, out: Path, score_only: bool) -> dict[str, Any] | None:
 
 
 def without(key: str, run: Path, results: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The answer to a prepared run under a variant, with the CPU time [s] it took.
+    """Return the answer to a prepared run under a variant, with the CPU time [s] it took.
 
     Where beginning anew changed nothing, the diagnosis without that rule is the whole one, less
     the time of trying, and is not run again.
@@ -115,16 +114,16 @@ def without(key: str, run: Path, results: dict[str, dict[str, Any]]) -> dict[str
     return timed(VARIANTS[key].rules, run)
 
 
-def timed(rules: Callable[[Told], Rules], run: Path) -> dict[str, Any]:
+def timed(rules: Callable[[Notes], Rules], run: Path) -> dict[str, Any]:
     """One diagnosis with something about it changed."""
     inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
     warmed_up(run)
-    told: Told = {}
-    out: dict[str, Any] = {"answer": None, "error": None, "told": told}
+    notes: Notes = {}
+    out: dict[str, Any] = {"answer": None, "error": None, "told": notes}
     begin = time.process_time()
     try:
         settings = diagnose.DiagnoseSettings()
-        found = diagnose.diagnosed(inputs, settings, Context(), rules(told))
+        found = diagnose.diagnosed(inputs, settings, Context(), rules(notes))
     except RopefitError as error:
         out["error"] = str(error)
     else:
@@ -138,29 +137,29 @@ def timed(rules: Callable[[Told], Rules], run: Path) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def warmed_up(run: Path) -> None:
-    """Diagnoses a few frames: loading compiled code is no part of any variant's time."""
+    """Diagnose a few frames: loading compiled code is no part of any variant's time."""
     inputs = {kind.file_name: load(run, kind)[0] for kind in (Observations, Model)}
     with suppress(RopefitError):
         diagnose.compute(inputs, diagnose.DiagnoseSettings(most_frames=4), Context())
 
 
 def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
-    """The section of docs/results.md."""
+    """Return the section of docs/results.md."""
     clean = [one for one in done if one["judged"][WHOLE]["group"] == "clean"]
     single = [one for one in done if one not in clean]
     errors = sum(one["judged"][WHOLE]["calibration"] for one in done)
     scores = [one["judged"][WHOLE]["score"] for one in single]
     told = f" (scores {min(scores):.0f} to {max(scores):.0f})" if scores else ""
     lines = [
-        f"One rule of the diagnosis left out at a time, on {len(clean)} clean recordings and",
+        f"One rule of the diagnosis disabled at a time, on {len(clean)} clean recordings and",
         f"{len(single)} with one visible effect{told} of the blind benchmark, the same in every",
         f"row; {errors} of these {len(done)} have errors of the set-up. {len(done)} of {listed}",
         f"asked for; by `{command}`. *False alarm*: a clean",
         "recording called anything but `none`. Time is the processor's, for one recording.",
         "",
         "| what is different | false alarms: exact set-up | with its errors | visible effect first "
-        "| in the set | effects named | time [s] |",
-        "|---|---|---|---|---|---|---|",
+        "| in the set | effects named | time [s] | meaning |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for key, variant in VARIANTS.items():
         quiet = [one["judged"][key] for one in clean]
@@ -175,9 +174,9 @@ def markdown(done: list[dict[str, Any]], command: str, listed: int) -> str:
             _count([all(j.get("in_set", [False])) for j in seen]),
             _mean([len(j.get("named", [])) for j in seen], 1),
             _mean([j["seconds"] for j in quiet + seen], 0),
+            variant.meaning or "the diagnosis as it is",
         ]
         lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", *(f"- *{v.title}*: {v.meaning}" for v in VARIANTS.values() if v.meaning)]
     lines += ["", *_said(done, single)]
     return "\n".join(lines) + "\n"
 
@@ -195,17 +194,17 @@ def _mean(values: list[float], digits: int) -> str:
 
 
 def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]:
-    """What the variants noted: how often the restart spoke, how much the free rope absorbs."""
+    """Return the notes of the variants: restarts, and the share that the free rope explains."""
     restarts = [one["told"][WHOLE]["restarts"] > 0 for one in done]
     lines = [
-        f"A stuck model began anew in {_count(restarts)} recordings; in the others the diagnosis "
-        "without that rule is the same.",
+        f"The model was fitted again from the winner's values in {_count(restarts)} recordings; in "
+        "the others that rule changes nothing.",
         "",
     ]
     others = [one for one in single if not STIFFNESS & set(one["judged"][WHOLE]["true"])]
     for what, some in (
-        ("no matter of stiffness or rest curve", others),
-        ("one", [one for one in single if one not in others]),
+        ("Effects other than stiffness and rest curve", others),
+        ("Stiffness and rest curve", [one for one in single if one not in others]),
     ):
         first = [one["told"][FREE]["rounds"][:1] for one in some]
         fitted = [rounds[0] for rounds in first if rounds]
@@ -215,18 +214,18 @@ def _said(done: list[dict[str, Any]], single: list[dict[str, Any]]) -> list[str]
             r["best"] is None or r["free"]["evidence"] > r["best"]["evidence"] for r in fitted
         ]
         named = ["free_rope" in one["judged"][FREE].get("named", []) for one in some]
-        free, best = (_share([rivals[of] for rivals in fitted]) for of in ("free", "best"))
+        free, best = (_share([candidates[of] for candidates in fitted]) for of in ("free", "best"))
         lines.append(
-            f"Where the effect is {what}, the free rope takes {free} of the misfit beyond noise "
+            f"{what}: the free rope takes {free} of the misfit beyond noise "
             f"(the best effect {best}), has the higher evidence in {_count(beaten)} and is "
             f"accepted in {_count(named)}."
         )
     return lines
 
 
-def _share(rivals: list[dict[str, Any] | None]) -> str:
-    """Of the misfit, what each rival takes away."""
-    known = [r["absorbed"] if r else None for r in rivals]
+def _share(candidates: list[dict[str, Any] | None]) -> str:
+    """Return the share of the misfit that each candidate takes away."""
+    known = [r["absorbed"] if r else None for r in candidates]
     return ", ".join("none" if share is None else f"{share:.0%}" for share in known)
 
 

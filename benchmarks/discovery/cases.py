@@ -8,19 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.discovery import made, make
-from benchmarks.discovery.collocation import NotConverged
 from benchmarks.discovery.concealed import (
+    HISTORY_DEPENDENT,
     IN_MOTION,
-    MEASUREMENT,
     NEEDS_CLAMPS,
     NEEDS_PINS,
     PHYSICS,
-    REMEMBERING,
-    UNKNOWN,
 )
+from benchmarks.discovery.concealed_errors import MEASUREMENT, UNKNOWN
+from reference_simulators.collocation import NotConverged
 
 SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
-SEEN = (12.0, 30.0, 100.0)  # of ropes that remember
+SEEN = (12.0, 30.0, 100.0)  # of history-dependent ropes
 MOVING = (30.0, 100.0)  # of ropes that are filmed in motion
 # Effects that MuJoCo's rope can have as well: about half of their recordings are made by it.
 IN_MUJOCO = (
@@ -50,7 +49,7 @@ class Case:
 
 
 def listed(size: str, seed: int = 5) -> list[Case]:
-    """The cases of a set: small, standard or full."""
+    """Return the cases of a set: small, standard or full."""
     rng = np.random.default_rng(seed)
     cases: list[Case] = []
 
@@ -103,7 +102,7 @@ def listed(size: str, seed: int = 5) -> list[Case]:
             continue
         for i in range(unknown):
             add("unknown", i, (name,), (30.0, 100.0)[i % 2])
-    for k, name in enumerate(REMEMBERING):
+    for k, name in enumerate(HISTORY_DEPENDENT):
         for i, score in enumerate({"small": (30.0,), "standard": SEEN}.get(size, SCORES)):
             add("single", i + k, (name,), score)
     for k, name in enumerate(IN_MOTION):
@@ -140,7 +139,7 @@ def generate(case: Case, recordings: Path, truths: Path) -> str | None:
 
 
 def at_rest(case: Case) -> str:
-    """The name of the recording of a filmed rope at rest."""
+    """Return the name of the recording of a filmed rope at rest."""
     return f"{case.name}-still"
 
 
@@ -158,7 +157,7 @@ def _dragged(case: Case, seed: int) -> made.Made:
 
 
 def _film(case: Case, seed: int, recordings: Path, truths: Path) -> None:
-    """A recording in motion, and one of the same rope at rest if that is to be known."""
+    """Make a recording in motion, and one of the same rope at rest if that is to be known."""
     from benchmarks.discovery import filming
 
     moving, still = filming.make(case.effects[0], case.score, seed, case.clamped, case.calibration)

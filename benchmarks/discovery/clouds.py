@@ -29,7 +29,7 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Seen:
+class CameraErrors:
     """How wrongly the camera sees: what a calibration leaves over, or a concealed mistake.
 
     Points p become v + (1 + scale) R (p - v) + translation, then `depth` further along their ray;
@@ -49,7 +49,7 @@ class Seen:
 def surface(
     nodes: Array, tangents: Array, s: Array, radius: float, sensor: Sensor, rng: np.random.Generator
 ) -> Array:
-    """True surface points (m, 3) [m] that the camera sees of a rope through `nodes` (n, 3) [m]."""
+    """Return the visible surface points (m, 3) [m] of a rope through `nodes` (n, 3) [m]."""
     curve = CubicHermiteSpline(s, nodes, tangents)
     view = np.asarray(sensor.viewpoint)
     at = rng.uniform(s[0], s[-1], 3 * sensor.points)
@@ -74,15 +74,15 @@ def surface(
 
 
 def observe(
-    points: Array, ends: Array, seen: Seen, sensor: Sensor, rng: np.random.Generator
+    points: Array, ends: Array, camera: CameraErrors, sensor: Sensor, rng: np.random.Generator
 ) -> Array:
-    """The points (m, 3) [m] that the camera reports; `ends` (2, 3) [m] of the rope."""
+    """Return the points (m, 3) [m] that the camera reports; `ends` (2, 3) [m] of the rope."""
     view = np.asarray(sensor.viewpoint)
-    if seen.flat:
+    if camera.flat:
         normal = np.cross(ends[1] - ends[0], [0.0, 0.0, 1.0])
         normal /= np.linalg.norm(normal)
-        points = points - seen.flat * ((points - ends[0]) @ normal)[:, None] * normal
-    points = mistaken(points, seen, view)
+        points = points - camera.flat * ((points - ends[0]) @ normal)[:, None] * normal
+    points = mistaken(points, camera, view)
     ray = points - view
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     lateral = sensor.lateral * rng.standard_normal(points.shape)
@@ -93,16 +93,16 @@ def observe(
     return out[rng.permutation(len(out))]
 
 
-def mistaken(points: Array, seen: Seen, view: Array) -> Array:
-    """Where a camera at `view` (3,) [m] with these mistakes sees points (…, 3) [m]."""
-    turn = Rotation.from_rotvec(seen.rotation).as_matrix()
-    away = (1 + seen.scale) * (1 + seen.gain) * (points - view) @ turn.T
+def mistaken(points: Array, camera: CameraErrors, view: Array) -> Array:
+    """Return where a camera at `view` (3,) [m] with these errors sees points (…, 3) [m]."""
+    turn = Rotation.from_rotvec(camera.rotation).as_matrix()
+    away = (1 + camera.scale) * (1 + camera.gain) * (points - view) @ turn.T
     ray = away / np.linalg.norm(away, axis=-1, keepdims=True)
-    return view + away + seen.depth * ray + np.asarray(seen.translation)
+    return view + away + camera.depth * ray + np.asarray(camera.translation)
 
 
 @dataclass(frozen=True)
-class Told:
+class Metadata:
     """What the recording says; arrays over T frames."""
 
     name: str
@@ -115,8 +115,8 @@ class Told:
     interval: float  # s
 
 
-def write(folder: Path, told: Told, clouds: list[Array], sensor: Sensor) -> None:
-    """The recording's directory, new."""
+def write(folder: Path, told: Metadata, clouds: list[Array], sensor: Sensor) -> None:
+    """Write the recording's directory anew."""
     if folder.exists():
         shutil.rmtree(folder)
     (folder / "clouds").mkdir(parents=True)

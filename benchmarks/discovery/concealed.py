@@ -1,11 +1,10 @@
-"""What can be wrong with a recording: one function an effect, a size each, drawn at random."""
+"""Concealed physics: one function for each effect, its place and size drawn at random."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from benchmarks.discovery.concealment import (
     Concealed,
@@ -15,9 +14,9 @@ from benchmarks.discovery.concealment import (
     with_rod,
     with_section,
 )
-from benchmarks.discovery.remembering import Law
-from benchmarks.discovery.rod_equations import Array, Field, Point, Rod, Section, rotation
-from benchmarks.discovery.setting import INTERVAL, Setting, World, moved
+from benchmarks.discovery.setting import INTERVAL, Setting, World
+from reference_simulators.history_dependent_rod import Law
+from reference_simulators.rod_equations import Field, Point, Section
 
 CONTACT_HARDNESS = 5e3  # N/m²: a rope of 0.5 N/m sinks in by 0.1 mm
 
@@ -140,7 +139,7 @@ def tether(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def support_plane(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: how far above the lowest point of all frames the plane lies [m]."""
+    """Draw a plane. Size: its height above the lowest point of all frames [m]."""
     low = float(setting.states[..., 2].min())
     room = float(setting.held.positions[..., 2].min()) - low
     up, radius = np.array([0.0, 0.0, 1.0]), 0.5 * setting.diameter
@@ -154,7 +153,7 @@ def support_plane(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def obstacle(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """A horizontal bar under the rope. Size: how far it reaches above the lowest passing [m]."""
+    """Draw a horizontal bar under the rope. Size: its reach above the lowest passing [m]."""
     x = setting.states[..., :3]
     bar = 0.02 + 0.5 * setting.diameter
     # Where the rope passes in at least half of the frames.
@@ -177,7 +176,7 @@ def obstacle(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def bending_hysteresis(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: the moment that has to be overcome [N m]."""
+    """Draw internal friction. Size: the yield moment [N m]."""
     rod, span = setting.rod, float(rng.uniform(0.5, 2.0)) / setting.rod.length
     unit = rod.density * 9.81 * rod.length**2
 
@@ -190,7 +189,10 @@ def bending_hysteresis(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def plastic_set(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: the share of the rigidity that yields, beyond half of the largest curvature."""
+    """Draw a set.
+
+    Size: the share of the rigidity that yields, beyond half of the largest curvature.
+    """
     rod = setting.rod
     span = float(rng.uniform(0.3, 0.6) * np.abs(setting.states[..., 10:]).max() / rod.bending)
 
@@ -202,105 +204,13 @@ def plastic_set(setting: Setting, rng: np.random.Generator) -> Concealed:
 
 
 def viscoelastic_creep(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Size: by how much the rope is stiffer when it is bent quickly."""
+    """Draw creep. Size: the additional rigidity under quick bending, over the own one."""
     time = float(rng.uniform(1.0, 8.0)) * INTERVAL
 
     def change(world: World, size: float) -> World:
         return replace(world, law=Law(size * setting.rod.bending, np.inf, time, fresh=False))
 
     return Concealed("viscoelastic_creep", "physics", change, 0.2, 5.0, "share", "1")
-
-
-def scale_error(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Of the camera alone, or (every second time) of the measured ends as well."""
-    sign, whole = float(rng.choice([-1, 1])), bool(rng.random() < 0.5)
-
-    def change(world: World, size: float) -> World:
-        scale = world.seen.scale + sign * size
-        return replace(world, seen=replace(world.seen, scale=scale, ends_too=whole))
-
-    return Concealed(
-        "scale_error", "measurement", change, 0.02, 0.06, "factor", "1", None,
-        lambda size: 1 + sign * size,
-    )  # fmt: skip
-
-
-def end_offset(setting: Setting, rng: np.random.Generator) -> Concealed:
-    end, way = int(rng.integers(0, 2)), rng.standard_normal(3)
-    by = np.zeros((2, 3))
-    by[end] = way / np.linalg.norm(way)
-
-    def change(world: World, size: float) -> World:
-        return replace(world, held=moved(world.held, size * by))
-
-    at = end * setting.rod.length
-    return Concealed("end_offset", "measurement", change, 0.01, 0.04, "offset", "m", (at, at))
-
-
-def gravity_misalignment(setting: Setting, rng: np.random.Generator) -> Concealed:
-    heading = rng.uniform(0, 2 * np.pi)
-    axis = np.array([np.cos(heading), np.sin(heading), 0.0])
-
-    def tilted(rod: Rod, size: float) -> tuple[float, ...]:
-        return tuple(Rotation.from_rotvec(size * axis).apply(rod.gravity))
-
-    change = with_rod(gravity=tilted)
-    return Concealed(
-        "gravity_misalignment", "measurement", change, np.radians(3), np.radians(12), "angle", "rad"
-    )
-
-
-def depth_bias(setting: Setting, rng: np.random.Generator) -> Concealed:
-    sign = float(rng.choice([-1, 1]))
-
-    def change(world: World, size: float) -> World:
-        return replace(world, seen=replace(world.seen, depth=world.seen.depth + sign * size))
-
-    return Concealed(
-        "depth_bias", "measurement", change, 0.01, 0.04, "offset", "m", None,
-        lambda size: sign * size,
-    )  # fmt: skip
-
-
-def lost_out_of_plane(setting: Setting, rng: np.random.Generator) -> Concealed:
-    def change(world: World, size: float) -> World:
-        return replace(world, seen=replace(world.seen, flat=size))
-
-    return Concealed("lost_out_of_plane", "measurement", change, 0.5, 1.0, "share", "1")
-
-
-def repulsion(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Everything on the rope is pushed away from a point, the less the farther."""
-    x: Array = setting.states[:, len(setting.problem.mesh) // 2, :3].mean(axis=0)
-    way = rng.standard_normal(3)
-    point = x + 0.12 * way / np.linalg.norm(way)
-    change = with_field(lambda size: Field(point, np.zeros(3), 0.06, size, "bar", soft=True))
-    return Concealed("repulsion", "unknown", change, 0.1, 20.0, "strength", "N/m", follows=True)
-
-
-def follower_force(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """A jet that is fixed to the rope and turns with it."""
-    at = setting.rod.length * float(rng.uniform(0.3, 0.7))
-    node = int(np.abs(setting.problem.mesh - at).argmin())
-    turns = rotation(setting.states[:, node, 3:7]).mean(axis=0)
-    way = turns.T @ np.array([0.0, rng.choice([-1.0, 1.0]), 0.0])  # sideways on the whole
-    way = tuple(float(v) for v in way / np.linalg.norm(way))
-    weight = setting.rod.density * setting.rod.length * 9.81
-    change = with_point(lambda size: Point(at, follower=tuple(size * v for v in way)))  # pyright: ignore[reportArgumentType]
-    return Concealed(
-        "follower_force", "unknown", change, 0.02 * weight, weight, "force", "N", (at, at),
-        follows=True,
-    )  # fmt: skip
-
-
-def nonlinear_bending(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """The rope yields more the more it is bent: its stiffness halves at a moment."""
-    moment = float(np.abs(setting.states[..., 10:]).max())
-    change = with_rod(softening=lambda _, size: size)
-    return Concealed(
-        "nonlinear_bending", "unknown", change, 0.3 / moment**2, 300 / moment**2, "softening",
-        "1/(N m)^2", follows=True,
-    )  # fmt: skip
 
 
 PHYSICS = {
@@ -310,20 +220,11 @@ PHYSICS = {
     "distributed_load": distributed_load, "clamped_end": clamped_end, "end_twist": end_twist,
     "tether": tether, "support_plane": support_plane, "obstacle": obstacle,
 }  # fmt: skip
-REMEMBERING = {
+HISTORY_DEPENDENT = {
     "bending_hysteresis": bending_hysteresis, "plastic_set": plastic_set,
     "viscoelastic_creep": viscoelastic_creep,
 }  # fmt: skip
 IN_MOTION = ("inertia", "damping", "time_lag")
-IN_TIME = {*REMEMBERING, *IN_MOTION, "contact_friction"}
-MEASUREMENT = {
-    "scale_error": scale_error, "end_offset": end_offset,
-    "gravity_misalignment": gravity_misalignment, "depth_bias": depth_bias,
-    "lost_out_of_plane": lost_out_of_plane,
-}  # fmt: skip
-UNKNOWN = {
-    "repulsion": repulsion, "follower_force": follower_force,
-    "nonlinear_bending": nonlinear_bending,
-}  # fmt: skip
+IN_TIME = {*HISTORY_DEPENDENT, *IN_MOTION, "contact_friction"}
 NEEDS_CLAMPS = {"intrinsic_curvature", "kink", "end_twist", "follower_force"}
 NEEDS_PINS = {"clamped_end"}

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.discovery.rod_equations import Field, Point, Rod, Section
 from benchmarks.discovery.setting import World
+from reference_simulators.rod_equations import Field, Point, Rod, Section
 
 
 @dataclass(frozen=True)
 class Concealed:
-    """One thing that is true and not told; `change` applies it at a size.
+    """One thing that is true and not in the recording; `change` applies it at a size.
 
     `parameter` and `unit` name the size as the tool would report it (`reported` of the size).
     """
@@ -61,7 +61,7 @@ def with_field(field: Callable[[float], Field]) -> Callable[[World, float], Worl
 
 
 def interval(rod: Rod, rng: np.random.Generator, low: float, high: float) -> tuple[float, float]:
-    """A stretch of rope [m] of low to high of its length, away from the ends."""
+    """Draw an interval of arc length [m], of low to high of the length, away from the ends."""
     width = rng.uniform(low, high)
     start = rng.uniform(0.12, 0.88 - width)
     return start * rod.length, (start + width) * rod.length

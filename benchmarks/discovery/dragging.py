@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.discovery import mujoco_rope
 from benchmarks.discovery.concealed import CONTACT_HARDNESS
 from benchmarks.discovery.concealment import Concealed
 from benchmarks.discovery.made import Made, Sized
-from benchmarks.discovery.rod_equations import Array, Field
 from benchmarks.discovery.setting import World, draw, miscalibrated
 from benchmarks.discovery.strength import meter, shapes
+from reference_simulators import mujoco_rope
+from reference_simulators.rod_equations import Array, Field
 
 ROUGH = (0.2, 0.6)  # coefficient of friction
 HIGH = (0.3, 0.5)  # of the way from the rope's lowest point up to the ends' lowest: the table
@@ -22,7 +22,7 @@ STEPS = 8  # in which it is raised
 
 
 def make(seed: int, calibration: bool) -> Made:
-    """A pinned rope of which half or so lies on the table in some frames."""
+    """Make a pinned rope of which about half lies on the table in some frames."""
     rng = np.random.default_rng(seed)
     setting = draw(False, rng, back=True, count=POSES)
     low = float(setting.states[..., 2].min())
@@ -35,7 +35,7 @@ def make(seed: int, calibration: bool) -> Made:
     world = on_table(setting.world, low + height)
     scale = meter(setting)
     smooth: Array = rest[:, scale.index, :3]
-    s, nodes = mujoco_rope.shapes(world, setting.diameter, rough)
+    s, nodes = mujoco_rope.shapes(world.rod, world.held, setting.diameter, rough)
     dragged = CubicSpline(s, nodes, axis=1)(setting.problem.mesh[scale.index])
     frames = list(range(len(nodes)))
     lifted = np.linalg.norm(smooth - scale.points, axis=-1).max(1)
@@ -46,13 +46,13 @@ def make(seed: int, calibration: bool) -> Made:
                      rough, scale.score(dragged - smooth), frames)  # fmt: skip
     if calibration:
         world = miscalibrated(world, rng)
-        s, nodes = mujoco_rope.shapes(world, setting.diameter, rough)
+        s, nodes = mujoco_rope.shapes(world.rod, world.held, setting.diameter, rough)
     ways = mujoco_rope.tangents(s, nodes)
     return Made(setting, world, [plane, friction], s, nodes, ways, "mujoco")
 
 
 def on_table(world: World, height: float) -> World:
-    """The world with a table whose top lies a radius of the rope below a height [m]."""
+    """Return the world with a table whose top lies a radius of the rope below a height [m]."""
     up = np.array([0.0, 0.0, 1.0])
     table = Field(height * up, up, 0.0, CONTACT_HARDNESS, "plane")
     return replace(world, rod=replace(world.rod, fields=(table,)))

@@ -1,9 +1,9 @@
-"""Real recordings of which something false is told: the noise is real and the truth is exact."""
+"""Real recordings with one false statement: the noise is real and the truth is exact."""
 
 from __future__ import annotations
 
 import csv
-import json
+import re
 import shutil
 import tomllib
 from collections.abc import Callable
@@ -20,13 +20,8 @@ QUASI_STATIC = ("cable_black_unweighted", "wire_black")
 TILT, CLAMP, SCALE, WEAK_GRAVITY = np.radians(3.0), np.radians(5.0), 0.01, 4.81
 
 
-def read(path: Path) -> dict[str, Any]:
-    """A JSON file."""
-    return json.loads(path.read_text())
-
-
 def copied(source: Path, folder: Path, name: str) -> None:
-    """A copy of a recording under another name."""
+    """Copy a recording under another name."""
     if folder.exists():
         shutil.rmtree(folder)
     shutil.copytree(source, folder)
@@ -36,7 +31,7 @@ def copied(source: Path, folder: Path, name: str) -> None:
 
 
 def gravity(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Another gravity in recording.toml."""
+    """Change gravity in recording.toml."""
     path = folder / "recording.toml"
     old = np.array(tomllib.loads(path.read_text())["gravity"], dtype=float)
     row = "gravity = [" + ", ".join(f"{value:.6f}" for value in change(old)) + "]"
@@ -54,7 +49,7 @@ def weak_gravity(folder: Path) -> None:
 
 
 def scaled(folder: Path) -> None:
-    """Markers 1 % farther from their common centre; the ends stay."""
+    """Move markers 1 % farther from their common centre; the ends stay."""
     path = folder / "markers.npz"
     with np.load(path) as file:
         data = dict(file)
@@ -65,7 +60,7 @@ def scaled(folder: Path) -> None:
 
 
 def turned_clamp(folder: Path) -> None:
-    """The clamp of end 0 is said to point 5 degrees elsewhere, across the rope."""
+    """Turn the recorded clamp of end 0 by 5 degrees, across the rope."""
     path = folder / "ends.csv"
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -85,7 +80,7 @@ def turned_clamp(folder: Path) -> None:
         writer.writerows(rows)
 
 
-# What is told, how, and the names that are right for it.
+# What is stated falsely, how, and the names that are right for it.
 FALSEHOODS: dict[str, tuple[Callable[[Path], None], set[str]]] = {
     "gravity tilted by 3 degrees": (tilted_gravity, {"gravity_misalignment"}),
     "gravity of 4.81 m/s2": (weak_gravity, {"gravity_misalignment", "distributed_load"}),
@@ -103,16 +98,16 @@ SHAPES: dict[str, tuple[str, ...]] = {
 
 
 def table(real: Path, out: Path) -> tuple[str, dict[str, Any]]:
-    """Each falsehood on each recording, with what the same rope told truly as nominal."""
+    """Diagnose each falsehood on each recording, with the true run of the same rope as nominal."""
     folder, data = out / "real", {}
+    columns = [f"{what} ({' / '.join(sorted(right))})" for what, (_, right) in FALSEHOODS.items()]
     lines = [
-        "Real recordings of which one thing is told falsely, each diagnosed with the true run of",
-        "the same recording as `--nominal`, identified as straight at rest, with a uniform or with",
-        "a varying curvature; written by `python -m benchmarks.discovery --real-only`.",
+        "Real recordings with one false statement each, diagnosed with the unchanged run of the",
+        "same recording as `--nominal`; written by `python -m benchmarks.discovery --real-only`.",
+        "In brackets: the right names. **Yes**: a right name is in a reported set.",
         "",
-        "| recording | rest shape | told falsely | right | verdict | called "
-        "| held out before, after [mm] | |",
-        "|---" * 8 + "|",
+        "| recording | rest shape | unchanged | " + " | ".join(columns) + " |",
+        "|---" * (3 + len(columns)) + "|",
     ]
     for name in QUASI_STATIC:
         if not (real / name).is_dir():
@@ -128,7 +123,7 @@ def table(real: Path, out: Path) -> tuple[str, dict[str, Any]]:
                 lambda s=real / name, r=plain, f=free: diagnose(s, r, identify=f),
             )
             data[f"{name}, {shape}"] = found
-            lines.append(_line(f"{name} | {shape} | nothing", set(), found))
+            cells = [_cell(set(), found)]
             for number, (what, (_, right)) in enumerate(FALSEHOODS.items()):
                 source = folder / "recordings" / f"{name}-{number}"
                 found = kept(
@@ -138,20 +133,18 @@ def table(real: Path, out: Path) -> tuple[str, dict[str, Any]]:
                     ),
                 )
                 data[f"{name}, {shape}: {what}"] = found
-                lines.append(_line(f"{name} | {shape} | {what}", right, found))
+                cells.append(_cell(right, found))
+            lines.append(f"| {name} | {shape} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n", data
 
 
-def _line(what: str, right: set[str], found: dict[str, Any]) -> str:
+def _cell(right: set[str], found: dict[str, Any]) -> str:
+    """Return what was named, or the verdict, and whether a right name is among it."""
     answer = found["answer"]
-    wanted = " / ".join(sorted(right)) or "-"
     if answer is None:
-        return f"| {what} | {wanted} | - | {found['error']} | - | |"
+        return "no answer: " + re.split("[,;]", found["error"].split("ropefit: ")[-1])[0]
     sets = [names_of(effect) for effect in answer["effects"]]
-    said = ", ".join("/".join(sorted(one)) for one in sets) or "-"
-    held = answer.get("heldout") or {}
-    rms = [held.get(key) for key in ("rms_before_m", "rms_after_m")]
-    numbers = ", ".join("-" if v is None else f"{1e3 * v:.2f}" for v in rms)
-    hit = any(one & right for one in sets)
-    mark = ("yes" if hit else "**no**") if right else ""
-    return f"| {what} | {wanted} | {answer['verdict']} | {said} | {numbers} | {mark} |"
+    named = ", ".join("/".join(sorted(one)) for one in sets) or f"`{answer['verdict']}`"
+    if not right:
+        return named
+    return ("**yes**: " if any(one & right for one in sets) else "no: ") + named

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.discovery import mujoco_rope
 from benchmarks.discovery.concealment import Concealed
-from benchmarks.discovery.elastica import Ends
 from benchmarks.discovery.made import Made, Sized
-from benchmarks.discovery.rod_equations import Array, rotation
 from benchmarks.discovery.score import VISIBLE
 from benchmarks.discovery.setting import Setting, World, draw, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, shapes
+from reference_simulators import mujoco_rope
+from reference_simulators.kirchhoff_rod import Ends
+from reference_simulators.rod_equations import Array, rotation
 
 POSES = 40  # of a turn, at which the rope is known at rest as well
 EACH = 3  # frames from pose to pose
@@ -45,7 +45,7 @@ class Film:
 def make(
     kind: str, wanted: float, seed: int, clamped: bool, calibration: bool
 ) -> tuple[Made, Made]:
-    """A rope in motion in which the kind has about the wanted score, and the same rope at rest."""
+    """Make a rope in motion in which the kind has about the wanted score, and the same at rest."""
     rng = np.random.default_rng(seed)
     setting = draw(clamped, rng, count=POSES)
     scale = meter(setting)
@@ -72,9 +72,9 @@ def make(
 
 
 def filmed(world: World, diameter: float, film: Film) -> tuple[Array, Array]:
-    """Arc lengths (n,) [m] and centrelines (T, n, 3) [m] of a turn in steady motion."""
+    """Return arc lengths (n,) [m] and centrelines (T, n, 3) [m] of a turn in steady motion."""
     pose = path(world.held, film)
-    rope = mujoco_rope.Rope(world, diameter)
+    rope = mujoco_rope.Rope(world.rod, world.held, diameter)
     rope.rest(pose(0.0))
     return rope.arc_length, rope.filmed(pose, times(film), film.drag)
 
@@ -94,12 +94,12 @@ def path(held: Ends, film: Film) -> Callable[[float], tuple[Array, Array]]:
 
 
 def times(film: Film) -> Array:
-    """(FRAMES,) [s] from rest on."""
+    """Return the times (FRAMES,) [s] of the frames, from rest on."""
     return film.period * (STEADY + np.arange(FRAMES) / FRAMES)
 
 
 def seen(held: Ends, late: float = 0.0) -> Ends:
-    """The ends in every frame of a film, by a clock that is late by a share of a turn."""
+    """Return the ends in every frame of a film, by a clock that is late by a share of a turn."""
     at = (np.arange(FRAMES) / FRAMES - late) % 1
     turns = held.orientations.copy()
     for t in range(1, POSES):  # of the two quaternions of a rotation, the nearer
@@ -133,20 +133,20 @@ def scores(
 
 
 def _paced(setting: Setting, scale: Meter, wanted: float, rng: np.random.Generator) -> Film:
-    """So fast that inertia is as visible as wanted: it grows with the square of the pace."""
+    """Choose the pace at which inertia has the wanted score: it grows with its square."""
     score = scores(setting, scale, Film(FIRST))[0][0][2]
     return Film(float(np.clip(FIRST * np.sqrt(score / wanted), *PACES)))
 
 
 def _thick(setting: Setting, scale: Meter, wanted: float, rng: np.random.Generator) -> Film:
-    """In a medium so thick that its drag is as visible as wanted."""
+    """Choose the medium whose drag has the wanted score."""
     film = Film(float(rng.uniform(*SLOW)), drag=1.0)
     score = scores(setting, scale, film)[0][1][2]
     return replace(film, drag=float(np.clip(film.drag * wanted / score, *DRAGS)))
 
 
 def _late(setting: Setting, scale: Meter, wanted: float, rng: np.random.Generator) -> Film:
-    """With a clock so wrong that it is as visible as wanted."""
+    """Choose the lag of the clock that has the wanted score."""
     film = Film(float(rng.uniform(*SLOW)), lag=0.03 * float(rng.choice([-1.0, 1.0])))
     score = scores(setting, scale, film)[0][1][2]
     lag = float(np.clip(abs(film.lag) * wanted / score, *LAGS))
@@ -160,6 +160,6 @@ def _cause(name: str, size: float) -> Concealed:
 
 
 def _round(values: Array) -> CubicSpline:
-    """Values (T, ...) at equal steps of a closed path, as a function of turns from 0 to 1."""
+    """Interpolate values (T, ...) at equal steps of a closed path, by turns from 0 to 1."""
     closed = np.concatenate([values, values[:1]])
     return CubicSpline(np.linspace(0, 1, len(closed)), closed, bc_type="periodic")

@@ -1,4 +1,4 @@
-"""A rope whose stiffness and rest curve are free along it: the rival that can bend to anything."""
+"""A rope whose stiffness and rest curve are free along it: the most flexible candidate."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 
-Told = dict[str, Any]  # what a variant notes while it runs
+Notes = dict[str, Any]  # what a variant notes while it runs
 Starts = list[list[Start]]
 
 
@@ -32,13 +32,13 @@ class Variant:
 
     title: str
     meaning: str
-    rules: Callable[[Told], Rules]
+    rules: Callable[[Notes], Rules]
 
 
 class Watched(Selection):
     """As it is; notes how often a stuck model began anew, and how long that took [s]."""
 
-    def __init__(self, told: Told) -> None:
+    def __init__(self, told: Notes) -> None:
         self.told = told
         told["restarts"], told["restart_seconds"] = 0, 0.0
 
@@ -90,7 +90,7 @@ def penalty(current: Fit, one: Score | Candidate) -> float:
 class WithFreeRope(Selection):
     """Each round has one candidate more: a rope whose EI and rest curve are free along it."""
 
-    def __init__(self, told: Told) -> None:
+    def __init__(self, told: Notes) -> None:
         self.rounds: list[dict[str, Any]] = []
         told["rounds"] = self.rounds
 

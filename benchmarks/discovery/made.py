@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks.discovery import clouds
 from benchmarks.discovery.concealment import Concealed
-from benchmarks.discovery.elastica import CLAMPED
-from benchmarks.discovery.rod_equations import Array
 from benchmarks.discovery.setting import END_NOISE, INTERVAL, TILT_NOISE, Setting, World
 from benchmarks.discovery.setting import turned as turned_clamps
+from reference_simulators.kirchhoff_rod import CLAMPED
+from reference_simulators.rod_equations import Array
 
 
 @dataclass(frozen=True)
@@ -47,19 +47,19 @@ class Made:
 def write(
     folder: Path, truth_file: Path, name: str, made: Made, seed: int, group: str
 ) -> dict[str, Any]:
-    """The recording and, elsewhere, its truth."""
+    """Write the recording and, elsewhere, its truth."""
     setting, world = made.setting, made.world
     rng = np.random.default_rng([seed, 1])
     radius, sensor = 0.5 * setting.diameter, setting.sensor
     frames = []
     for nodes, tangents, ends in zip(made.nodes, made.tangents, world.held.positions, strict=True):
         points = clouds.surface(nodes, tangents, made.arc_length, radius, sensor, rng)
-        frames.append(clouds.observe(points, ends, world.seen, sensor, rng))
+        frames.append(clouds.observe(points, ends, world.camera, sensor, rng))
     held, orientations = setting.held, None
     positions = held.positions + END_NOISE * rng.standard_normal(held.positions.shape)
-    if world.seen.ends_too:
+    if world.camera.ends_too:
         view = np.asarray(sensor.viewpoint)
-        positions = view + (1 + world.seen.scale) * (positions - view)
+        positions = view + (1 + world.camera.scale) * (positions - view)
     if held.kinds[0] == CLAMPED:
         parts = [
             turned_clamps(
@@ -70,9 +70,12 @@ def write(
         ]
         orientations = np.concatenate(parts)
     rod = setting.rod
-    told = clouds.Told(name, rod.gravity, rod.length, setting.diameter, rod.density * rod.length,
-                       positions, orientations, made.interval)  # fmt: skip
-    clouds.write(folder, told, frames, sensor)
+    mass = rod.density * rod.length
+    metadata = clouds.Metadata(
+        name, rod.gravity, rod.length, setting.diameter, mass, positions, orientations,
+        made.interval,
+    )  # fmt: skip
+    clouds.write(folder, metadata, frames, sensor)
     truth = {
         "name": name,
         "group": group,
@@ -90,7 +93,7 @@ def write(
             for one in made.sized
         ],
         "simulator": made.simulator,
-        "calibration_errors": bool(any(world.seen.rotation)),
+        "calibration_errors": bool(any(world.camera.rotation)),
         "clamped": held.kinds[0] == CLAMPED,
         "length_m": rod.length,
         "bending_N_m2": rod.bending,

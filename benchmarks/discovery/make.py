@@ -6,23 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.discovery.collocation import NotConverged, solve
-from benchmarks.discovery.concealed import (
-    MEASUREMENT,
-    NEEDS_CLAMPS,
-    NEEDS_PINS,
-    PHYSICS,
-    REMEMBERING,
-    UNKNOWN,
-    Concealed,
-)
-from benchmarks.discovery.elastica import CLAMPED, hang, problem
+from benchmarks.discovery.concealed import HISTORY_DEPENDENT, NEEDS_CLAMPS, NEEDS_PINS, PHYSICS
+from benchmarks.discovery.concealed_errors import MEASUREMENT, UNKNOWN
+from benchmarks.discovery.concealment import Concealed
 from benchmarks.discovery.made import Made, Sized
-from benchmarks.discovery.rod_equations import Array, rotation
 from benchmarks.discovery.setting import Setting, draw, grasped, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
+from reference_simulators.collocation import NotConverged, solve
+from reference_simulators.kirchhoff_rod import CLAMPED, hang, problem
+from reference_simulators.rod_equations import Array, rotation
 
-CATALOGUE = PHYSICS | REMEMBERING | MEASUREMENT | UNKNOWN
+CATALOGUE = PHYSICS | HISTORY_DEPENDENT | MEASUREMENT | UNKNOWN
 
 
 class Implausible(RuntimeError):
@@ -30,7 +24,7 @@ class Implausible(RuntimeError):
 
 
 def moved_frames(setting: Setting, states: Array) -> list[int]:
-    """Frames with a shape (of T, N + 1, 13) that differs from the setting's."""
+    """Return the frames whose shape (of T, N + 1, 13) differs from the setting's."""
     change = np.linalg.norm(states[..., :3] - setting.states[..., :3], axis=-1).max(axis=1)
     return np.flatnonzero(change > 1e-4).tolist()
 
@@ -38,7 +32,7 @@ def moved_frames(setting: Setting, states: Array) -> list[int]:
 def at_score(
     setting: Setting, scale: Meter, effect: Concealed, wanted: float
 ) -> tuple[Sized, Array]:
-    """The effect at the size whose score is `wanted`, within a tenth, and the states there."""
+    """Find the size whose score is `wanted`, within a tenth; return it and the states there."""
     size, tried = min(effect.start, effect.most), []
     start = None
     for _ in range(8):
@@ -73,7 +67,7 @@ def at_score(
 def as_drawn(
     setting: Setting, scale: Meter, effect: Concealed, factor: float
 ) -> tuple[Sized, Array]:
-    """A measurement error at a usual size: its own prior takes its score, so none is asked for."""
+    """Apply a measurement error at a usual size: its prior explains it, so no score is asked."""
     size = min(factor * effect.start, effect.most)
     world = effect.change(setting.world, size)
     _, states = shapes(setting, world)
@@ -83,12 +77,12 @@ def as_drawn(
 
 
 def breaks_of(effects: list[Concealed]) -> list[float]:
-    """Arc lengths [m] that the mesh must have."""
+    """Return arc lengths [m] that the mesh must have."""
     return [s for effect in effects if effect.place for s in effect.place]
 
 
 def with_mesh(setting: Setting, effects: list[Concealed]) -> Setting:
-    """The setting on a mesh that resolves where the effects act."""
+    """Solve the setting on a mesh that resolves where the effects act."""
     places = breaks_of(effects)
     kinds, held = setting.held.kinds, setting.held
     rolling, states = hang(setting.rod, setting.held, breaks=places)
@@ -117,7 +111,7 @@ def make(
     if clamped is None:
         clamped = bool(rng.random() < 0.5)
     clamped = (clamped or bool(NEEDS_CLAMPS & set(effects))) and not NEEDS_PINS & set(effects)
-    setting = draw(clamped, rng, back=bool(REMEMBERING.keys() & set(effects)))
+    setting = draw(clamped, rng, back=bool(HISTORY_DEPENDENT.keys() & set(effects)))
     chosen = [CATALOGUE[effect](setting, rng) for effect in effects]
     if breaks_of(chosen):
         setting = with_mesh(setting, chosen)
@@ -134,9 +128,9 @@ def make(
     if calibration:
         world = miscalibrated(world, rng)
     if simulator == "mujoco":
-        from benchmarks.discovery import mujoco_rope
+        from reference_simulators import mujoco_rope
 
-        s, nodes = mujoco_rope.shapes(world, setting.diameter)
+        s, nodes = mujoco_rope.shapes(world.rod, world.held, setting.diameter)
         return Made(setting, world, sized, s, nodes, mujoco_rope.tangents(s, nodes), simulator)
     goal, states = shapes(setting, world, states)
     direction = rotation(states[..., 3:7])[..., 2]

@@ -1,4 +1,4 @@
-"""What the answers are worth: each case against its truth, and the table of bars."""
+"""Score the answers: each case against its truth, and the table of targets."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discovery.concealed import MEASUREMENT
+from benchmarks.discovery.concealed_errors import MEASUREMENT
 
 VISIBLE, WEAK = 12.0, 6.0
 SOLVER = {"under_converged", "too_coarse"}
 PLACE = 0.03  # of the length
-# Where a plane or a bar lies can be told in many ways: only that there is one is scored.
+# The place of a plane or a bar has many parametrisations: only that there is one is scored.
 NO_SIZE = {"support_plane", "obstacle"}
 FACTORS = {"log_factor": lambda v: abs(float(np.log(v))), "scale": lambda v: v - 1}
 
 
 def names_of(effect: dict[str, Any]) -> set[str]:
-    """An accepted effect and what it cannot be told from."""
+    """Return the names of an accepted effect and of its equivalents."""
     return {effect["name"], *effect.get("equivalent_to", [])}
 
 
 def judged(truth: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
-    """One case: everything the table counts."""
+    """Judge one case: return everything that the table counts."""
     answer = result["answer"]
     out: dict[str, Any] = {
         "case": truth["name"],
@@ -54,7 +54,7 @@ def judged(truth: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _place_and_size(truth: dict[str, Any], effects: list[dict[str, Any]]) -> dict[str, Any]:
-    """Whether the named true effects are where and as large as they are; None where not asked."""
+    """Return whether the named true effects have the right place and size; None where not asked."""
     place, size, error = [], [], []
     for true in truth["effects"]:
         match = next((e for e in effects if e["name"] == true["name"]), None)
@@ -79,7 +79,7 @@ def _place_and_size(truth: dict[str, Any], effects: list[dict[str, Any]]) -> dic
 def same_quantity(
     true: dict[str, Any], parameters: dict[str, Any]
 ) -> tuple[dict[str, Any] | None, float]:
-    """The reported parameter of the true one's name, or the only one of its unit; its true value.
+    """Return the reported parameter of the true one's name, or the only one of its unit; its truth.
 
     Factors may also be reported as their logarithm or as what they add to one.
     """
@@ -102,13 +102,13 @@ def _plain(unit: str) -> str:
 
 
 def share(values: list[Any]) -> tuple[float, int] | None:
-    """Share of true values and their number; None of nothing."""
+    """Return the share of true values and their number; None of nothing."""
     known = [value for value in values if value is not None]
     return (float(np.mean(known)), len(known)) if known else None
 
 
 def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The table: what, bar, measured, number of cases, passed."""
+    """Return the table: what, target, measured, number of cases, whether it is met."""
     done = [j for j in judgements if "verdict" in j]
     group = {
         name: [j for j in done if j["group"] == name]
@@ -153,7 +153,7 @@ def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
         ("measurement decoys of score 6 or more called measurement (or a tie)", ">=", 0.95,
          share([as_measurement(j) for j in group["decoy"] if j["score"] > 0.9 * WEAK])),
     ]  # fmt: skip
-    out = [_row(what, sign, bar, found) for what, sign, bar, found in table]
+    out = [_row(what, sign, target, found) for what, sign, target, found in table]
     sizes = [j["set_size"] for j in strong if j["set_size"]]
     out.append(_number("mean set size of visible single effects", 2.0, sizes))
     times = [j["diagnose_seconds"] for j in done]
@@ -164,31 +164,31 @@ def rows(judgements: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-def _row(what: str, sign: str, bar: Any, found: tuple[float, int] | None) -> dict[str, Any]:
-    text = f"{bar[0]:.0%}-{bar[1]:.0%}" if sign == "within" else f"{sign} {bar:.0%}"
+def _row(what: str, sign: str, target: Any, found: tuple[float, int] | None) -> dict[str, Any]:
+    text = f"{target[0]:.0%}-{target[1]:.0%}" if sign == "within" else f"{sign} {target:.0%}"
     value = found[0] if found else None
     passed = None
     if value is not None:
         passed = {
-            "<=": lambda: value <= bar,
-            ">=": lambda: value >= bar,
-            "within": lambda: bar[0] <= value <= bar[1],
+            "<=": lambda: value <= target,
+            ">=": lambda: value >= target,
+            "within": lambda: target[0] <= value <= target[1],
         }[sign]()
     measured = "-" if value is None else f"{value:.1%}"
     number = found[1] if found else 0
-    return {"what": what, "bar": text, "measured": measured, "value": value,
+    return {"what": what, "target": text, "measured": measured, "value": value,
             "cases": number, "passed": passed}  # fmt: skip
 
 
-def _number(what: str, bar: float, values: list[float]) -> dict[str, Any]:
+def _number(what: str, target: float, values: list[float]) -> dict[str, Any]:
     value = float(np.mean(values)) if values else None
-    return {"what": what, "bar": f"<= {bar:g}", "value": value, "cases": len(values),
+    return {"what": what, "target": f"<= {target:g}", "value": value, "cases": len(values),
             "measured": "-" if value is None else f"{value:.2f}",
-            "passed": None if value is None else value <= bar}  # fmt: skip
+            "passed": None if value is None else value <= target}  # fmt: skip
 
 
 def confusion(judgements: list[dict[str, Any]]) -> dict[str, Counter[str]]:
-    """What was called what: by true effect, the counts of the first named (or the verdict)."""
+    """Count by true effect what was named first (or the verdict)."""
     out: dict[str, Counter[str]] = {}
     for j in judgements:
         true = {"clean": "clean", "coarse": "coarse mesh"}.get(j["group"], " + ".join(j["true"]))

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery.clouds import Seen, Sensor
-from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends, RodProblem, facing, hang
-from benchmarks.discovery.remembering import Law
-from benchmarks.discovery.rod_equations import Array, Rod
+from benchmarks.discovery.clouds import CameraErrors, Sensor
+from reference_simulators.history_dependent_rod import Law
+from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, RodProblem, facing, hang
+from reference_simulators.rod_equations import Array, Rod
 
 FIXED_END = np.array([0.40, 0.0, 0.60])  # m
 GJ_TO_EI = 1 / 1.3  # round section, Poisson's ratio 0.3
@@ -36,7 +36,7 @@ class World:
 
     rod: Rod
     held: Ends
-    seen: Seen = field(default_factory=Seen)
+    camera: CameraErrors = field(default_factory=CameraErrors)
     law: Law | None = None  # by which the rope remembers
 
 
@@ -59,7 +59,7 @@ class Setting:
 def motion(
     length: float, frames: int, clamped: bool, rng: np.random.Generator, back: bool = False
 ) -> Ends:
-    """End 0 is brought nearer and taut, lifted, swept and turned; end 1 stays.
+    """Draw the motion: end 0 is brought nearer and taut, lifted, swept and turned; end 1 stays.
 
     Smooth, and no pose comes twice; with `back`, half of the way and back again.
     """
@@ -101,8 +101,11 @@ def draw(
     back: bool = False,
     count: int | None = None,
 ) -> Setting:
-    """A random rope of the benchmark's range, hanging; `breaks` are fractions of its length; for
-    `back` see `motion`; `count` of frames, else as many as a person records poses."""
+    """Draw a random hanging rope.
+
+    `breaks` are fractions of its length; for `back` see `motion`; `count` of frames, else as many
+    as a person records poses.
+    """
     length = float(rng.uniform(0.8, 1.2))
     density = float(rng.uniform(0.03, 0.09))
     bending = float(10 ** rng.uniform(-4, np.log10(2e-3))) * density * 9.81 * length**3
@@ -127,38 +130,38 @@ def draw(
 
 
 def grasped(held: Ends, states: Array) -> Ends:
-    """Ends with the frames of a rope without twist: its spin is its own when it is gripped."""
+    """Return ends with the frames of a rope without twist: gripped as it is."""
     turns = states[:, [0, -1], 3:7]
     return replace(held, orientations=turns / np.linalg.norm(turns, axis=2, keepdims=True))
 
 
 def miscalibrated(world: World, rng: np.random.Generator) -> World:
-    """The world with errors of the set-up, one draw of the priors for the whole recording."""
+    """Return the world with errors of the set-up, one draw of the priors for all frames."""
 
     def normal(name: str, size: int) -> Array:
         return PRIORS[name] * rng.standard_normal(size)
 
-    seen = replace(
-        world.seen,
+    camera = replace(
+        world.camera,
         rotation=tuple(normal("camera_rotation", 3)),
         translation=tuple(normal("camera_translation", 3)),
-        scale=world.seen.scale + float(normal("scale", 1)[0]),
-        gain=world.seen.gain + float(normal("depth_gain", 1)[0]),
+        scale=world.camera.scale + float(normal("scale", 1)[0]),
+        gain=world.camera.gain + float(normal("depth_gain", 1)[0]),
     )
     tilt = Rotation.from_rotvec([*normal("gravity", 2), 0.0])
     rod = replace(world.rod, gravity=tuple(tilt.apply(world.rod.gravity)))
     held = moved(world.held, normal("end_position", 6).reshape(2, 3))
     held = turned(held, normal("end_orientation", 6).reshape(2, 3))
-    return replace(world, rod=rod, held=held, seen=seen)
+    return replace(world, rod=rod, held=held, camera=camera)
 
 
 def moved(held: Ends, by: Array) -> Ends:
-    """The ends (2, 3) [m] elsewhere in all frames."""
+    """Return the ends moved by (2, 3) [m] in all frames."""
     return replace(held, positions=held.positions + by)
 
 
 def turned(held: Ends, by: Array) -> Ends:
-    """Clamps turned by rotation vectors (2, 3) [rad] in their own axes."""
+    """Return clamps turned by rotation vectors (2, 3) [rad] in their own axes."""
     out = held.orientations.copy()
     for end in range(2):
         for frame in range(len(out)):

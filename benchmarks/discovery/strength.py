@@ -11,11 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery import remembering
-from benchmarks.discovery.clouds import Seen, mistaken
-from benchmarks.discovery.collocation import derivatives
-from benchmarks.discovery.elastica import CLAMPED, RodProblem, follow
-from benchmarks.discovery.rod_equations import Array, rotation
+from benchmarks.discovery.clouds import CameraErrors, mistaken
 from benchmarks.discovery.setting import (
     END_NOISE,
     INTERVAL,
@@ -26,17 +22,21 @@ from benchmarks.discovery.setting import (
     moved,
     turned,
 )
+from reference_simulators import history_dependent_rod
+from reference_simulators.collocation import derivatives
+from reference_simulators.kirchhoff_rod import CLAMPED, RodProblem, follow
+from reference_simulators.rod_equations import Array, rotation
 
 STRETCHES = 30
 
 
 def shapes(setting: Setting, world: World, start: Array | None = None) -> tuple[RodProblem, Array]:
-    """States (T, N + 1, 13) of the changed world, on the setting's mesh; from `start` if given."""
+    """Solve the changed world on the setting's mesh: return states (T, N + 1, 13)."""
     gauge = CLAMPED not in world.held.kinds and world.rod.isotropic
     goal = replace(setting.problem, rod=world.rod, held=world.held, gauge=gauge)
     if world.law is not None:
         plain = follow(lambda _: goal, setting.states)
-        return goal, remembering.shapes(goal, world.law, plain, INTERVAL)
+        return goal, history_dependent_rod.shapes(goal, world.law, plain, INTERVAL)
     return goal, follow(lambda _: goal, setting.states if start is None else start)
 
 
@@ -50,11 +50,11 @@ class Meter:
     points: Array  # (T, P, 3) m
 
     def whitened(self, change: Array) -> Array:
-        """(T * P * 2,) of changes (T, P, 3) [m]."""
+        """Whiten changes (T, P, 3) [m]: return (T * P * 2,)."""
         return np.einsum("tpij,tpj->tpi", self.basis, change).ravel()
 
     def score(self, change: Array) -> float:
-        """Signal over noise of a change (T, P, 3) [m], nuisances taken out by their priors."""
+        """Return signal over noise of a change (T, P, 3) [m], nuisances marginalised."""
         z, b = self.whitened(change), self.nuisances
         inner = b.T @ z
         left = z @ z - inner @ np.linalg.solve(np.eye(b.shape[1]) + b.T @ b, inner)
@@ -62,7 +62,7 @@ class Meter:
 
 
 def meter(setting: Setting) -> Meter:
-    """The meter of one setting."""
+    """Return the meter of one setting."""
     rod, held, problem, y = setting.rod, setting.held, setting.problem, setting.states
     stations = (np.arange(STRETCHES) + 0.5) * rod.length / STRETCHES
     index = np.abs(problem.mesh[:, None] - stations).argmin(axis=0)
@@ -108,23 +108,23 @@ def meter(setting: Setting) -> Meter:
             alone = np.zeros_like(column)
             alone[frame] = share * column[frame]
             columns.append(alone)
-    seens = [Seen(scale=float(np.hypot(PRIORS["scale"], PRIORS["depth_gain"])))]
+    errors = [CameraErrors(scale=float(np.hypot(PRIORS["scale"], PRIORS["depth_gain"])))]
     for axis in np.eye(3):
-        seens.append(Seen(rotation=tuple(PRIORS["camera_rotation"] * axis)))
-        seens.append(Seen(translation=tuple(PRIORS["camera_translation"] * axis)))
-    columns += [mistaken(points, seen, view) - points for seen in seens]
+        errors.append(CameraErrors(rotation=tuple(PRIORS["camera_rotation"] * axis)))
+        errors.append(CameraErrors(translation=tuple(PRIORS["camera_translation"] * axis)))
+    columns += [mistaken(points, one, view) - points for one in errors]
     flat = [np.einsum("tpij,tpj->tpi", basis, column).ravel() for column in columns]
     return Meter(index, basis, np.stack(flat, axis=1), points)
 
 
 def seen_change(setting: Setting, scale: Meter, world: World, states: Array) -> Array:
-    """(T, P, 3) [m] what changes at the stations, camera mistakes included."""
+    """Return the change (T, P, 3) [m] at the stations, camera errors included."""
     points = states[:, scale.index, :3]
-    if world.seen.flat:
+    if world.camera.flat:
         ends = setting.held.positions
         normal = np.cross(ends[:, 1] - ends[:, 0], [0.0, 0.0, 1.0])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         off = np.einsum("tpi,ti->tp", points - ends[:, :1], normal)
-        points = points - world.seen.flat * off[..., None] * normal[:, None]
+        points = points - world.camera.flat * off[..., None] * normal[:, None]
     view = np.asarray(setting.sensor.viewpoint)
-    return mistaken(points, world.seen, view) - scale.points
+    return mistaken(points, world.camera, view) - scale.points

@@ -24,7 +24,7 @@ SECTIONS = {
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     arguments = parser(__doc__)
     arguments.add_argument("pipeline", type=Path, help="pipelines/*.toml")
     arguments.add_argument("--build", type=Path, default=Path("build/paper"))

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.losses import MEANING
 from benchmarks.paper import baxter_explained as explained
 from benchmarks.paper import baxter_figures as figures
 from benchmarks.paper.document import Claim, claims, millimetres, picture, table
-from benchmarks.paper.results import PAPER_WEIGHTS, SYMBOL, Results, assemble, lengths
+from benchmarks.paper.results import MEANING, PAPER_WEIGHTS, SYMBOL, Results, assemble, lengths
 
 THOMAS = {"eta_x_G": 0.024, "eta_x_D": 0.48, "eta_x_S": 1.16, "eta_q_S": 0.52, "eta_q_B": 1.49,
           "eta_SOR": 0.61}  # fmt: skip
@@ -19,7 +18,7 @@ BUDGETS = (30, 100, 300)
 
 
 def section(r: Results) -> str:
-    """Markdown of the whole experiment."""
+    """Return Markdown of the whole experiment."""
     budgets = tuple(f"jacobi-{budget}" for budget in BUDGETS)
     parts = {
         "Projection onto the plane of gravity and the ends": (("thomas",), _projection),
@@ -82,7 +81,7 @@ def _parameters(r: Results) -> str:
                 "the gravity weight decides how much a rope of few iterations sags",
             ),
             Claim(
-                "six optimized weights are told",
+                "six optimized weights are reported",
                 f"{len(determined)} of 6 are determined by the data",
                 len(determined) == 6,
                 "η^SOR multiplies four of the others, and weights trade with the number of "
@@ -244,7 +243,7 @@ def _solvers(r: Results) -> str:
                 f"{1e2 * paper:.1f} % with the paper's weights (0.26) as they are",
                 off["jacobi"] > 0.1,
                 "how far Jacobi stretches a rope is set by gravity weight, time step and "
-                "iterations, of which the paper tells the first only; where weights are fitted "
+                "iterations, of which the paper gives the first only; where weights are fitted "
                 "together, those that stretch the rope lose",
                 explains=False,
             ),

@@ -1,4 +1,4 @@
-"""What ropefit says about the inextensible rope where the paper was puzzled."""
+"""What ropefit says about the inextensible rope where the paper gives no reason."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GROUPS = {"group_0": "bending", "group_1": "tensioned"}
 
 
 def rms_by_state(r: Results, run: str, groups: str) -> dict[str, float]:
-    """[m] of a run's frames, parted into those that run `groups` took for bent and tensioned."""
+    """Return the rms [m] of frames that the run `groups` took for bent, and for tensioned."""
     frames, rms = r.observations(run).frames, r.model(run).rms
     out = {}
     for group in GROUPS:
@@ -67,7 +67,7 @@ def gravity(r: Results) -> str:
 
 
 def _left(r: Results) -> str:
-    """How far Jacobi's shapes are off held-out frames with what was found, and without it."""
+    """Return the held-out error of Jacobi's shapes with what was accepted, and without."""
     held = r.said["jacobi-shapes"]["diagnose"]["heldout"]
     return f"{millimetres(held['rms_after_m'])} of {millimetres(held['rms_before_m'])}"
 
@@ -92,7 +92,7 @@ def flattened(r: Results) -> str:
                 "after",
                 "lost_out_of_plane" not in names,
                 "a rope whose ends turn sideways leaves the plane, and the projection hides it; "
-                "`ropefit preprocess` keeps such a rope in 3D unless told otherwise",
+                "`ropefit preprocess` keeps such a rope in 3D unless asked otherwise",
                 explains=False,
             ),
         ])

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.losses import MEANING
 from benchmarks.paper.drawing import (
     DATA,
     FITTED,
@@ -19,11 +18,11 @@ from benchmarks.paper.drawing import (
     points,
     save,
 )
-from benchmarks.paper.results import Results, cloud, lengths, states
+from benchmarks.paper.results import MEANING, Results, cloud, lengths, states
 
 
 def extremes(r: Results) -> tuple[int, int]:
-    """Rows of the most bent and the most tensioned frame."""
+    """Return rows of the most bent and the most tensioned frame."""
     return states(r.observations("thomas"))
 
 

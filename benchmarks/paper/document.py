@@ -13,7 +13,7 @@ class Claim:
     """A statement of the paper, what was measured here, and why they agree or differ.
 
     `because` is said only where the outcome is the one that it explains (`explains`); any other
-    outcome is told as unexplained.
+    outcome is reported as unexplained.
     """
 
     paper: str
@@ -29,30 +29,30 @@ class Claim:
 
 
 def claims(items: Iterable[Claim]) -> str:
-    """The table with the column *agrees / differs, because*."""
+    """Return the table with the column *agrees / differs, because*."""
     head = "| the paper | here | agrees / differs, because |\n|---|---|---|\n"
     return head + "\n".join(item.row() for item in items) + "\n"
 
 
 def table(columns: list[str], rows: Iterable[Iterable[Any]]) -> str:
-    """A table in Markdown."""
+    """Return a table in Markdown."""
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
 
 def picture(path: Path, caption: str) -> str:
-    """A figure beside the document, with its caption."""
+    """Return a figure beside the document, with its caption."""
     return f"![{path.stem}](figures/{path.name})\n\n*{caption}*\n"
 
 
 def millimetres(value: float) -> str:
-    """A length in mm to three digits."""
+    """Return a length in mm to three digits."""
     return f"{1e3 * value:.3g} mm"
 
 
 def diagnosed(said: dict[str, Any]) -> str:
-    """What `ropefit diagnose` found, in one line."""
+    """Return what `ropefit diagnose` found, in one line."""
     found = said["diagnose"]
     if not found["effects"]:
         return f"verdict *{found['verdict']}*, no effect named"
@@ -63,6 +63,6 @@ def diagnosed(said: dict[str, Any]) -> str:
         interval = " to ".join(f"{v:.3g}" for v in size["ci95"])
         parts.append(
             f"`{effect['name']}`, {name} {size['value']:.3g} {size['unit']} ({interval})"
-            + (f", or as well {ties}" if ties else "")
+            + (f", equivalent to {ties}" if ties else "")
         )
     return f"verdict *{found['verdict']}*: " + "; ".join(parts)

@@ -19,32 +19,32 @@ mpl.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.righ
 
 
 def panels(columns: int, width: float = 3.4, height: float = 2.8) -> tuple[Any, Any]:
-    """A figure with a row of axes."""
+    """Return a figure with a row of axes."""
     figure, axes = plt.subplots(1, columns, figsize=(width * columns, height), squeeze=False)
     return figure, axes[0]
 
 
 def curve(axes: Any, x: np.ndarray, color: str, label: str, **style: Any) -> None:
-    """A rope (N, 3) [m] seen from the front, in mm."""
+    """Plot a rope (N, 3) [m] from the front, in mm."""
     style = {"linewidth": 1.0} | style
     axes.plot(1e3 * x[:, 0], 1e3 * x[:, 2], color=color, label=label, **style)
 
 
 def points(axes: Any, x: np.ndarray, color: str, label: str, up: int = 2, size: float = 2) -> None:
-    """Points (N, 3) [m] from the front (up = 2) or from above (up = 1), in mm."""
+    """Plot points (N, 3) [m] from the front (up = 2) or from above (up = 1), in mm."""
     axes.scatter(
         1e3 * x[:, 0], 1e3 * x[:, up], s=size, color=color, label=label, linewidths=0, zorder=3
     )
 
 
 def front(axes: Any, title: str) -> None:
-    """Axes that show a front view."""
+    """Set axes up for a front view."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(title=title, xlabel="x [mm]", ylabel="z [mm]")
 
 
 def save(figure: Any, folder: Path, name: str) -> Path:
-    """The PNG of a figure, small enough for the repository."""
+    """Save a figure as PNG, small enough for the repository."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"paper-{name}.png"
     figure.tight_layout()

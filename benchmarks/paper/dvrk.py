@@ -17,7 +17,7 @@ KEY = 0.12  # m, the reference marker
 
 
 def section(r: Results) -> str:
-    """Markdown of the whole experiment."""
+    """Return Markdown of the whole experiment."""
     parts = {
         "Weights of the Jacobi solver, by grid search": (
             ("jacobi", "jacobi-one", "jacobi-relaxed", "jacobi-tensioned"),
@@ -41,7 +41,7 @@ def _setup(r: Results) -> tuple[Rendered, MiddleTable]:
 
 
 def _strain(r: Results) -> tuple[np.ndarray, np.ndarray]:
-    """(T,) each: how far the true rod's two sides are stretched."""
+    """Return the strain (T,) of each of the true rod's two sides."""
     (spec, motion), truth = _setup(r), r.truth("dvrk")
     steps = np.linalg.norm(np.diff(truth["nodes"], axis=1), axis=2)
     first = truth["arc"][1:] <= motion.at + 1e-9

@@ -133,5 +133,5 @@ class Experiment(Strict):
 
 
 def read(path: Path) -> Experiment:
-    """The experiment in a file. Raises ValueError with the place of a mistake."""
+    """Return the experiment in a file. Raises ValueError with the place of a mistake."""
     return Experiment.model_validate(tomllib.loads(path.read_text()))

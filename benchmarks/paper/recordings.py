@@ -27,7 +27,7 @@ SPEC = "made-from.json"
 
 
 def make(folder: Path, recording: Rendered) -> None:
-    """A rendered recording, unless the folder holds the same already."""
+    """Render a recording, unless the folder holds the same already."""
     spec = recording.model_dump_json()
     if (folder / SPEC).exists() and (folder / SPEC).read_text() == spec:
         return
@@ -55,7 +55,7 @@ def make(folder: Path, recording: Rendered) -> None:
 def _see(
     folder: Path, recording: Rendered, truth: Truth, eye: Camera, rng: np.random.Generator
 ) -> None:
-    """Pictures of all frames, and the manifest that goes with them."""
+    """Render all frames: write the pictures, return the manifest that goes with them."""
     (folder / "color").mkdir()
     (folder / "depth").mkdir()
     rope = recording.rope
@@ -83,7 +83,7 @@ def _see(
 
 
 def derive(folder: Path, recording: Derived, run: Path, source: Path | None) -> None:
-    """A recording made of a run's artifacts; `source` is the recording that the run is of."""
+    """Make a recording of a run's artifacts; `source` is the recording that the run is of."""
     o, _ = load(run, Observations)
     _start(folder)
     ends, told = o.end_position, [kind == "clamped" for kind in o.end_kind]
@@ -123,8 +123,7 @@ def derive(folder: Path, recording: Derived, run: Path, source: Path | None) -> 
 def _one_side(
     source: Path, o: Observations, clouds: list[Array], side: int
 ) -> tuple[list[Array], Array, Array, dict[str, Any]]:
-    """Clouds, ends (T, 2, 3), orientations (T, 2, 4) and sizes of the rope between an end and the
-    gripper in the middle, whose pose the robot knows."""
+    """Return clouds, ends (T, 2, 3), orientations (T, 2, 4), sizes of one side of the gripper."""
     spec = Rendered.model_validate_json((source / SPEC).read_text())
     assert isinstance(spec.motion, MiddleTable)
     rng = np.random.default_rng([20261121, spec.seed, 7])
@@ -151,7 +150,7 @@ def _start(folder: Path) -> None:
 
 
 def _measured(truth: Truth, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Ends (T, 2, 3) and orientations (T, 2, 4) as a robot would know them."""
+    """Return ends (T, 2, 3) and orientations (T, 2, 4) as a robot would know them."""
     positions = truth.positions + END_NOISE * rng.standard_normal(truth.positions.shape)
     turns = truth.orientations.copy()
     for t, end in np.ndindex(turns.shape[:2]):
@@ -195,6 +194,6 @@ def _write_manifest(folder: Path, about: dict[str, Any], sensor: str) -> None:
 
 
 def load_truth(folder: Path) -> dict[str, Array]:
-    """What is true of a rendered recording."""
+    """Return what is true of a rendered recording."""
     with np.load(folder / "truth.npz") as data:
         return {name: data[name] for name in data.files}

@@ -1,7 +1,7 @@
 """The set-ups before a depth camera: a rope, a gripper that hides part of it, a post, a wall.
 
-Ray casting, light and the faults of the sensor are those of `benchmarks.rendered`, in the camera's
-own axes.
+Ray casting, light and the faults of the sensor are those of `benchmarks.perception.rendered`, in
+the camera's own axes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.rendered import HEIGHT, WIDTH, box, camera, rays, sensed, shaded, tube
+from benchmarks.perception.rendered import HEIGHT, WIDTH, box, camera, rays, sensed, shaded, tube
 from ropefit.perception.camera import Camera
 
 Array = np.ndarray
@@ -27,7 +27,7 @@ Box = tuple[Array, Array, tuple[float, float, float]]  # centre, size [m], colou
 
 
 def looking(position: tuple[float, ...], target: tuple[float, ...]) -> Camera:
-    """A level camera at `position` [m] that looks at `target` [m]."""
+    """Return a level camera at `position` [m] that looks at `target` [m]."""
     ahead = np.subtract(target, position)
     ahead = ahead / np.linalg.norm(ahead)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
@@ -39,7 +39,7 @@ def looking(position: tuple[float, ...], target: tuple[float, ...]) -> Camera:
 
 
 def baxter_gripper(tip: Array) -> list[Box]:
-    """Two jaws before and behind the rope's end, which hide 3 to 4 cm of it, and the hand."""
+    """Return the hand and two jaws about the rope's end, which hide 3 to 4 cm of it."""
     jaw = np.array([0.070, 0.070, 0.018])
     return [
         (tip + np.array([0, 0, -0.022]), jaw, JAW),
@@ -49,17 +49,17 @@ def baxter_gripper(tip: Array) -> list[Box]:
 
 
 def wall(behind: float) -> list[Box]:
-    """A wall across the picture, this far from the camera [m]: every ray must end somewhere."""
+    """Return a wall across the picture, at a distance [m]: every ray must end somewhere."""
     return [(np.array([0.0, 0.0, behind + 0.01]), np.array([8.0, 8.0, 0.02]), WALL)]
 
 
 def post(tip: Array) -> list[Box]:
-    """What holds the other end, behind the rope."""
+    """Return the post that holds the other end, behind the rope."""
     return [(tip + np.array([0.012, 0, 0.03]), np.array([0.024, 0.04, 0.04]), (0.30, 0.31, 0.33))]
 
 
 def needle_driver(tip: Array, radius: float) -> list[Box]:
-    """A thin tool from above that holds the rope from behind: nothing of it is hidden."""
+    """Return a thin tool from above that holds the rope from behind: nothing of it is hidden."""
     return [(tip + np.array([0, -0.05, radius + 0.012]), np.array([0.006, 0.11, 0.006]), JAW)]
 
 
@@ -72,8 +72,11 @@ def frame(
     boxes: list[Box],
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """(color (H, W, 3) uint8, depth (H, W) [m]) of a centreline (n, 3) in the camera's axes at arc
-    lengths (n,) [m]; marks: arc lengths of red bands."""
+    """Render a rope: return color (H, W, 3) uint8 and depth (H, W) [m].
+
+    The centreline (n, 3) [m] in the camera's axes, at arc lengths (n,) [m]; marks: arc lengths of
+    red bands.
+    """
     import open3d
 
     o3d: Any = open3d  # its stubs miss what its constructors take

@@ -24,6 +24,18 @@ SYMBOL = {
     "eta_x_G_1": "η_x^G, gripper to end 1",
 }  # fmt: skip
 
+MEANING = {
+    "OBJ1": "3D point to line",
+    "OBJ2": "2D point to line",
+    "OBJ3": "2D point to line + lowest",
+    "OBJ4": "3D segment to particle",
+    "OBJ5": "2D segment to particle",
+    "OBJ6": "2D segment to particle + lowest",
+    "OBJ7": "3D segment to line",
+    "OBJ8": "2D segment to line",
+    "OBJ9": "2D segment to line + lowest",
+}
+
 
 @dataclass(frozen=True)
 class Results:
@@ -47,12 +59,12 @@ class Results:
         return load_truth(self.place.recording(recording))
 
     def values(self, run: str, group: str = "group_0") -> dict[str, float]:
-        """Parameters as identified."""
+        """Return the parameters as identified."""
         found = self.said[run]["identify"]["groups"][group]["parameters"]
         return {name: p["value"] for name, p in found.items()}
 
     def interval(self, run: str, name: str, group: str = "group_0") -> str:
-        """A parameter with its 95 % interval."""
+        """Return a parameter with its 95 % interval."""
         p = self.said[run]["identify"]["groups"][group]["parameters"][name]
         unit = "" if p["unit"] == "1" else f" {p['unit']}"
         if p["ci95"] is None:
@@ -64,8 +76,10 @@ Part = Callable[[Results], str]
 
 
 def assemble(r: Results, title: str, parts: dict[str, tuple[tuple[str, ...], Part]]) -> str:
-    """A chapter of parts {heading: (runs that it needs, its text)}; a part whose runs are not done
-    says so."""
+    """Return a chapter of parts {heading: (runs that it needs, its text)}.
+
+    A part whose runs are not done says so.
+    """
     out = [f"## {title}\n"]
     for heading, (needs, part) in parts.items():
         missing = [run for run in needs if run not in r.said]
@@ -75,13 +89,13 @@ def assemble(r: Results, title: str, parts: dict[str, tuple[tuple[str, ...], Par
 
 
 def states(o: Observations) -> tuple[int, int]:
-    """Rows of the most bent and of the most tensioned frame, by the distance of the ends."""
+    """Return the rows of the most bent and of the most tensioned frame, by the ends' distance."""
     apart = np.linalg.norm(o.end_position[:, 1] - o.end_position[:, 0], axis=1)
     return int(apart.argmin()), int(apart.argmax())
 
 
 def cloud(o: Observations, row: int, projected: bool = True) -> np.ndarray:
-    """(N, 3) [m] a frame's points, as they are used or as they were measured."""
+    """Return (N, 3) [m] a frame's points, as they are used or as they were measured."""
     mine = slice(o.point_start[row], o.point_start[row + 1])
     points = o.points[mine]
     if o.projected and not projected:
@@ -90,17 +104,17 @@ def cloud(o: Observations, row: int, projected: bool = True) -> np.ndarray:
 
 
 def pixels(o: Observations, x: np.ndarray) -> np.ndarray:
-    """(N, 2) [px] where the camera sees points (N, 3) [m]."""
+    """Return (N, 2) [px] where the camera sees points (N, 3) [m]."""
     return pinhole(o).project(torch.tensor(x)).numpy()
 
 
 def lengths(x: np.ndarray) -> np.ndarray:
-    """(F,) [m] lengths of ropes (F, K, 3)."""
+    """Return (F,) [m] lengths of ropes (F, K, 3)."""
     return np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1)
 
 
 def at_arc(truth: dict[str, np.ndarray], s: float) -> np.ndarray:
-    """(T, 3) [m] where the true rope's point at arc length s [m] is."""
+    """Return the true rope's point (T, 3) [m] at arc length s [m]."""
     arc, nodes = truth["arc"], truth["nodes"]
     k = int(np.clip(np.searchsorted(arc, s), 1, len(arc) - 1))
     part = (s - arc[k - 1]) / (arc[k] - arc[k - 1])

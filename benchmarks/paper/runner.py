@@ -7,7 +7,6 @@ import json
 import os
 import shlex
 import shutil
-import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command import CommandFailed, ropefit
 from benchmarks.paper.pipeline import Derived, Experiment, Rendered, TargetTable
 from benchmarks.paper.recordings import derive, load_truth, make
 from ropefit.artifacts import Model, Observations
@@ -38,11 +38,11 @@ class Place:
         return self.folder / "targets" / f"{name}.csv"
 
     def control(self, run: str, name: str) -> Path:
-        """The run directory of one of a run's several control stages."""
+        """Return the run directory of one of a run's several control stages."""
         return self.folder / "control" / f"{run}-{name}"
 
     def said(self, run: str) -> Path:
-        """What the commands of a run said."""
+        """Return what the commands of a run said."""
         return self.folder / "said" / f"{run}.json"
 
 
@@ -70,7 +70,7 @@ def perform(experiment: Experiment, place: Place, only: set[str] | None = None) 
 
 
 def recall(experiment: Experiment, place: Place) -> dict[str, Any]:
-    """{run: {stage: JSON}} of what commands said, of the runs that are done."""
+    """Return what the commands of finished runs said: {run: {stage: JSON}}."""
     done = [name for name in experiment.runs if place.said(name).exists()]
     return {name: json.loads(place.said(name).read_text()) for name in done}
 
@@ -117,8 +117,10 @@ def _stages(experiment: Experiment, name: str, place: Place) -> dict[str, Any]:
 
 
 def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
-    """Options with {runs}, {targets}, {value[RUN][NAME]} and {weights[RUN]}, every weight of an
-    earlier run but gravity's as a start, put in."""
+    """Return options with {runs}, {targets}, {value[RUN][NAME]} and {weights[RUN]} put in.
+
+    {weights}: every weight of an earlier run but gravity's, as a start.
+    """
     value = {
         run: {name: p["value"] for name, p in one["parameters"].items()}
         for run, said in before.items()
@@ -136,22 +138,20 @@ def _filled(options: str, place: Place, before: dict[str, Any]) -> str:
 
 
 def _ropefit(stage: str, options: str, run: Path, may_fail: bool) -> dict[str, Any]:
-    """The JSON of one command; {"failed": its line, "code": ...} of one whose failure counts."""
-    command = [sys.executable, "-m", "ropefit", stage, *shlex.split(options)]
-    command += ["--run", str(run)]
+    """Run one command: return its JSON, or {"failed": its line, "code": ...} where it may fail."""
     begin = time.monotonic()
-    done = subprocess.run([*command, "--quiet", "--json"], capture_output=True, text=True)
-    print(f"{run.name}: {stage} {options} ({time.monotonic() - begin:.0f} s)", file=sys.stderr)
-    if done.returncode == 0:
-        return json.loads(done.stdout)
-    line = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "no message"
-    if not may_fail:
-        raise SystemExit(f"{run.name}: {stage}: {line}")
-    return {"failed": line, "code": done.returncode}
+    try:
+        return ropefit(stage, *shlex.split(options), "--run", run)
+    except CommandFailed as failed:
+        if not may_fail:
+            raise SystemExit(f"{run.name}: {failed}")
+        return {"failed": failed.line, "code": failed.code}
+    finally:
+        print(f"{run.name}: {stage} {options} ({time.monotonic() - begin:.0f} s)", file=sys.stderr)
 
 
 def _write_targets(place: Place, name: str, table: TargetTable) -> None:
-    """Target points of some frames of a recording, as markers on the rope would show them."""
+    """Write target points of some frames of a recording, as markers on the rope would show them."""
     truth = load_truth(place.recording(table.recording))
     rng = np.random.default_rng(table.frames)
     path = place.targets(name)

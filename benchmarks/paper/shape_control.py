@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends
-from benchmarks.discovery.rod_equations import rotation
 from benchmarks.discovery.setting import FIXED_END
 from benchmarks.paper.document import Claim, claims, diagnosed, millimetres, picture, table
 from benchmarks.paper.drawing import FITTED, START, TRUE, curve, front, panels, save
 from benchmarks.paper.pipeline import Rendered, SweepTable
 from benchmarks.paper.results import Results, assemble
 from benchmarks.paper.worlds import directions, oriented, settled
+from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends
+from reference_simulators.rod_equations import rotation
 
 RUNS = {
     "thomas": "Thomas, position only (the paper)",
     "pinned": "equilibrium, taken as pinned, position only",
-    "clamped": "equilibrium, clamp told, position and orientation",
+    "clamped": "equilibrium, clamp given, position and orientation",
 }
 TARGETS = {"same": "gripper as it was", "turned": "gripper turned"}
 
@@ -38,7 +38,7 @@ class Done:
 
 
 def section(r: Results) -> str:
-    """Markdown of the whole experiment."""
+    """Return Markdown of the whole experiment."""
     parts = {"Three points as the target": (tuple(RUNS), _reached)}
     return assemble(r, "Shape control (Baxter)", parts)
 
@@ -101,7 +101,7 @@ def _reached(r: Results) -> str:
             ),
             Claim(
                 "with rotation the desired position could be reached (not done)",
-                f"told how the gripper holds the rope, and orientation controlled: "
+                f"given how the gripper holds the rope, with controlled orientation: "
                 f"{millimetres(turned.mean())} instead of {millimetres(paper.mean())}, the worst "
                 f"{millimetres(turned.max())}",
                 turned.mean() < 0.5 * paper.mean(),
@@ -152,6 +152,6 @@ def _shapes(r: Results, done: dict[tuple[str, str], Done]) -> Path:
 
 
 def _labels(axis) -> tuple[list, list[str]]:
-    """Handles and labels without the empty ones."""
+    """Return handles and labels without the empty ones."""
     pairs = [(h, t) for h, t in zip(*axis.get_legend_handles_labels(), strict=True) if t]
     return [h for h, _ in pairs], [t for _, t in pairs]

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.discovery.elastica import CLAMPED, PINNED, Ends, facing, hang
-from benchmarks.discovery.rod_equations import Array, Rod, rotation
-from benchmarks.discovery.setting import FIXED_END, GJ_TO_EI, World, grasped
+from benchmarks.discovery.setting import FIXED_END, GJ_TO_EI, grasped
 from benchmarks.paper.pipeline import MiddleTable, Rendered, RopeTable, SweepTable
+from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, facing, hang
+from reference_simulators.rod_equations import Array, Rod, rotation
 
 STATIONS = 1001  # of a centreline
 
@@ -37,7 +37,7 @@ class Truth:
 
 
 def shapes(recording: Rendered) -> Truth:
-    """The rope at rest in every frame. Raises RuntimeError or NotConverged where it finds none."""
+    """Solve the rope at rest in every frame. Raises RuntimeError or NotConverged."""
     if isinstance(recording.motion, MiddleTable):
         return _held_in_the_middle(recording.rope, recording.motion)
     held = sweep(recording.motion, recording.rope.length)
@@ -45,14 +45,14 @@ def shapes(recording: Rendered) -> Truth:
 
 
 def settled(rope: RopeTable, held: Ends, simulator: str) -> Truth:
-    """A rope held at its ends."""
+    """Solve a rope held at its ends."""
     arc = np.linspace(0.0, rope.length, STATIONS)
     if simulator == "mujoco":
-        from benchmarks.discovery.mujoco_rope import shapes, tangents
+        from reference_simulators.mujoco_rope import shapes, tangents
 
         if not np.isinf(rope.EA):
             raise ValueError("MuJoCo's edges stretch by no rigidity; take elastica")
-        s, x = shapes(World(rod_of(rope), held), rope.diameter)
+        s, x = shapes(rod_of(rope), held, rope.diameter)
         nodes = CubicHermiteSpline(s, x, tangents(s, x), axis=1)(arc)
         orientations = held.orientations
     else:
@@ -70,7 +70,7 @@ def _by_elastica(rod: Rod, held: Ends, arc: Array) -> tuple[Array, Array]:
 
 
 def rod_of(rope: RopeTable) -> Rod:
-    """The rope as the simulators want it."""
+    """Return the rope as the simulators want it."""
     compliance = 0.0 if np.isinf(rope.EA) else 1 / rope.EA
     return Rod(
         rope.length, rope.mass / rope.length, rope.EI, GJ_TO_EI * rope.EI, compliance=compliance
@@ -78,7 +78,7 @@ def rod_of(rope: RopeTable) -> Rod:
 
 
 def sweep(motion: SweepTable, length: float) -> Ends:
-    """End poses (T frames) of a control point that goes away from the other end and returns."""
+    """Return end poses (T frames) of a control point that moves away from end 1 and returns."""
     phase = np.linspace(0.0, 2 * np.pi, motion.frames)
     near, far = motion.distance
     if far > length:
@@ -107,18 +107,18 @@ def sweep(motion: SweepTable, length: float) -> Ends:
 
 
 def directions(pitch: Array, yaw: Array) -> Array:
-    """(T, 3) unit vectors from angles (T,) [rad] above the horizontal and about the vertical."""
+    """Return unit vectors (T, 3) from angles (T,) [rad] of elevation and azimuth."""
     flat = np.cos(pitch)
     return np.stack([flat * np.cos(yaw), flat * np.sin(yaw), np.sin(pitch)], axis=-1)
 
 
 def oriented(tangents: Array) -> Array:
-    """(T, 4) quaternions w, x, y, z whose third axes are the tangents (T, 3)."""
+    """Return (T, 4) quaternions w, x, y, z whose third axes are the tangents (T, 3)."""
     return np.stack([np.roll(facing(tangent).as_quat(), 1) for tangent in tangents])
 
 
 def _held_in_the_middle(rope: RopeTable, motion: MiddleTable) -> Truth:
-    """Two ropes that meet in a gripper, which holds direction and place: neither feels the other.
+    """Solve two ropes that meet in a gripper, which holds direction and place.
 
     End 0 is at the origin, end 1 at (span, 0, 0).
     """

@@ -1,0 +1,1 @@
+"""Accuracy: against closed forms, boundary-value solutions, known truths and other simulators."""

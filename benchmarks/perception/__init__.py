@@ -1,0 +1,1 @@
+"""Perception: `preprocess` on rendered frames and clouds of known ropes."""

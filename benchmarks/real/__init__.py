@@ -1,0 +1,1 @@
+"""Measured ropes: identification, prediction and diagnosis on real recordings."""

@@ -1,0 +1,126 @@
+"""Measured ropes: identification, prediction and diagnosis of real recordings.
+
+    python -m benchmarks.real [--real DIR] [--clips N] [--only PART] [--write docs/results.md]
+                              [--keep DIR] [--json FILE]
+
+DIR holds the real recordings (default: ../shared/real). Parts: motion (ropes in motion, fitted to N
+of their training clips and scored on the clips that their authors score on), named (what the
+diagnosis accepts in them, given a model at rest), cable (a cable that was changed), wire (is it
+straight at rest?). Each part writes its own section of the document. Models of ropes in motion in
+the folder of --keep are not fitted again.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.document import parser, publish
+from benchmarks.real.motion import Score, prove
+from benchmarks.real.named import name_motion, named_table
+from benchmarks.real.shapes import cable_table, cables, estimate, wire, wire_table
+
+ROPES = ("mocap_dlo1", "mocap_dlo2")
+# Mean absolute error [mm] of other predictions on the same eval clips, as published with them: the
+# first shape held, the nearest training shape, a discrete elastic rod with a learned residual.
+PUBLISHED = {"mocap_dlo1": (59.7, 20.5, 10.3), "mocap_dlo2": (48.0, 17.4, 10.2)}
+
+
+def table(scores: dict[str, Score], clips: int) -> str:
+    lines = [
+        "Motion capture of two cables moved by two arms; each model starts from two true frames of",
+        "an eval clip and predicts its 5 s open loop. Mean absolute error per coordinate [mm];",
+        f"fitted by `ropefit identify --solver dynamics` to {clips} training clips; written by",
+        "`python -m benchmarks.real`. The last three columns are published values, not run here.",
+        "",
+        "| rope | all markers | free markers | worst clip | second by second | marker by marker "
+        "| shape held | nearest neighbour | elastic rod + learned residual |",
+        "|---" * 9 + "|",
+    ]
+    for name, s in scores.items():
+        published = " | ".join(f"{v:g}" for v in PUBLISHED[name])
+        seconds = ", ".join(f"{1e3 * p.mean():.1f}" for p in np.array_split(s.by_time, 5))
+        markers = ", ".join(f"{1e3 * v:.0f}" for v in s.by_marker)
+        lines.append(
+            f"| {name} | {1e3 * s.clip.mean():.1f} | {1e3 * s.free.mean():.1f} "
+            f"| {1e3 * s.clip.max():.1f} | {seconds} | {markers} | {published} |"
+        )
+    # The ten points of the rest curve are in --json only.
+    told = {
+        name: {k: p for k, p in s.parameters.items() if "_at_" not in k}
+        for name, s in scores.items()
+    }
+    heads = [f"{key} [{p['unit']}]" for key, p in next(iter(told.values())).items()]
+    lines += [
+        "",
+        "Parameters with 95 % intervals; the rest curve's ten values are in `--json`:",
+        "",
+    ]
+    lines += ["| rope | " + " | ".join(heads) + " |", "|---" * (1 + len(heads)) + "|"]
+    for name, parameters in told.items():
+        lines.append(f"| {name} | " + " | ".join(map(estimate, parameters.values())) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def motion(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """Return the table of ropes in motion, and its numbers."""
+    scores = {name: prove(real / name, folder / name, clips) for name in ROPES}
+    numbers = {
+        name: {
+            "clip_m": s.clip.tolist(), "free_m": s.free.tolist(), "by_time_m": s.by_time.tolist(),
+            "by_marker_m": s.by_marker.tolist(), "parameters": s.parameters,
+        }
+        for name, s in scores.items()
+    }  # fmt: skip
+    return table(scores, clips), numbers
+
+
+def named(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """Return the table of the diagnosis in motion, and its numbers."""
+    found = {name: name_motion(real / name, folder / name) for name in ROPES}
+    return named_table(found), found
+
+
+def cable(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """Return the table of the changed cable, and its numbers."""
+    found = cables(real, folder)
+    return cable_table(found), {"known": found.known, "alone": found.alone}
+
+
+def wires(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """Return the table of the wire, and its numbers."""
+    found = wire(real, folder / "run")
+    names = ("straight", "curved", "pose by pose")
+    told = dict(zip(names, found, strict=True))
+    return wire_table(*found), {
+        name: {"by_frame_m": i.by_frame.tolist(), "parameters": i.parameters}
+        for name, i in told.items()
+    }
+
+
+PARTS = {"motion": motion, "named": named, "cable": cable, "wire": wires}
+
+
+def main() -> None:
+    arguments = parser(__doc__)
+    root = Path(__file__).parents[2]
+    arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
+    arguments.add_argument("--clips", type=int, default=12, help="training clips for each rope")
+    arguments.add_argument("--only", choices=PARTS, default=None, help="one part")
+    arguments.add_argument("--keep", type=Path, default=None, help="folder of the runs")
+    options = arguments.parse_args()
+    if not options.real.is_dir():
+        raise SystemExit(f"no real recordings at {options.real}; give --real DIR")
+    every = {}
+    for name in [options.only] if options.only else PARTS:
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = (options.keep or Path(scratch)) / name
+            text, every[name] = PARTS[name](options.real, folder, options.clips)
+        publish(options, f"real-{name}", text, every)
+
+
+if __name__ == "__main__":
+    main()

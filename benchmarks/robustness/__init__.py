@@ -1,0 +1,1 @@
+"""Robustness: random ropes, damaged inputs, killed processes, many recordings, other versions."""

@@ -1,0 +1,175 @@
+"""Random inextensible or stretchy ropes, placements of their ends and motions, from a seed."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.rod.moving import Damping, Moving, moving
+from ropefit.rod.quaternion import from_rotation_vector, multiply, normalise
+from ropefit.rod.rod import Rod, build, uniform
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.dynamics import Drive, Start
+from ropefit.solvers.equilibrium import solve as settle
+
+NEAREST, FARTHEST = 0.02, 0.999  # m, of the ends of a rope of 1 m
+DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+DENSITY = 0.06  # kg/m
+STOP = 0.6  # share of the time after which the ends stand still
+
+
+class Placements(NamedTuple):
+    """F ropes, each in one frame; bend (F,) is EI/(ρ g L³), apart (F,) |a-b|/L."""
+
+    rod: Rod
+    conditions: Conditions
+    bend: np.ndarray
+    apart: np.ndarray
+
+
+def placements(count: int, clamped: bool, nodes: int = 20, seed: int = 0) -> Placements:
+    """Draw inextensible ropes of 1 m and 1 N.
+
+    Ends 0.02 to 0.999 m apart in any direction, EI 1e-6 to 1e-1 N m² (logarithmically uniform),
+    clamps in any orientation.
+    """
+    rng = np.random.default_rng(seed)
+    apart, bend = rng.uniform(0.02, 0.999, count), 10 ** rng.uniform(-6, -1, count)
+    direction = rng.normal(size=(count, 3))
+    ends = torch.zeros(count, 2, 3, dtype=torch.float64)
+    ends[:, 1] = torch.from_numpy(
+        apart[:, None] * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    )
+    clamp = torch.full((count, 2, 4), torch.nan, dtype=torch.float64)
+    if clamped:
+        clamp = normalise(torch.from_numpy(rng.normal(size=(count, 2, 4))))
+    gravity = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
+    properties = uniform(length=1.0, segments=nodes - 1, bend=torch.from_numpy(bend))
+    rod = build(properties, gravity, (clamped, clamped))
+    return Placements(rod, Conditions(ends, clamp), bend, apart)
+
+
+class Motions(NamedTuple):
+    """C ropes that move; rest: the step from which their ends stand still."""
+
+    rope: Moving
+    drive: Drive
+    start: Start
+    rest: int
+
+
+def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed: int) -> Motions:
+    """Draw ropes of 1 m and 60 g, moved from an equilibrium and then held still.
+
+    ends: pinned, clamped, or hung (clamped at one end, the other let go). Steps of 1 to 50 ms, each
+    up to 30 % longer or shorter; paths of up to half a radian and a quarter of a metre at up to
+    3 Hz; EI 1e-6 to 1e-1 of the weight, bent at rest in a half of those that are clamped; damping
+    of bends 1e-4 to 1e-1 s and air up to 1 N s/m², none in a quarter each. Stretchy: EA 10 to
+    1e5 N.
+    """
+    rng = np.random.default_rng(seed)
+    clamped = {"pinned": (False, False), "clamped": (True, True), "hung": (True, False)}[ends]
+
+    def per_rope(low: float, high: float) -> np.ndarray:
+        return 10 ** rng.uniform(low, high, count)
+
+    stride = per_rope(-3, math.log10(0.05))[:, None] * rng.uniform(0.7, 1.3, (count, steps))
+    time = np.cumsum(stride, axis=1) - stride[:, :1]
+    rest = round(STOP * steps)
+    share = np.minimum(time / time[:, rest : rest + 1], 1.0)
+    warped = time[:, rest : rest + 1] * share**2 * (3 - 2 * share)
+    way = paths(rng, count, warped, per_rope(-2, math.log10(0.5)), 3.0)
+    held = way.ends.clone()
+    clamp = way.clamp.clone()
+    for end in range(2):
+        if not clamped[end]:
+            clamp[:, :, end] = torch.nan
+
+    tensor = torch.from_numpy
+    bend = tensor(per_rope(-6, -1) * DENSITY * 9.81)
+    curvature = tensor(rng.normal(0, 1, (count, 3)) * (rng.uniform(size=(count, 1)) < 0.5))
+    if ends == "pinned":
+        curvature = torch.zeros(count, 3, dtype=torch.float64)
+    axial = tensor(per_rope(1, 5)) if stretchy else math.inf
+    p = uniform(
+        length=1.0, segments=nodes - 1, bend=bend, axial=axial, density=DENSITY, curvature=curvature
+    )
+    some = rng.uniform(size=(2, count)) > 0.25
+    relaxation = tensor(per_rope(-4, -1) * some[0])[:, None]
+    air = tensor(rng.uniform(0, 1, count) * some[1])[:, None].expand(p.length.shape)
+    viscous = 1e-3 * p.axial if stretchy else torch.zeros_like(p.length)
+    damping = Damping(relaxation * p.bend, relaxation * p.twist, viscous, air)
+    rod = build(p, DOWN, clamped)
+    at = settle(rod, Conditions(held[:, 0], clamp[:, 0]))
+    if ends == "hung":
+        held[:, :, 1] = torch.nan
+    start = Start(tensor(at.x), tensor(at.q), torch.zeros(count, nodes, 3, dtype=torch.float64))
+    few = torch.from_numpy(np.flatnonzero(at.converged))
+    rod, *others = moving(p, rod, damping)
+    rope = Moving(Rod(*(t[few] for t in rod)), *(t[few] for t in others))
+    return Motions(
+        rope, Drive(tensor(time), held, clamp).clips(few), Start(*(s[few] for s in start)), rest
+    )
+
+
+class Paths(NamedTuple):
+    """C motions of T frames: ends (C, T, 2, 3) [m], frames of the clamps (C, T, 2, 4), without
+    jumps of sign, and the most that either end turns from one frame to the next (C,) [rad]."""
+
+    ends: Tensor
+    clamp: Tensor
+    turn: np.ndarray
+
+
+def paths(
+    rng: np.random.Generator, count: int, time: np.ndarray, amplitude: np.ndarray, quickest: float
+) -> Paths:
+    """Draw smooth paths of the ends of ropes of 1 m at times (T,) or (C, T).
+
+    The distance of the ends, its direction, where they are, and either clamp's rotation; up to
+    `quickest` swings per unit of time.
+
+    amplitude (C,): 1 turns the clamps by about a radian each way, leads the ends by half a metre.
+    """
+    swing = _Swings(rng, count, time, quickest)
+    apart = rng.uniform(-3, 3, count)[:, None] + 3 * amplitude[:, None] * swing(1)[..., 0]
+    apart = NEAREST + (FARTHEST - NEAREST) / (1 + np.exp(-apart))
+    direction = rng.normal(size=(count, 1, 3))
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    wide = amplitude[:, None, None]
+    direction = _turned(direction, wide * swing(3))
+    first = 0.5 * wide * swing(3)
+    ends = np.stack([first, first + apart[..., None] * direction], axis=2)
+    at_rest = normalise(torch.from_numpy(rng.normal(size=(count, 1, 2, 4))))
+    turn = wide[..., None] * np.stack([swing(3), swing(3)], axis=2)
+    clamp = multiply(from_rotation_vector(torch.from_numpy(turn)), at_rest)
+    along = (clamp[:, 1:] * clamp[:, :-1]).sum(-1).clamp(-1, 1)
+    step = 2 * torch.arccos(along).amax((1, 2))
+    return Paths(torch.from_numpy(ends), clamp, step.numpy())
+
+
+class _Swings:
+    """Sines of random frequency and phase."""
+
+    def __init__(self, rng, count: int, time: np.ndarray, quickest: float):
+        self.rng, self.count, self.time, self.quickest = rng, count, time, quickest
+
+    def __call__(self, many: int) -> np.ndarray:
+        """Return values (C, T, many) between -1 and 1."""
+        shape = (self.count, 1, many)
+        rate = 2 * np.pi * self.quickest * self.rng.uniform(0.2, 1.0, shape)
+        phase = self.rng.uniform(0, 2 * np.pi, shape)
+        return np.sin(rate * np.atleast_2d(self.time)[..., None] + phase)
+
+
+def _turned(vector: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 3) turned by rotation vectors [rad]: Rodrigues' formula."""
+    angle = np.linalg.norm(turn, axis=-1, keepdims=True)
+    axis = turn / np.maximum(angle, 1e-300)
+    across = np.cross(axis, vector)
+    along = (axis * vector).sum(-1, keepdims=True) * axis
+    return np.cos(angle) * vector + np.sin(angle) * across + (1 - np.cos(angle)) * along

@@ -1,0 +1,1 @@
+"""Speed: against other implementations on the same work, and on accelerators."""

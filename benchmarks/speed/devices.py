@@ -1,0 +1,132 @@
+"""Many equilibria at once: the compiled path against the tensors of each device there is.
+
+The same ropes (36 frames times C candidate bending rigidities), each with its own rod, from a cold
+start to states, and on to the gradient of a loss in every rope's rigidity; answers are compared.
+
+    python -m benchmarks.speed.devices [--write docs/results.md] [--json FILE] [--ropes N ...]
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks.document import parser, publish
+from benchmarks.speed.workloads import FRAMES, GRAVITY, apart
+from ropefit.rod.rod import Rod, build, uniform
+from ropefit.solvers.batched import solve_batched
+from ropefit.solvers.batched_implicit import settle_batched
+from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.implicit import settle
+
+ROPES = (36, 1152)
+SEGMENTS = 19
+
+
+def ropes(count: int) -> tuple[torch.Tensor, Callable[[torch.Tensor], Rod], Conditions]:
+    """Return bending rigidities (count,) [N m²], the rods they make, and what holds them."""
+    bend = 2e-3 * torch.logspace(-1, 1, count // FRAMES, dtype=torch.float64)
+    ends = torch.zeros(count, 2, 3, dtype=torch.float64)
+    ends[:, 1, 0] = torch.from_numpy(np.resize(apart(), count))
+    gravity = torch.from_numpy(GRAVITY)
+
+    def rod(bend: torch.Tensor) -> Rod:
+        properties = uniform(length=1.0, segments=SEGMENTS, bend=bend, axial=1e4)
+        return build(properties, gravity, (False, False))
+
+    held = Conditions(ends, torch.full((count, 2, 4), torch.nan, dtype=torch.float64))
+    return bend.repeat_interleave(FRAMES), rod, held
+
+
+def shortest(work: Callable[[], Any], clock: Callable[[], float]) -> float:
+    """Return the time [s] of the shortest of three runs, or of as many as take a second."""
+    work()
+    times: list[float] = []
+    while len(times) < 3 or (sum(times) < 1 and len(times) < 100):
+        start = clock()
+        work()
+        times.append(clock() - start)
+    return min(times)
+
+
+def measure(device: torch.device | None, count: int) -> dict[str, Any]:
+    """Time [s] states, and states with gradient; device None is the compiled path."""
+    bend, rod, held = ropes(count)
+    reference = solve(rod(bend), held)
+
+    def states() -> Solution:
+        rods = rod(bend)
+        return solve(rods, held) if device is None else solve_batched(rods, held, device)
+
+    def gradient() -> torch.Tensor:
+        leaf = bend.clone().requires_grad_()
+        rods = rod(leaf)
+        x = (settle(rods, held) if device is None else settle_batched(rods, held, device))[0].x
+        return torch.autograd.grad((x**2).sum(), leaf)[0]
+
+    found = states()
+    assert found.converged.all()
+    difference = float(np.abs(found.x - reference.x).max())
+    assert difference < 1e-9, "the paths disagree"
+    on_cpu = device is None or device.type == "cpu"
+    clock = time.process_time if on_cpu else time.perf_counter
+    return {
+        "states_s": shortest(states, clock),
+        "gradient_s": shortest(gradient, clock),
+        "apart_m": difference,
+    }
+
+
+def devices() -> dict[str, torch.device | None]:
+    found: dict[str, torch.device | None] = {
+        "compiled, CPU": None,
+        "tensors, CPU": torch.device("cpu"),
+    }
+    if torch.cuda.is_available():
+        found[f"tensors, {torch.cuda.get_device_name()}"] = torch.device("cuda")
+    return found
+
+
+def table(data: dict[str, Any]) -> str:
+    lines = [
+        f"Ropes of {SEGMENTS + 1} nodes settled at once, float64; from a cold start to states, and",
+        "on to the gradient in every rope's bending rigidity. Shortest of several runs; on the CPU",
+        "processor time of one thread. Written by `python -m benchmarks.speed.devices`.",
+        "",
+        "| path | ropes | states [ms] | with gradient [ms] | a rope [µs] | difference [m] |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, rows in data["paths"].items():
+        for count, m in rows.items():
+            lines.append(
+                f"| {name} | {count} | {1e3 * m['states_s']:.1f} | {1e3 * m['gradient_s']:.1f} "
+                f"| {1e6 * m['states_s'] / int(count):.0f} | {m['apart_m']:.0e} |"
+            )
+    if not data["accelerator"]:
+        lines += ["", "No accelerator was there to be timed; `--device cuda` uses the tensors."]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Print the table; write it where asked."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--ropes", type=int, nargs="+", default=ROPES, help="how many at once")
+    options = arguments.parse_args()
+    torch.set_num_threads(1)
+    data = {
+        "accelerator": torch.cuda.is_available(),
+        "paths": {
+            name: {str(count): measure(device, count) for count in options.ropes}
+            for name, device in devices().items()
+        },
+    }
+    publish(options, "devices", table(data), data)
+
+
+if __name__ == "__main__":
+    main()
