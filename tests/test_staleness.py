@@ -15,7 +15,7 @@ from ropefit.recordings import fingerprint, open_recording
 from ropefit.runs.code import PACKAGE, hash_of, imported, reached
 from ropefit.runs.execute import execute
 from ropefit.runs.protocol import Context
-from ropefit.stages import identify, preprocess
+from ropefit.stages import control, diagnose, identify, preprocess
 from ropefit.stages.control import ControlSettings
 from ropefit.stages.identify import IdentifySettings
 from ropefit.stages.preprocess import PreprocessSettings
@@ -92,6 +92,12 @@ def test_an_edit_makes_stale_what_imports_it(file: str, package: Path) -> None:
     after = hashes(package)
     path.write_text(text)
     assert {stage for stage in STAGES if before[stage] != after[stage]} == EDITS[file]
+
+
+def test_a_stage_knows_its_module() -> None:
+    for stage in (preprocess.STAGE, identify.STAGE, diagnose.STAGE, control.STAGE):
+        assert stage.module == stage.compute.__module__
+        assert stage.module in reached((stage.module,), PACKAGE)
 
 
 def test_a_new_import_counts_wherever_it_stands(package: Path) -> None:

@@ -58,8 +58,8 @@ class Stage(Generic[S]):
 
     @property
     def module(self) -> str:
-        """The module of the computation, whose code and imports the output depends on."""
-        return self.compute.__module__
+        """The stage's own module, on whose code and imports the output depends."""
+        return f"ropefit.stages.{self.name}"
 
 
 @dataclass(frozen=True)
