@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from ropefit.adapters.settings import ControlSettings, PreprocessSettings
-from ropefit.api.pipeline import IDENTIFY, PREPROCESS
+from ropefit.api.pipeline import COMPUTED, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Observations, read
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.recordings import fingerprint, open_recording
@@ -91,6 +92,12 @@ def test_an_edit_makes_stale_what_imports_it(file: str, package: Path) -> None:
     after = hashes(package)
     path.write_text(text)
     assert {stage for stage in STAGES if before[stage] != after[stage]} == EDITS[file]
+
+
+def test_a_stage_knows_its_module() -> None:
+    for stage in COMPUTED:
+        assert stage.module in imported(inspect.getsource(stage.compute).encode())
+        assert stage.module in reached((stage.module,), PACKAGE)
 
 
 def test_a_new_import_counts_wherever_it_stands(package: Path) -> None:

@@ -44,8 +44,8 @@ def _control(inputs: Contents, settings: ControlSettings, context: Context) -> C
         return compute(inputs, settings, context)
 
 
-PREPROCESS = Stage("preprocess", (), Observations, _preprocess, "ropefit.stages.preprocess")
-IDENTIFY = Stage("identify", (Observations,), Model, _identify, "ropefit.stages.identify")
-DIAGNOSE = Stage("diagnose", (Observations, Model), Diagnosis, _diagnose, "ropefit.stages.diagnose")
-CONTROL = Stage("control", (Observations, Model), Control, _control, "ropefit.stages.control")
+PREPROCESS = Stage("preprocess", reads=(), writes=Observations, compute=_preprocess)
+IDENTIFY = Stage("identify", reads=(Observations,), writes=Model, compute=_identify)
+DIAGNOSE = Stage("diagnose", reads=(Observations, Model), writes=Diagnosis, compute=_diagnose)
+CONTROL = Stage("control", reads=(Observations, Model), writes=Control, compute=_control)
 COMPUTED = (PREPROCESS, IDENTIFY, DIAGNOSE, CONTROL)  # in order

@@ -55,7 +55,11 @@ class Stage(Generic[S]):
     reads: tuple[type[Artifact], ...]
     writes: type[Artifact]
     compute: Callable[[dict[str, Any], S, Context], dict[str, Any]]
-    module: str  # of the computation, whose code and imports the output depends on
+
+    @property
+    def module(self) -> str:
+        """The stage's own module, on whose code and imports the output depends."""
+        return f"ropefit.stages.{self.name}"
 
 
 @dataclass(frozen=True)
