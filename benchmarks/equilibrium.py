@@ -17,8 +17,10 @@ from benchmarks.document import parser, publish
 from benchmarks.placements import imbalance, placements
 from benchmarks.references import Guess, Planar, catenary, elastica, helix
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve, stability
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.stability import stability
 
 NODES = (20, 40, 100)
 COUNT = 10_000

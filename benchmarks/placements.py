@@ -12,8 +12,8 @@ from torch import Tensor
 from ropefit.rod.energy import energy
 from ropefit.rod.quaternion import director, normalise
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution
 
 
 class Placements(NamedTuple):

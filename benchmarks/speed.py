@@ -20,11 +20,11 @@ from benchmarks import careful_torch, contenders
 from benchmarks.document import parser, publish
 from ropefit.inference.rope import Ends, Rope, build_rope
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
-from ropefit.solvers.implicit import settle
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, simulate
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, simulate
 
 FRAMES = 36
 NODES = (20, 40, 100, 400)
@@ -37,8 +37,8 @@ import time; start, before = time.perf_counter(), time.process_time()
 import numpy as np, torch
 torch_s = time.process_time() - before
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
 ends = torch.zeros(1, 2, 3, dtype=torch.float64); ends[:, 1, 0] = 0.6
 down = torch.tensor([0, 0, -9.81], dtype=torch.float64)
 rod = build(uniform(length=1.0, segments=19, bend=1e-3), down, (False, False))

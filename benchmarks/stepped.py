@@ -15,9 +15,10 @@ from ropefit.rod.energy import energy, own
 from ropefit.rod.moving import Damping, Moving, moving
 from ropefit.rod.quaternion import conjugate_product, director, normalise
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Drive, Start, Trajectory
-from ropefit.solvers.equilibrium import solve as settle
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import Trajectory
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve as settle
 
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
 DENSITY = 0.06  # kg/m

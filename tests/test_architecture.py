@@ -33,11 +33,7 @@ FLOORS = [
     {"plugins"},
     {"errors"},
 ]
-# The compiled loops and their derivative stay together: the compiler's cache sees one file only.
 LONG = {
-    "ropefit/solvers/kernels.py": 500,
-    "ropefit/solvers/newton_kernels.py": 1400,
-    "ropefit/solvers/dynamics_kernels.py": 820,
     "ropefit/cli.py": 430,  # the options of every command, nothing else
 }
 HEAVY = {"torch", "open3d", "cv2", "numpy", "scipy", "h5py", "numba", "plotly", "pydantic"}

@@ -11,7 +11,7 @@ from benchmarks.equilibrium import guess_of, planar
 from benchmarks.references import Planar, catenary, elastica, hanging_bar, helix
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium.conditions import Conditions
 from tests.rods import DOWN, NOT_HELD, Order, solved
 
 SEGMENTS = (40, 80, 160)

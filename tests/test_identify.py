@@ -15,7 +15,7 @@ from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference.identify import Task
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.rod.quaternion import from_rotation_vector, multiply
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 from ropefit.stages import checkpoint, control, identify, preprocess
 from ropefit.stages.control import ControlSettings
 from ropefit.stages.identify import IdentifySettings
@@ -286,7 +286,7 @@ def test_moving_the_orientation_reaches_what_the_position_cannot(fitted, tmp_pat
 
 def test_start_of_a_frame_follows_the_control_point(fitted):
     """The start moves with the control point, so a far move needs no new start."""
-    from ropefit.solvers.xpbd import Settings
+    from ropefit.solvers.xpbd.reference import Settings
     from ropefit.stages.scene import rope_of
 
     o = read(fitted / Observations.file_name, Observations)[0]

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from ropefit.inference.motion import finer, refine
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.carried import along, carried, continuous, third
-from ropefit.solvers.dynamics import Drive
-from ropefit.solvers.turns import from_turn, to_turn
+from ropefit.solvers.dynamics.problem import Drive
+from ropefit.solvers.equilibrium.turns import from_turn, to_turn
 from ropefit.stages.identify_motion import held_back
 from ropefit.stages.motion_of import clips_of, rates
 from tests.moving_ropes import turned

@@ -19,7 +19,7 @@ from ropefit.inference.uncertainty import sandwich
 from ropefit.losses.objectives import Objective, Scene
 from ropefit.losses.primary import Observed, Residual, point_to_line
 from ropefit.rod.quaternion import from_rotation_vector, multiply
-from ropefit.solvers.xpbd import State
+from ropefit.solvers.xpbd.reference import State
 
 Compare = Callable[[Tensor, Tensor], list[Residual]]  # (x (b, K, 3), rows (b,)) -> residuals
 

@@ -13,6 +13,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from ropefit.rod.fields import ROD
+
 
 class Properties(NamedTuple):
     """What a rope is made of, segment by segment; every array may have more dimensions in front.
@@ -31,7 +33,7 @@ class Properties(NamedTuple):
     curvature: Tensor
 
 
-DIMS = (1, 2, 2, 2, 2, 2)  # of the fields of `Rod`, without that of several ropes
+DIMS = tuple(len(field.shape) for field in ROD)  # without that of several ropes
 
 
 class Rod(NamedTuple):

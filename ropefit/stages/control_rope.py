@@ -9,7 +9,7 @@ from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput
 from ropefit.inference.equilibrium_rope import EquilibriumRope
 from ropefit.inference.rope import Rope, eta_names
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 from ropefit.stages.restore import restored_rope
 from ropefit.stages.scene import rope_of
 

@@ -23,7 +23,7 @@ from ropefit.inference.noise import Noise
 from ropefit.inference.terms import ROPE, calibration, rope_term
 from ropefit.inference.uncertainty import INTERVAL
 from ropefit.rod.setup import Setup
-from ropefit.solvers.branches import follow
+from ropefit.solvers.equilibrium.branches import follow
 from ropefit.stages.diagnosis_content import content
 from ropefit.stages.equilibrium_model import calibration_name
 from ropefit.stages.frames import spread_evenly

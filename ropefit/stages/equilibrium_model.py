@@ -24,8 +24,8 @@ from ropefit.inference.noise import Noise
 from ropefit.inference.response import Point
 from ropefit.inference.stations import Data, match, offsets
 from ropefit.rod.setup import Setup
-from ropefit.solvers.branches import other_states
-from ropefit.solvers.equilibrium import stability
+from ropefit.solvers.equilibrium.branches import other_states
+from ropefit.solvers.equilibrium.stability import stability
 from ropefit.stages.scene import build_scene
 
 Part = tuple[Fit, Noise, Point, dict[str, Limits]]

@@ -16,7 +16,7 @@ from ropefit.inference.identify import Task
 from ropefit.inference.parameters import Space
 from ropefit.inference.rope import MEANING, bounds, eta_names
 from ropefit.losses.objectives import OBJECTIVES
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 from ropefit.stages import identify_equilibrium, identify_motion, identify_searched
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
 from ropefit.stages.identify_settings import IdentifySettings

@@ -19,8 +19,8 @@ from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.stations import Data, match
 from ropefit.inference.terms import PAIR, ROPE, Priors, calibration, rope_term
 from ropefit.rod.setup import Setup
-from ropefit.solvers.branches import follow, other_states
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium.branches import follow, other_states
+from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.stages.equilibrium_model import Part, describe_group, fitted_model
 from ropefit.stages.frames import group_frames, held_out, spread_evenly
 from ropefit.stages.frozen import frozen_values

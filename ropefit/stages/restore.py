@@ -18,7 +18,7 @@ from ropefit.inference.forward import Forward
 from ropefit.inference.terms import calibration
 from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
-from ropefit.solvers.branches import other_states
+from ropefit.solvers.equilibrium.branches import other_states
 from ropefit.stages.equilibrium_model import calibration_name
 from ropefit.stages.identify_equilibrium import priors_of, started_setup, unit_scale
 from ropefit.stages.rope_setup import base_setup

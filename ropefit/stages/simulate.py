@@ -22,7 +22,7 @@ from ropefit.inference.rope import Ends, bounds, build_rope, eta_names, initial
 from ropefit.perception.trace import polyline_arc, resample
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.manifest import describe, read_toml
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 from ropefit.stages.stage import Progress
 
 Point = tuple[float, float, float]

@@ -16,7 +16,7 @@ from ropefit.inference.diagnosis.columns import Columns
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import EndNoise, Noise, estimate
 from ropefit.inference.stations import Stations
-from ropefit.solvers.implicit import Directions, tangent
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 RIDGE = 10.0  # usual sizes: effects may be as large as that
 FREE = 10.0  # search variables: how far a free parameter may be off

@@ -8,7 +8,7 @@ import torch
 from ropefit.inference.forward import Forward
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.stations import Data, match
-from ropefit.solvers.equilibrium import States
+from ropefit.solvers.equilibrium.solution import States
 
 FAR = 4.0  # times the usual residual of a frame
 

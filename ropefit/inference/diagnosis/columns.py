@@ -13,7 +13,7 @@ from ropefit.inference.forward import Forward, change_by
 from ropefit.inference.least_squares import Fit, sensitivity
 from ropefit.inference.response import Point
 from ropefit.inference.stations import Data, match
-from ropefit.solvers.implicit import Directions, tangent
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
 
