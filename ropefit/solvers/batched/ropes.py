@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.fields import ROD, names
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.solvers.equilibrium.problem import Problem
 
@@ -20,10 +21,9 @@ from ropefit.solvers.equilibrium.problem import Problem
 class Ropes(NamedTuple):
     """B ropes of N segments and what holds each, S supports.
 
-    length (B, N) [m], supple (B, N, 3) [1/N], stiff (B, N+1, 3) [N m], rest (B, N+1, 3), load
-    (B, N+1, 3) [N], moment (B, 2, 3) [N m], gauge (B,) [N m], clamp (B, 2, 4), direction
-    (B, S, 3), offset (B, S) [m], compliance (B, S) [m/N], active (B, S), reach (B, S, N): whether
-    the support pulls on the segment, free (B,): nothing holds node 0.
+    The rod's fields as in `rod.fields.ROD`, gauge (B,) [N m], clamp (B, 2, 4), direction (B, S, 3),
+    offset (B, S) [m], compliance (B, S) [m/N], active (B, S), reach (B, S, N): whether the support
+    pulls on the segment, free (B,): nothing holds node 0.
     """
 
     length: Tensor
@@ -86,11 +86,10 @@ def ropes_of(problem: Problem, device: torch.device) -> Ropes:
         return torch.from_numpy(array).to(device)
 
     of, active = put(of), put(held.active)
-    fields = (rods.length, rods.supple, rods.stiff, rods.rest[..., 1:], rods.load, rods.moment,
-              rods.gauge)  # fmt: skip
+    fields = rods._asdict() | {"rest": rods.rest[..., 1:]}
     beyond = put(held.node)[:, None] > torch.arange(segments, device=device)
     return Ropes._make([
-        *(put(array)[of] for array in fields),
+        *(put(fields[name])[of] for name in (*names(ROD), "gauge")),
         put(held.clamp), put(held.direction), put(held.offset), put(held.compliance), active,
         (beyond & active[..., None]).to(torch.float64),
         torch.full((frames,), bool(held.free), device=device),

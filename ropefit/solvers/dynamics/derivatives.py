@@ -80,8 +80,8 @@ class _Simulate(torch.autograd.Function):
 class Directions(NamedTuple):
     """P directions of change for `tangent`; what is None does not change.
 
-    Of R ropes, or one: length (R, P, N), supple and viscous (R, P, N, 3), stiff, loss, rest and
-    load (R, P, N+1, 3), mass and air (R, P, N+1). Of C clips: ends (C, P, T, 2, 3), clamp
+    Of R ropes, or one: the fields of `rod.fields.MOVING_ROD`, with a dimension of P between that of
+    the ropes and their own: length (R, P, N). Of C clips, likewise: ends (C, P, T, 2, 3), clamp
     (C, P, T, 2, 3) as turns [rad] about the clamp's own axes, x0 and v0 (C, P, N+1, 3), q0
     (C, P, N, 3) as turns.
     """

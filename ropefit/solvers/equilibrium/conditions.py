@@ -11,9 +11,12 @@ from torch import Tensor
 
 
 class Sliders(NamedTuple):
-    """B springs at every bend element of F frames, between the vector part of its Darboux
-    quaternion, about the first two directors, and centre (F, B, N+1, 2); of stiffness drag (F, B,
-    N+1) [N m], with a force that no longer grows where they are longer than slip (F, B, N+1)."""
+    """B friction elements (Prandtl) at every bend element of F frames.
+
+    Each is a spring between the vector part of the element's Darboux quaternion, about the first
+    two directors, and centre (F, B, N+1, 2); of stiffness drag (F, B, N+1) [N m], with a force that
+    no longer grows where it is longer than slip (F, B, N+1).
+    """
 
     drag: np.ndarray
     centre: np.ndarray
@@ -30,8 +33,8 @@ class Conditions:
 
     ends (F, 2, 3) [m] and clamp (F, 2, 4), NaN where not held. More supports: node (S,),
     direction (F, S, 3), offset (F, S) [m], compliance (F, S) [m/N], active (F, S): the force λ on
-    the node along the direction obeys direction · x + compliance λ = offset. sliders: what the
-    past of a rope that remembers has left in it.
+    the node along the direction obeys direction · x + compliance λ = offset.
+    sliders: what the past of a rope that remembers has left in it.
     """
 
     ends: Tensor
@@ -72,5 +75,5 @@ class Conditions:
             if (value := getattr(self, name)) is not None
         }
         active = None if self.active is None else self.active[index.numpy()]
-        sliders = None if self.sliders is None else self.sliders.frames(index.numpy())
-        return replace(self, active=active, sliders=sliders, **few)
+        past = None if self.sliders is None else self.sliders.frames(index.numpy())
+        return replace(self, active=active, sliders=past, **few)

@@ -113,9 +113,10 @@ def _adjoint(s: Solution, gx: np.ndarray, gq: np.ndarray) -> Pull:
 class Directions(NamedTuple):
     """P directions of change for `tangent`; what is None does not change.
 
-    Of R ropes: length (R, P, N), supple (R, P, N, 3), stiff, rest and load (R, P, N+1, 3), moment
-    (R, P, 2, 3). Of F frames: ends (F, P, 2, 3) [m], clamp (F, P, 2, 3) as a turn [rad] about the
-    clamp's own axes, offset (F, P, S) of the supports given with the conditions.
+    Of R ropes: the fields of `rod.fields.ROD`, with a dimension of P between that of the ropes and
+    their own: length (R, P, N), moment (R, P, 2, 3). Of F frames: ends (F, P, 2, 3) [m], clamp
+    (F, P, 2, 3) as a turn [rad] about the clamp's own axes, offset (F, P, S) of the supports given
+    with the conditions.
     """
 
     length: np.ndarray | None = None

@@ -78,8 +78,7 @@ def _continue(
     found: Solution,
     lost: np.ndarray,
 ) -> None:
-    """Put into `found` the equilibria of the `lost` frames (F,) that continuation in stiffness
-    reaches."""
+    """Put equilibria that continuation in stiffness reaches into the `lost` frames (F,)."""
     stiff = rod.stiff if rod.stiff.ndim == 3 else rod.stiff[None]
     owner = of if len(stiff) > 1 else np.zeros_like(of)
     fixed = Rod(*(t if t.ndim == d else t[of] for t, d in zip(rod, DIMS, strict=True)))
@@ -89,7 +88,8 @@ def _continue(
         few = Rod(*(t if t.ndim == d else t[index] for t, d in zip(fixed, DIMS, strict=True)))
         times = torch.from_numpy(factor)[:, None, None]
         return solve(
-            few._replace(stiff=stiff[owner[index]] * times), conditions.frames(index), start,
+            few._replace(stiff=stiff[owner[index]] * times),
+            conditions.frames(index), start,
             turns=None if turns is None else turns[index], tolerance=tolerance, limit=limit,
             continuation=False,
         )  # fmt: skip

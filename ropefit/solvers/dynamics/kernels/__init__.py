@@ -8,9 +8,10 @@ any steps; the first step has one before it and is backward Euler), so with v = 
     m a + air v = load + n_k - n_{k-1}     at each free node, n_i the force in segment i
     x_{i+1} - x_i = R_i l (e3 + Γ),        Γ + supple viscous D[Γ] = supple Rᵀn
     0 = moments of n and of the bends      about the directors of each segment,
-                                           with m_j = stiff (p - rest) + loss D[p] in each bend
+                                           m_j = stiff (p - rest) + loss D[p]
 
-where p is the Darboux vector. A node's x follows from the forces beside it, so unknown are the turn
-and the force of each segment: a symmetric block tridiagonal system (6 x 6), linear cost in N. A
-rope that does not stretch (supple = 0) is no harder than any other. Segments have no spin inertia.
+where p is the Darboux vector of a bend and m its moment. A node's x follows from the forces beside
+it, so unknown are the turn and the force of each segment: a symmetric block tridiagonal system
+(6 x 6), linear cost in N. A rope that does not stretch (supple = 0) is no harder than any
+other. Segments have no spin inertia.
 """

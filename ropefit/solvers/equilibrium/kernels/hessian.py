@@ -70,7 +70,7 @@ def _add_segments(rod, held, w):
 
 @helper
 def _add_bends(rod, held, w):
-    """Add what the bend elements and the sliders give; returns the largest square of a moment."""
+    """Add what bend and friction elements give; returns the largest square of a moment."""
     n, last = rod.length.shape[0], held.node.shape[0]
     sliding = held.drag.shape[0] > 0
     scale = 0.0

@@ -13,14 +13,14 @@ import numpy as np
 from ropefit.rod.fields import ROD, Field, names
 from ropefit.solvers.kernels.jit import helper
 
-# What holds a rope in one frame: S supports, B sliders.
+# What holds a rope in one frame: S supports, B friction elements.
 HELD = (
     Field("clamp", (2, 4), "1", "frames of the clamps"),
     Field("direction", ("S", 3), "1", "of each support"),
     Field("offset", ("S",), "m", "direction · x + compliance λ = offset"),
     Field("compliance", ("S",), "m/N", "of each support"),
     Field("active", ("S",), "", "which supports are there"),
-    Field("drag", ("B", "N+1"), "N m", "stiffness of the sliders' springs, in bending"),
+    Field("drag", ("B", "N+1"), "N m", "stiffness of the friction elements"),
     Field("centre", ("B", "N+1", 2), "1", "where they are unloaded"),
     Field("slip", ("B", "N+1"), "1", "length beyond which they slip"),
 )
@@ -53,7 +53,7 @@ class Work(NamedTuple):
     x: np.ndarray
     p: np.ndarray  # Darboux quaternion of each bend element
     m: np.ndarray  # its moment
-    k: np.ndarray  # its stiffness, sliders included
+    k: np.ndarray  # its stiffness, with the friction elements
     coupling: np.ndarray  # its stiffness between bending about the first and the second director
     diagonal: np.ndarray
     off: np.ndarray

@@ -86,7 +86,7 @@ def _set_bends(rod, held, q, w, total):
 
 @helper
 def _slide(held, b, j, w):
-    """Adds slider b's moment and stiffness to those of bend element j; returns its energy.
+    """Add moment and stiffness of friction element b to bend element j; returns its energy [J].
 
     Its force is drag times its length, and no longer grows where that exceeds slip.
     """
