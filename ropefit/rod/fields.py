@@ -52,7 +52,7 @@ def shapes(fields: tuple[Field, ...], segments: int, **sizes: int) -> dict[str, 
     """Return the shape of each field for a rope of N segments; sizes of other axes by name."""
     size = {"N": segments, "N+1": segments + 1, **sizes}
     return {
-        field.name: tuple(a if isinstance(a, int) else size[a] for a in field.shape)
+        field.name: tuple([a if isinstance(a, int) else size[a] for a in field.shape])
         for field in fields
     }
 

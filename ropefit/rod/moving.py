@@ -27,8 +27,9 @@ class Damping(NamedTuple):
 class Moving(NamedTuple):
     """The discrete rod in motion, with or without a dimension of R ropes in front.
 
-    viscous (N, 3) [N s] of the strains; loss (N+1, 3) [N m s] of the bends; mass (N+1,) [kg] and
-    air (N+1,) [N s/m] of the nodes: see `fields.MOTION`. The segments have no spin inertia.
+    Besides the rod, the fields of `fields.MOTION`: viscous (N, 3) [N s] of the strains,
+    loss (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the nodes.
+    The segments have no spin inertia.
     """
 
     rod: Rod

@@ -16,6 +16,8 @@ from ropefit.solvers.equilibrium.kernels.records import Rod as RodArrays
 from ropefit.solvers.rods import check_rods, free_to_spin, rod_arrays, whole_rest
 from ropefit.solvers.shapes import check_indices, check_shapes
 
+AXES = np.eye(3)  # along which the far end is held
+
 
 class Problem(NamedTuple):
     """R ropes, which of them each of F frames shows (F,), and what holds it there."""
@@ -60,14 +62,14 @@ def _gauge(arrays: dict[str, np.ndarray], conditions: Conditions) -> np.ndarray:
 
 def _held(conditions: Conditions, segments: int) -> HeldArrays:
     """Return the conditions' arrays, the far end's three supports first."""
-    c, frames = conditions, len(conditions.ends)
+    c, frames, far = conditions, len(conditions.ends), conditions.far_supports
     node, direction, offset, compliance = [], [], [], []
-    if c.far_held:
-        node.append(np.full(3, segments))
-        direction.append(np.broadcast_to(np.eye(3), (frames, 3, 3)))
+    if far:
+        node.append(np.full(far, segments))
+        direction.append(np.broadcast_to(AXES, (frames, 3, 3)))
         offset.append(as_numpy(c.ends[:, 1]))
-        compliance.append(np.zeros((frames, 3)))
-    active = np.ones((frames, c.far_supports), dtype=np.bool_)
+        compliance.append(np.zeros((frames, far)))
+    active = np.ones((frames, far), dtype=np.bool_)
     if c.node is not None:
         assert c.direction is not None
         assert c.offset is not None

@@ -7,10 +7,10 @@ vector part by B2 = h + [v]x, a turn of the one before by B1 = -h + [v]x.
 
 from __future__ import annotations
 
-from ropefit.solvers.kernels.jit import helper, small
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
-@small
+@inlined
 def add_square(a, k, h, x, y, z, bend):
     """a += Bᵀ diag(k) B - bend, with B = h + [v]x."""
     k0, k1, k2 = k[0], k[1], k[2]
@@ -51,7 +51,7 @@ def cross_block(p, m, k, out):
     out[2, 1] = -k0 * y * z - k1 * x * h - k2 * h * x + s12 + q0 * m[0]
 
 
-@small
+@inlined
 def segment_block(g, u, d0, d1, d2, out):
     """Write the block (3, 3) of a segment's own turn: its edge g and its force u in its frame, and
     its flexibility times length d0, d1, d2 [m/N]."""

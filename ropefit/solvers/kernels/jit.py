@@ -20,7 +20,8 @@ FUSED = {"contract"}  # a multiplication and an addition may be one instruction
 SHARED = Path(__file__).parent
 
 helper = njit(error_model="numpy", fastmath=FUSED)
-small = njit(error_model="numpy", inline="always", fastmath=FUSED)
+# Merged into its callers: a call costs as much as ten segments where it hands over a whole record.
+inlined = njit(error_model="numpy", inline="always", fastmath=FUSED)
 exact_helper = njit(error_model="numpy")  # division by zero gives inf or NaN, as in torch
 
 
@@ -50,8 +51,8 @@ def _cached(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
 
 def source_key(*paths: Path) -> int:
     """Return a hash of source files and of all those in folders: names and contents."""
-    files = [file for path in paths for file in (path.glob("*.py") if path.is_dir() else [path])]
     key = 0
-    for file in sorted(files):
-        key = crc32(file.read_bytes(), crc32(file.name.encode(), key))
+    for path in paths:
+        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+            key = crc32(file.read_bytes(), crc32(file.name.encode(), key))
     return key or 1

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ropefit.solvers.kernels.jit import exact_helper, helper, small
+from ropefit.solvers.kernels.jit import exact_helper, helper, inlined
 
 
 @helper
@@ -33,7 +33,7 @@ def turn_by(q, d, share, out):
     out[0], out[1], out[2], out[3] = o0 * size, o1 * size, o2 * size, o3 * size
 
 
-@small
+@inlined
 def darboux(a, b, rest, p):
     """p = a* b, of the sign that lies nearer to the rest rotation."""
     p0 = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]

@@ -9,7 +9,7 @@ from ropefit.solvers.dynamics.kernels.rates import across, across_back, historie
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import cross_block
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
 
 
@@ -53,7 +53,7 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
     out.q0[:] = gq[0]
 
 
-@helper
+@inlined
 def _pull_strains(rod, q, gs, strain, gq, gx, out, block):
     """Pull the gradient in the strains of one time back to its frames, nodes and lengths."""
     for i in range(rod.length.shape[0]):
@@ -70,7 +70,7 @@ def _pull_strains(rod, q, gs, strain, gq, gx, out, block):
             gx[i, c] -= total
 
 
-@helper
+@inlined
 def _pull_darboux(rod, t, p, gp, gq, out):
     """Pull the gradient in the Darboux vectors of one time back to its frames and clamps."""
     n = rod.length.shape[0]
@@ -82,7 +82,7 @@ def _pull_darboux(rod, t, p, gp, gq, out):
             across_back(p[j], gp[j], 1.0, after)
 
 
-@helper
+@inlined
 def _pull_nodes(rod, drive, t, c, v, b, gx, gv, out, w):
     """Pull the gradient in the nodes of time t back to ends, loads, masses, air and the past.
 
@@ -112,7 +112,7 @@ def _pull_nodes(rod, drive, t, c, v, b, gx, gv, out, w):
             gv[two, k, a] -= c[2] * rod.mass[k] * s
 
 
-@helper
+@inlined
 def _pull_segments(rod, t, c, b, gs, out, w):
     """Pull the solution b (N, 6) of time t back to lengths, flexibilities, their viscosity and the
     strains of the past."""
@@ -135,7 +135,7 @@ def _pull_segments(rod, t, c, b, gs, out, w):
             gs[two, i, a] -= c[2] * g * supple / even * vis
 
 
-@helper
+@inlined
 def _pull_bends(rod, t, c, b, gp, out, block, w):
     """Pull the solution b (N, 6) of time t back to stiffness, its viscosity, rest shape, clamps and
     the Darboux vectors of the past."""

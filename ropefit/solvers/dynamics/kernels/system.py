@@ -5,7 +5,7 @@ from __future__ import annotations
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor
 from ropefit.solvers.dynamics.kernels.rates import jointed, rates, set_bends, set_past
 from ropefit.solvers.kernels.bends import add_square, cross_block, segment_block
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
 
 
@@ -40,7 +40,7 @@ def assemble(rod, drive, t, c0, q, force, w):
     w.pivot[0, 2, 2] += rod.gauge
 
 
-@helper
+@inlined
 def set_nodes(force, w, x):
     """Write the nodes x (N+1, 3) that follow from the forces in the segments (N, 3)."""
     n = force.shape[0]
@@ -54,7 +54,7 @@ def set_nodes(force, w, x):
             x[k, a] = w.y[k, a] + w.inverse_mass[k] * pull
 
 
-@helper
+@inlined
 def _add_segments(rod, q, force, c0, w):
     """Begin residual and matrix with the segments' own."""
     for i in range(rod.length.shape[0]):
@@ -91,7 +91,7 @@ def _add_segments(rod, q, force, c0, w):
         w.off[i] = 0.0
 
 
-@helper
+@inlined
 def _add_bends(rod, c0, w):
     """Add what the bend elements give."""
     n = rod.length.shape[0]

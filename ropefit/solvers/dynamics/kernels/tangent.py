@@ -16,7 +16,7 @@ from ropefit.solvers.dynamics.kernels.rates import (
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import cross_block
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
 
 
@@ -59,7 +59,7 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
             _change_strains(rod, d, s, qs[t], strain[t], turn[s, t], dx[s, t], block, ds[s, now])
 
 
-@helper
+@inlined
 def _move_nodes(rod, drive, d, s, t, c0, v, old_x, old_v, dy, w):
     """Write how direction s moves the nodes, the forces in the segments held, into dy (N+1, 3)."""
     n = rod.length.shape[0]
@@ -78,7 +78,7 @@ def _move_nodes(rod, drive, d, s, t, c0, v, old_x, old_v, dy, w):
             )  # fmt: skip
 
 
-@helper
+@inlined
 def _change_segments(rod, d, s, c0, old_s, dy, b, w):
     """Write the residual b (N, 6) of the segments in direction s."""
     edge = np.empty(3)
@@ -102,7 +102,7 @@ def _change_segments(rod, d, s, c0, old_s, dy, b, w):
                 b[i, 3 + a] -= r[a, c] * edge[c]
 
 
-@helper
+@inlined
 def _change_bends(rod, d, s, t, c0, old_p, b, block, w):
     """Add the residual of the bend elements and of the clamps in direction s."""
     n = rod.length.shape[0]
@@ -135,7 +135,7 @@ def _change_bends(rod, d, s, t, c0, old_p, b, block, w):
                     b[n - 1, a] += block[a, c] * d.clamp[s, t, 1, c]
 
 
-@helper
+@inlined
 def _respond(b, dy, turn, dx, w):
     """Write turns (N, 3) and moves of the nodes dx (N+1, 3) from the solution b (N, 6)."""
     n = turn.shape[0]
@@ -152,7 +152,7 @@ def _respond(b, dy, turn, dx, w):
             dx[k, a] = dy[k, a] + w.inverse_mass[k] * pull
 
 
-@helper
+@inlined
 def _change_darboux(rod, d, s, t, p, turn, dp):
     """Write the change of the Darboux vectors dp (N+1, 3) by the turns beside them."""
     n = rod.length.shape[0]
@@ -166,7 +166,7 @@ def _change_darboux(rod, d, s, t, p, turn, dp):
             across(p[j], after, 1.0, out)
 
 
-@helper
+@inlined
 def _change_strains(rod, d, s, q, strain, turn, dx, block, ds):
     """Write the change of the strains ds (N, 3) by the turns, the nodes' moves and the lengths."""
     for i in range(rod.length.shape[0]):

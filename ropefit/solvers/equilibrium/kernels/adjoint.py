@@ -12,7 +12,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
 from ropefit.solvers.equilibrium.kernels.state import set_state
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
 @helper
@@ -55,7 +55,7 @@ def adjoint_rope(rod, held, q, lam, x0, gx, gq, w, schur, out):
     _pull_conditions(held, lam, w, right, total, out)
 
 
-@helper
+@inlined
 def _load_columns(rod, held, q, gx, gq, w, right, suffix):
     """Write the derivative of the loss in the turns into the border's last column, that in the
     supports' forces into right, and the sums of gx beyond each segment into suffix (N, 3); returns
@@ -105,7 +105,7 @@ def _load_columns(rod, held, q, gx, gq, w, right, suffix):
     return t0 + gx[0, 0], t1 + gx[0, 1], t2 + gx[0, 2]
 
 
-@helper
+@inlined
 def _pull_bends(rod, w, y, out):
     """Write the gradients in stiffness and rest shape."""
     n = rod.length.shape[0]
@@ -131,7 +131,7 @@ def _pull_bends(rod, w, y, out):
                 out.rest[j, a] += k[a] * z
 
 
-@helper
+@inlined
 def _pull_ends(rod, w, y, out):
     """Write the gradients in the clamps' turns and in the end moments."""
     n = rod.length.shape[0]
@@ -152,7 +152,7 @@ def _pull_ends(rod, w, y, out):
                 out.moment[end, a] += w.frame[i, a, c] * y[i, c]
 
 
-@helper
+@inlined
 def _pull_segments(rod, held, w, y, right, suffix, out):
     """Write the gradients in flexibility, length and load: with the supports' virtual moves added
     to the loss's derivative in the nodes."""
@@ -196,7 +196,7 @@ def _pull_segments(rod, held, w, y, right, suffix, out):
         )  # fmt: skip
 
 
-@helper
+@inlined
 def _pull_conditions(held, lam, w, right, total, out):
     """Write the gradients in the supports and in the place of node 0; those in the loads are
     there already."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ropefit.solvers.kernels.jit import helper, small
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
 @helper
@@ -27,7 +27,7 @@ def factor(w, shift, mass, length):
     return negative
 
 
-@small
+@inlined
 def _eliminate(o, v, m):
     """m -= oᵀ v o, all (3, 3)."""
     # t = v o
@@ -51,7 +51,7 @@ def _eliminate(o, v, m):
     m[2, 2] -= o[0, 2] * t02 + o[1, 2] * t12 + o[2, 2] * t22
 
 
-@small
+@inlined
 def _invert(m):
     """m (3, 3) becomes its inverse; returns how many negative signs its leading minors have."""
     m00, m01, m02 = m[0, 0], m[0, 1], m[0, 2]
@@ -108,7 +108,7 @@ def solve_columns(w, columns, transposed):
             _apply(w.inverse[i], r0, r1, r2, z, i, c, transposed, -1.0)
 
 
-@small
+@inlined
 def _apply(v, r0, r1, r2, z, i, c, transposed, sign):
     """z[i, :, c] = v r for sign 1, z[i, :, c] -= v r for sign -1 (v transposed if asked)."""
     if transposed:

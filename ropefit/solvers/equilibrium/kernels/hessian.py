@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ropefit.solvers.kernels.bends import add_square, cross_block, segment_block
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
 @helper
@@ -34,7 +34,7 @@ def assemble(rod, held, lam, w):
     return math.sqrt(scale), worst
 
 
-@helper
+@inlined
 def _add_segments(rod, held, w):
     """Begin gradient, diagonal and border with the segments' own; returns the largest square of
     g u, to bound the moments of the forces."""
@@ -68,7 +68,7 @@ def _add_segments(rod, held, w):
     return scale
 
 
-@helper
+@inlined
 def _add_bends(rod, held, w):
     """Add what bend and friction elements give; returns the largest square of a moment."""
     n, last = rod.length.shape[0], held.node.shape[0]
@@ -113,7 +113,7 @@ def _add_bends(rod, held, w):
     return scale
 
 
-@helper
+@inlined
 def _add_end_moments(rod, held, w):
     """Add the moments given at the ends; returns the largest square of one."""
     n, last = rod.length.shape[0], held.node.shape[0]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
-@helper
+@inlined
 def merit(held, energy, curvature, whole, right, gaps, w):
     """Return what the line search compares with: the augmented Lagrangian at the new forces (in
     which L is quadratic), its slope along the step, its penalty's weight [N/m], and rounding."""
@@ -52,7 +52,7 @@ def _tension(held, w, right):
     return largest
 
 
-@helper
+@inlined
 def end_work(rod, turn, w):
     """Return the work [J] of the moments given at the ends along a whole step."""
     push = 0.0

@@ -14,7 +14,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, set_corner
 from ropefit.solvers.equilibrium.kernels.merit import curvature_along, end_work, merit
 from ropefit.solvers.equilibrium.kernels.state import set_state, violations
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import turn_by
 from ropefit.solvers.status import Status
 
@@ -111,7 +111,7 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
     return LIMIT, limit, worst
 
 
-@helper
+@inlined
 def _imbalance(rod, held, lam, whole, w):
     """Assemble the system; returns how far the state is from balance: the largest of moments,
     supports and, where nothing holds node 0, the total force, each relative to its own scale."""
@@ -127,7 +127,7 @@ def _imbalance(rod, held, lam, whole, w):
     return max(residual / max(scale, 1e-300), gap / whole, push / max(bear, 1e-300))
 
 
-@helper
+@inlined
 def _factor_near(rod, held, worst, w, schur):
     """Factor and solve; near an equilibrium what is neutral may have either sign in rounding.
 
@@ -154,7 +154,7 @@ def _largest_entry(w):
     return size
 
 
-@helper
+@inlined
 def _make_convex(rod, held, used, size, shift, w, schur):
     """Shift the Hessian until the energy is convex along the supports; returns the shift."""
     # Near an equilibrium no more than needed, or what costs next to nothing to turn would
@@ -167,7 +167,7 @@ def _make_convex(rod, held, used, size, shift, w, schur):
     return used
 
 
-@helper
+@inlined
 def _solve_saddle(w, right, schur):
     """Write the changes of λ and x_0 into right (S + 3, 1); returns False when singular."""
     count = right.shape[0] - 3
@@ -181,7 +181,7 @@ def _solve_saddle(w, right, schur):
     return solve_border(schur, right)
 
 
-@helper
+@inlined
 def _turns(w, right, turn):
     """Write the turns of the segments (N, 3); returns the largest, and the last one's square."""
     count = right.shape[0] - 3

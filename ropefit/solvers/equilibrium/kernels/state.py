@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import darboux, rotation
 
 
@@ -44,7 +44,7 @@ def set_state(rod, held, q, lam, x0, w):
     return total
 
 
-@helper
+@inlined
 def _set_forces(rod, held, lam, w):
     """Write the force in each segment, summed from the far end."""
     f0, f1, f2 = 0.0, 0.0, 0.0
@@ -60,7 +60,7 @@ def _set_forces(rod, held, lam, w):
         w.force[i, 0], w.force[i, 1], w.force[i, 2] = f0, f1, f2
 
 
-@helper
+@inlined
 def _set_bends(rod, held, q, w, total):
     """Write Darboux quaternions, moments and stiffnesses; returns total plus their energy [J]."""
     n = rod.length.shape[0]

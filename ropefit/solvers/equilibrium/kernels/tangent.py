@@ -12,7 +12,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
 from ropefit.solvers.equilibrium.kernels.state import set_state
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
 @helper
@@ -79,7 +79,7 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur,
         _add_response(rod, held, w, right, c, dx[c], turn[c])
 
 
-@helper
+@inlined
 def _add_bends(rod, change, w, c, b, k):
     """Residual in column k when stiffness and rest shape change."""
     n = rod.length.shape[0]
@@ -91,7 +91,7 @@ def _add_bends(rod, change, w, c, b, k):
         _turn_moments(w.p[j], dm, n, j, b, k)
 
 
-@helper
+@inlined
 def _add_segments(rod, change, w, c, b, k, dx):
     """Residual in column k when loads, lengths and flexibilities change, and end moments; the
     change of each edge, its frame held, into dx (N+1, 3)."""
@@ -123,7 +123,7 @@ def _add_segments(rod, change, w, c, b, k, dx):
             b[i, a, k] -= r[0, a] * m[0] + r[1, a] * m[1] + r[2, a] * m[2]
 
 
-@helper
+@inlined
 def _add_conditions(held, change, anchor, offset, c, dx, right):
     """Sum the changes of the edges to those of the nodes, and write the supports' residual."""
     nodes, count = dx.shape[0], held.node.shape[0]
@@ -140,7 +140,7 @@ def _add_conditions(held, change, anchor, offset, c, dx, right):
             right[s, c] = -(offset[c, s] - d[0] * x[0] - d[1] * x[1] - d[2] * x[2])
 
 
-@helper
+@inlined
 def _add_response(rod, held, w, right, c, dx, turn):
     """Write the turns (N, 3) of column c, and add what they and the reactions move to dx."""
     n, count = rod.length.shape[0], held.node.shape[0]
