@@ -24,7 +24,7 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
     v, p, strain = histories(rod, drive, xs, qs, v0, half[:3, :3])
     gv, gp = np.zeros((steps, n + 1, 3)), np.zeros((steps, n + 1, 3))
     gs, b = np.zeros((steps, n, 3)), np.zeros((n, 6))
-    block = np.zeros((3, 3))
+    block, mu = np.zeros((3, 3)), np.empty(3)
     for t in range(steps - 1, -1, -1):
         c0, c1, c2 = rates(drive.time, max(t, 1))
         two = max(t - 2, 0)
@@ -47,7 +47,7 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
         solve_system(w, b, half[0])
         _pull_nodes(rod, drive, t, (c0, c1, c2), v[t], b, gx, gv, out, w)
         _pull_segments(rod, t, (c0, c1, c2), b, gs, out, w)
-        _pull_bends(rod, t, (c0, c1, c2), b, gp, out, block, w)
+        _pull_bends(rod, t, (c0, c1, c2), b, gp, out, mu, block, w)
     out.x0[:] = gx[0]
     out.v0[:] = gv[0]
     out.q0[:] = gq[0]
@@ -136,11 +136,10 @@ def _pull_segments(rod, t, c, b, gs, out, w):
 
 
 @inlined
-def _pull_bends(rod, t, c, b, gp, out, block, w):
+def _pull_bends(rod, t, c, b, gp, out, mu, block, w):
     """Pull the solution b (N, 6) of time t back to stiffness, its viscosity, rest shape, clamps and
     the Darboux vectors of the past."""
     n, two = rod.length.shape[0], max(t - 2, 0)
-    mu = np.empty(3)
     for j in range(n + 1):
         if not jointed(rod.stiff, rod.loss, j):
             continue

@@ -31,7 +31,7 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
     v, p, strain = histories(rod, drive, xs, qs, v0, half[:3, :3])
     dv, dp = np.zeros((many, 3, n + 1, 3)), np.zeros((many, 3, n + 1, 3))
     ds = np.zeros((many, 3, n, 3))
-    block = np.zeros((3, 3))
+    block, vector = np.zeros((3, 3)), np.empty(3)
     old_x, old_v, old_p = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
     old_s, dy, b = np.zeros((n, 3)), np.zeros((n + 1, 3)), np.zeros((n, 6))
     for t in range(steps):
@@ -48,8 +48,8 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
                 set_past(c1, c2, dp[s, one], dp[s, two], old_p)
                 set_past(c1, c2, ds[s, one], ds[s, two], old_s)
                 _move_nodes(rod, drive, d, s, t, c0, v[t], old_x, old_v, dy, w)
-                _change_segments(rod, d, s, c0, old_s, dy, b, w)
-                _change_bends(rod, d, s, t, c0, old_p, b, block, w)
+                _change_segments(rod, d, s, c0, old_s, dy, b, vector, w)
+                _change_bends(rod, d, s, t, c0, old_p, b, vector, block, w)
                 solve_system(w, b, half[0])
                 _respond(b, dy, turn[s, t], dx[s, t], w)
                 for k in range(n + 1):
@@ -79,9 +79,8 @@ def _move_nodes(rod, drive, d, s, t, c0, v, old_x, old_v, dy, w):
 
 
 @inlined
-def _change_segments(rod, d, s, c0, old_s, dy, b, w):
-    """Write the residual b (N, 6) of the segments in direction s."""
-    edge = np.empty(3)
+def _change_segments(rod, d, s, c0, old_s, dy, b, edge, w):
+    """Write the residual b (N, 6) of the segments in direction s; edge (3,) is scratch."""
     for i in range(rod.length.shape[0]):
         r, u, l = w.frame[i], w.u[i], rod.length[i]
         for a in range(3):
@@ -103,10 +102,9 @@ def _change_segments(rod, d, s, c0, old_s, dy, b, w):
 
 
 @inlined
-def _change_bends(rod, d, s, t, c0, old_p, b, block, w):
-    """Add the residual of the bend elements and of the clamps in direction s."""
+def _change_bends(rod, d, s, t, c0, old_p, b, moment, block, w):
+    """Add the residual of the bends and clamps in direction s; moment and block are scratch."""
     n = rod.length.shape[0]
-    moment = np.empty(3)
     for j in range(n + 1):
         if not jointed(rod.stiff, rod.loss, j):
             continue

@@ -17,7 +17,7 @@ from ropefit.solvers.kernels.jit import helper, inlined
 
 @helper
 def _turn_moments(p, dm, n, j, res, c):
-    """Residual of the turns beside element j when its moment changes by dm."""
+    """Add the residual of the turns beside element j when its moment changes by dm."""
     h, x, y, z = 0.5 * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
     c0, c1, c2 = y * dm[2] - z * dm[1], z * dm[0] - x * dm[2], x * dm[1] - y * dm[0]
     if j < n:
@@ -32,7 +32,7 @@ def _turn_moments(p, dm, n, j, res, c):
 
 @helper
 def _add_clamps(rod, held, w, turns, res, c):
-    """Residual when the clamps turn by turns (2, 3)."""
+    """Add the residual when the clamps turn by turns (2, 3) [rad]."""
     n = rod.length.shape[0]
     block = np.empty((3, 3))
     for end in range(2):
@@ -58,9 +58,9 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur,
     set_corner(rod, held, w)
     b = w.border
     b[:, :, count:] = 0.0
-    right = np.zeros((count + 3, many))
+    right, dm = np.zeros((count + 3, many)), np.empty(3)
     for c in range(many):
-        _add_bends(rod, change, w, c, b, count + c)
+        _add_bends(rod, change, w, c, b, count + c, dm)
         _add_clamps(rod, held, w, clamp[c], b, count + c)
         _add_segments(rod, change, w, c, b, count + c, dx[c])
         _add_conditions(held, change, anchor, offset, c, dx[c], right)
@@ -80,10 +80,9 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur,
 
 
 @inlined
-def _add_bends(rod, change, w, c, b, k):
-    """Residual in column k when stiffness and rest shape change."""
+def _add_bends(rod, change, w, c, b, k, dm):
+    """Add the residual in column k when stiffness and rest shape change; dm (3,) is scratch."""
     n = rod.length.shape[0]
-    dm = np.empty(3)
     for j in range(n + 1):
         for a in range(3):
             strain = w.p[j, a + 1] - rod.rest[j, a + 1]
@@ -93,7 +92,7 @@ def _add_bends(rod, change, w, c, b, k):
 
 @inlined
 def _add_segments(rod, change, w, c, b, k, dx):
-    """Residual in column k when loads, lengths and flexibilities change, and end moments; the
+    """Add the residual in column k when loads, lengths and flexibilities change, and end moments; the
     change of each edge, its frame held, into dx (N+1, 3)."""
     n = rod.length.shape[0]
     f0, f1, f2 = 0.0, 0.0, 0.0
