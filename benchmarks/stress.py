@@ -16,7 +16,7 @@ from benchmarks import stepped
 from benchmarks.document import parser, publish
 from benchmarks.led import FINER, SHARP, from_reference, joined, led, rope, sharpest, wound
 from benchmarks.placements import Placements, imbalance
-from ropefit.solvers.dynamics.solve import solve as dynamics
+from ropefit.solvers.dynamics import solve as dynamics
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.stability import stability
 

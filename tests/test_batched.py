@@ -16,7 +16,7 @@ from ropefit.rod.energy import energy
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.rod.setup import bare
 from ropefit.solvers.batched.implicit import settle_batched, settled_batched
-from ropefit.solvers.batched.solve import solve as batched
+from ropefit.solvers.batched import solve as batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import settle

@@ -19,8 +19,8 @@ from ropefit.inference.forward import Forward
 from ropefit.rod.moving import moving, undamped
 from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import Potential, bare
-from ropefit.solvers.dynamics.solve import derivatives, problem
-from ropefit.solvers.dynamics.solve import solve as dynamics
+from ropefit.solvers.dynamics import derivatives, problem
+from ropefit.solvers.dynamics import solve as dynamics
 from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
 from ropefit.solvers.equilibrium.implicit import Directions, settled, tangent
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials

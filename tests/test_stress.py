@@ -12,7 +12,7 @@ from benchmarks.led import from_reference, joined, led, rope, wound
 from benchmarks.motions import paths
 from benchmarks.placements import Placements, imbalance
 from ropefit.rod.quaternion import conjugate_product, from_rotation_vector, multiply
-from ropefit.solvers.dynamics.solve import solve as dynamics
+from ropefit.solvers.dynamics import solve as dynamics
 from ropefit.solvers.equilibrium.branches import follow, turned_over
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve

@@ -92,8 +92,8 @@ def _add_bends(rod, change, w, c, b, k, dm):
 
 @inlined
 def _add_segments(rod, change, w, c, b, k, dx):
-    """Add the residual in column k when loads, lengths and flexibilities change, and end moments; the
-    change of each edge, its frame held, into dx (N+1, 3)."""
+    """Add the residual in column k when loads, lengths, flexibilities and end moments change; write
+    the change of each edge, its frame held, into dx (N+1, 3)."""
     n = rod.length.shape[0]
     f0, f1, f2 = 0.0, 0.0, 0.0
     for i in range(n - 1, -1, -1):
