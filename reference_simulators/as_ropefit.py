@@ -12,8 +12,8 @@ from reference_simulators.planar_elastica import Along, Guess, Planar, from_stif
 from ropefit.exporters import RopeDescription
 from ropefit.exporters.rotation import from_vector
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution
 
 LENGTH, MASS, G = 1.0, 0.05, 9.81  # of the described rope: m, kg, m/s²
 SPAN, DROP = 0.6, 0.1  # m, from one of its pinned ends to the other

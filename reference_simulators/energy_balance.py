@@ -15,9 +15,10 @@ from ropefit.rod.energy import energy, own
 from ropefit.rod.moving import Moving
 from ropefit.rod.quaternion import conjugate_product, director, normalise
 from ropefit.rod.rod import Rod
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Drive, Start, Trajectory
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import Trajectory
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution
 
 
 def equilibrium_residual(rod: Rod, c: Conditions, solution: Solution) -> np.ndarray:

@@ -22,9 +22,9 @@ from torch import Tensor
 from ropefit.artifacts import FittedModel, Model, Observations
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.rod.rod import Properties, build
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import ADVICE
-from ropefit.solvers.implicit import settle
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.status import Status
 
 Value = float | Tensor
 
@@ -100,7 +100,7 @@ class Rope:
         state, solution = settle(rod, Conditions(ends, clamps))
         if throw and not solution.converged.all():
             bad = np.flatnonzero(~solution.converged)
-            why = ADVICE[int(solution.status[bad[0]])]
+            why = Status(int(solution.status[bad[0]])).advice
             raise NotConverged(f"frame {bad[0]} ({len(bad)} of {len(ends)} fail): {why}")
         return state.x
 

@@ -8,7 +8,8 @@ import torch
 from ropefit.rod.moving import Damping, Moving, moving
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.rod import Properties, build
-from ropefit.solvers.dynamics import Drive, Start, Trajectory, solve
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import Trajectory, solve
 
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
 ALONG_X = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64)  # e3 to x

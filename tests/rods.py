@@ -8,8 +8,9 @@ import numpy as np
 import torch
 
 from ropefit.rod.rod import Rod
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.equilibrium.solve import solve
 
 DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
 NOT_HELD = torch.full((1, 2, 4), torch.nan, dtype=torch.float64)

@@ -8,9 +8,9 @@ from torch import Tensor
 
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.strains import Rest, straight_rest
-from ropefit.solvers.chain import Chain
-from ropefit.solvers.start import frames_along, hanging_shape
-from ropefit.solvers.xpbd import Eta, State
+from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
+from ropefit.solvers.xpbd.chain import Chain
+from ropefit.solvers.xpbd.reference import Eta, State
 
 GRAVITY = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
 ETA = (0.04, 0.9, 0.8, 0.7, 0.6, 0.9)

@@ -36,12 +36,7 @@ FLOORS = [
     {"errors"},
     {"system"},
 ]
-# The compiled loops and their derivative stay together: the compiler's cache sees one file only.
-LONG = {
-    "ropefit/solvers/kernels.py": 500,
-    "ropefit/solvers/newton_kernels.py": 1400,
-    "ropefit/solvers/dynamics_kernels.py": 820,
-}
+LONG = {}
 HEAVY = {"torch", "open3d", "cv2", "numpy", "scipy", "h5py", "numba", "plotly", "pydantic"}
 
 

@@ -17,13 +17,14 @@ from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.rod.setup import bare
-from ropefit.solvers import batched
-from ropefit.solvers import newton_kernels as kernels
-from ropefit.solvers.batched import solve_batched
-from ropefit.solvers.batched_implicit import settle_batched, settled_batched
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
-from ropefit.solvers.implicit import settle
+from ropefit.solvers.batched import solve as batched
+from ropefit.solvers.batched.implicit import settle_batched, settled_batched
+from ropefit.solvers.batched.solve import solve_batched
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.status import Status
 from tests.rods import DOWN, NOT_HELD
 from tests.test_equilibrium_gradients import BY_FRAME, BY_ROD, CASES, loss_of
 
@@ -121,7 +122,7 @@ def test_what_does_not_arrive_is_marked_or_finished(handed_over, monkeypatch):
     assert slow.converged.all()
     assert handed_over == [2]
     assert np.abs(slow.x - solve(rod, conditions).x).max() < 1e-9
-    assert (slow.status == kernels.CONVERGED).all()
+    assert (slow.status == Status.CONVERGED).all()
 
 
 def test_every_tensor_is_made_on_the_device_asked_for():

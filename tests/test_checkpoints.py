@@ -24,6 +24,7 @@ from ropefit.runs.checkpoint import checkpoint_name
 from ropefit.runs.execute import execute
 from ropefit.runs.journal import Entries, Journal, journal, keeping
 from ropefit.runs.protocol import Context, Outcome
+from ropefit.stages import diagnose
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 

@@ -14,9 +14,10 @@ from benchmarks.discovery.cases import listed
 from benchmarks.discovery.setting import draw
 from ropefit.rod.moving import Damping, moving
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Drive, Start, solve
-from ropefit.solvers.equilibrium import solve as settle
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve as settle
 
 pytest.importorskip("mujoco")
 SEGMENTS, STEP = 60, 0.005

@@ -8,9 +8,11 @@ import torch
 from scipy import optimize, special
 
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Drive, Start, simulate, solve
-from ropefit.solvers.equilibrium import solve as settle
+from ropefit.solvers.dynamics.derivatives import simulate
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.moving_ropes import ALONG_X, DOWN, hung, in_plane, rope, stepped, turned
 
 G = 9.81

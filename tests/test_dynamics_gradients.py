@@ -10,9 +10,11 @@ import torch
 
 from ropefit.rod.moving import Damping, Moving, moving
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Directions, Drive, Start, simulate, solve, tangent
-from ropefit.solvers.equilibrium import solve as settle
+from ropefit.solvers.dynamics.derivatives import Directions, simulate, tangent
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.moving_ropes import ALONG_X, DOWN, turned
 
 SEGMENTS = 12

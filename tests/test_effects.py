@@ -11,10 +11,10 @@ from ropefit.effects.place import horizontal
 from ropefit.models.equilibrium import Forward, Term
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.rod.setup import Motion, Setup
-from ropefit.solvers.branches import wound
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve
-from ropefit.solvers.potentials import force_and_stiffness, solve_with_potentials
+from ropefit.solvers.equilibrium.branches import wound
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.potentials import force_and_stiffness, solve_with_potentials
+from ropefit.solvers.equilibrium.solve import solve
 from tests.concealed import rope
 
 PLACES = {"point": [0.403], "interval": [0.411, 0.207]}

@@ -12,9 +12,9 @@ from torch import Tensor
 
 from ropefit.rod.quaternion import from_rotation_vector, multiply, normalise
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
-from ropefit.solvers.implicit import Directions, settle, settled, tangent
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import Directions, settle, settled, tangent
+from ropefit.solvers.equilibrium.solution import Solution
 from tests.rods import DOWN, solved
 
 SEGMENTS = 12

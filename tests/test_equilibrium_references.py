@@ -12,7 +12,7 @@ from reference_simulators.closed_forms import catenary, hanging_bar, helix
 from reference_simulators.planar_elastica import Planar, elastica
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
+from ropefit.solvers.equilibrium.conditions import Conditions
 from tests.rods import DOWN, NOT_HELD, Order, solved
 
 SEGMENTS = (40, 80, 160)

@@ -11,9 +11,10 @@ from reference_simulators.as_ropefit import planar
 from reference_simulators.energy_balance import equilibrium_residual
 from reference_simulators.planar_elastica import Planar
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers import newton_kernels as kernels
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import ADVICE, solve, stability
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.stability import stability
+from ropefit.solvers.status import Status
 from tests.rods import DOWN, NOT_HELD, solved
 
 COUNT = 1500
@@ -43,7 +44,7 @@ def test_unconverged_is_marked():
     cut = solve(p.rod, p.conditions, limit=5, continuation=False)
     short = whole.iterations >= 5
     assert 20 < short.sum() < 280
-    assert np.array_equal(cut.status == kernels.LIMIT, short)
+    assert np.array_equal(cut.status == Status.LIMIT, short)
     assert np.array_equal(cut.converged, ~short)
     assert equilibrium_residual(p.rod, p.conditions, cut)[cut.converged].max() < 1e-8
     assert cut.residual[short].min() > 1e-14
@@ -80,8 +81,8 @@ def hanging(apart: float, **properties) -> tuple:
 def test_ends_too_far_apart(apart):
     """No rope that does not stretch can be there; one that stretches can."""
     solution = solve(*hanging(apart))
-    assert solution.status[0] in (kernels.STUCK, kernels.LIMIT, kernels.NOT_FINITE)
-    assert ADVICE[int(solution.status[0])] != "converged"
+    assert solution.status[0] in (Status.STUCK, Status.LIMIT, Status.NOT_FINITE)
+    assert Status(int(solution.status[0])).advice != "converged"
     stretched = solved(*hanging(apart, axial=100.0))
     assert np.linalg.norm(np.diff(stretched.x[0], axis=0), axis=1).sum() > apart
 
@@ -116,7 +117,7 @@ def test_starts_that_are_no_numbers():
     start = solved(rod, conditions)
     q = start.q.copy()
     q[0, 3] = np.nan
-    assert solve(rod, conditions, start=replace(start, q=q)).status[0] == kernels.NOT_FINITE
+    assert solve(rod, conditions, start=replace(start, q=q)).status[0] == Status.NOT_FINITE
 
 
 def test_support_that_is_no_number():

@@ -13,9 +13,11 @@ from reference_simulators.as_ropefit import planar
 from reference_simulators.closed_forms import buckled_reach
 from reference_simulators.planar_elastica import Planar
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers import newton_kernels as kernels
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve, stability
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.stability import stability
+from ropefit.solvers.status import Status
 from tests.rods import NOT_HELD, Order, solved
 
 SEGMENTS = (10, 20, 40)
@@ -202,6 +204,6 @@ def test_unstable_state_is_left():
     """Newton's method alone would stay in an unstable equilibrium: the straight column."""
     rod, conditions = strut("clamped, free", 20, weight=12.0)
     solution = solve(rod, conditions, start=straight("clamped, free", 20))
-    assert solution.status[0] == kernels.CONVERGED
+    assert solution.status[0] == Status.CONVERGED
     assert abs(solution.x[0, -1, :2]).max() > 0.2
     assert stability(under(straight("clamped, free", 20), rod, conditions))[0] < 0

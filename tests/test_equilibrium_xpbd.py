@@ -6,9 +6,9 @@ import torch
 from reference_simulators.as_ropefit import planar
 from reference_simulators.planar_elastica import Planar
 from ropefit.rod.strains import Rest
-from ropefit.solvers.chain import Chain
-from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State
+from ropefit.solvers.xpbd.chain import Chain
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State
 from tests.rods import solved
 
 SEGMENTS = 8

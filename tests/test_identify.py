@@ -23,7 +23,7 @@ from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.runs import checkpoint
 from ropefit.runs.execute import execute
 from ropefit.runs.protocol import Context
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 from ropefit.stages.simulate import simulate_recording
 
 TRUE = {"eta_x_G": 0.12, "eta_q_B": 0.35}
@@ -288,7 +288,7 @@ def test_moving_the_orientation_reaches_what_the_position_cannot(fitted, tmp_pat
 def test_start_of_a_frame_follows_the_control_point(fitted):
     """The start moves with the control point, so a far move needs no new start."""
     from ropefit.adapters.scene import rope_of
-    from ropefit.solvers.xpbd import Settings
+    from ropefit.solvers.xpbd.reference import Settings
 
     o = read(fitted / Observations.file_name, Observations)[0]
     rope = rope_of(o, solver="thomas", settings=Settings(40, 20), control_node=0, two_sided=False)

@@ -9,9 +9,9 @@ import torch
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.rod import uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Drive, Start
-from ropefit.solvers.equilibrium import solve as settle
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.moving_ropes import rope, stepped
 
 EI, GJ, LOSS, AIR, MASS, LENGTH = 2e-3, 1.5e-3, 1e-4, 0.03, 0.06, 0.8

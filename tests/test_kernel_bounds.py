@@ -19,16 +19,19 @@ from ropefit.models.equilibrium import Forward
 from ropefit.rod.moving import moving, undamped
 from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import Potential, bare
-from ropefit.solvers import dynamics
-from ropefit.solvers import newton_kernels as kernels
-from ropefit.solvers.conditions import Conditions, Sliders
-from ropefit.solvers.equilibrium import ARRAYS, Solution, States, solve, stability, unsettled
-from ropefit.solvers.implicit import Directions, settled, tangent
-from ropefit.solvers.potentials import solve_with_potentials
+from ropefit.solvers.dynamics import derivatives, problem
+from ropefit.solvers.dynamics import solve as dynamics
+from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.implicit import Directions, settled, tangent
+from ropefit.solvers.equilibrium.potentials import solve_with_potentials
+from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States, unsettled
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.stability import stability
 from ropefit.solvers.shapes import ShapeError
+from ropefit.solvers.status import Status
 from tests.rods import DOWN
 
-STATUSES = (kernels.CONVERGED, kernels.LIMIT, kernels.STUCK, kernels.NOT_FINITE, kernels.UNSTABLE)
+STATUSES = (Status.CONVERGED, Status.LIMIT, Status.STUCK, Status.NOT_FINITE, Status.UNSTABLE)
 STRANGE = (0.0, 1.0, -1e3, 1e-300, 1e300, np.inf, np.nan)
 ENDS = torch.tensor([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]], dtype=torch.float64)
 
@@ -239,12 +242,12 @@ def test_motions_of_any_size(clips, segments, steps, value):
     ends[0, -1, 1, 0] += value if np.isfinite(value) else 0.5
     none = torch.full((clips, steps, 2, 4), torch.nan, dtype=torch.float64)
     still = solve(rod, Conditions(ends[:, 0], none[:, 0]))
-    start = dynamics.Start(*(torch.from_numpy(a) for a in (still.x, still.q, 0 * still.x)))
-    drive = dynamics.Drive(time, ends, none)
+    start = problem.Start(*(torch.from_numpy(a) for a in (still.x, still.q, 0 * still.x)))
+    drive = problem.Drive(time, ends, none)
     found = dynamics.solve(rope, drive, start, limit=3)
     with np.errstate(all="ignore"):
-        change = dynamics.Directions(load=np.ones((1, 2, segments + 1, 3)))
-        dx, _ = dynamics.tangent(found, change)
+        change = derivatives.Directions(load=np.ones((1, 2, segments + 1, 3)))
+        dx, _ = derivatives.tangent(found, change)
     assert dx.shape == (clips, 2, steps, segments + 1, 3)
     for name in ("x", "q", "force", "v0", "status"):
         array = getattr(found, name)

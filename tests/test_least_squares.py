@@ -21,8 +21,8 @@ from ropefit.models.priors import Priors, calibration, nuisance
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
-from ropefit.solvers.branches import other_states
-from ropefit.solvers.start import frames_along
+from ropefit.solvers.equilibrium.branches import other_states
+from ropefit.solvers.equilibrium.start import frames_along
 from tests.ropes import GRAVITY
 
 BINS, SD = 15, 0.0005

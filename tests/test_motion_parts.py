@@ -10,8 +10,8 @@ from ropefit.fitting.motion import held_back
 from ropefit.models.dynamics import finer, refine
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.carried import along, carried, continuous, third
-from ropefit.solvers.dynamics import Drive
-from ropefit.solvers.turns import from_turn, to_turn
+from ropefit.solvers.dynamics.problem import Drive
+from ropefit.solvers.equilibrium.turns import from_turn, to_turn
 from tests.moving_ropes import turned
 
 

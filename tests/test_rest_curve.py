@@ -12,8 +12,8 @@ from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import director, multiply
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
 
 LENGTH, EI, MASS, CURVATURE = 0.6, 0.1, 0.6, 1.5
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)

@@ -6,7 +6,7 @@ import torch
 from scipy.optimize import brentq
 
 from ropefit.rod.quaternion import director
-from ropefit.solvers.start import frames_along, hanging_shape
+from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 
 DOWN = np.array([0.0, 0.0, -9.81])
 NONE = np.full((2, 3), np.nan)

@@ -22,10 +22,10 @@ from reference_simulators.energy_balance import (
     step_residual,
 )
 from ropefit.rod.quaternion import conjugate_product, from_rotation_vector, multiply
-from ropefit.solvers import dynamics
-from ropefit.solvers.branches import follow, turned_over
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve
+from ropefit.solvers.dynamics import solve as dynamics
+from ropefit.solvers.equilibrium.branches import follow, turned_over
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
 
 
 @pytest.mark.parametrize("clamped", [False, True], ids=["pinned", "clamped"])

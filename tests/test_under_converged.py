@@ -8,9 +8,9 @@ from ropefit.effects import AxialExtensibility, UnderConverged
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
 from ropefit.rod.strains import straight_rest
-from ropefit.solvers.chain import Chain
-from ropefit.solvers.start import frames_along, hanging_shape
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, simulate
+from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
+from ropefit.solvers.xpbd.chain import Chain
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 from tests.concealed import BINS, nominal_fit, recorded, rope, scanned, with_effect
 
 DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from ropefit.rod.quaternion import normalise
-from ropefit.solvers.chain import Chain
-from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, simulate
+from ropefit.solvers.xpbd.chain import Chain
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 from tests.conftest import ROOT
 from tests.ropes import ETA, GRAVITY, central_difference, eta, hanging
 
@@ -144,8 +144,8 @@ def test_gradient_equals_central_difference(name, which, total):
 MEMORY = """
 import resource, torch
 torch.set_num_threads(1)
-from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State, simulate
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 from tests.conftest import ROOT
 from tests.ropes import ETA, GRAVITY, hanging
 start, rest, chain = hanging(frames=36, nodes=40)

@@ -17,9 +17,11 @@ from torch import Tensor
 from benchmarks.document import parser, publish
 from ropefit.rod.moving import Damping, Moving, moving
 from ropefit.rod.rod import Properties, build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Drive, Start, simulate, solve
-from ropefit.solvers.equilibrium import solve as settle
+from ropefit.solvers.dynamics.derivatives import simulate
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.test_dynamics import beam, chain, frequency, pendulum, swing
 
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)

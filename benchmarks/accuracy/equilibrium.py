@@ -19,8 +19,9 @@ from reference_simulators.closed_forms import catenary, helix
 from reference_simulators.energy_balance import equilibrium_residual
 from reference_simulators.planar_elastica import Planar, elastica
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve, stability
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.stability import stability
 
 NODES = (20, 40, 100)
 COUNT = 10_000

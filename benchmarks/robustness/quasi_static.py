@@ -16,9 +16,10 @@ from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, problem
 from reference_simulators.rod_equations import Rod as Continuous
 from ropefit.rod.quaternion import conjugate_product, multiply
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.branches import follow, turned_over
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import ARRAYS, Solution, States, solve
+from ropefit.solvers.equilibrium.branches import follow, turned_over
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
+from ropefit.solvers.equilibrium.solve import solve
 
 DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)  # a rope of 1 m weighs 1 N
 TWIST = 2 / 3  # GJ over EI, that of `uniform`

@@ -12,9 +12,9 @@ from torch import Tensor
 from ropefit.rod.moving import Damping, Moving, moving
 from ropefit.rod.quaternion import from_rotation_vector, multiply, normalise
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Drive, Start
-from ropefit.solvers.equilibrium import solve as settle
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve as settle
 
 NEAREST, FARTHEST = 0.02, 0.999  # m, of the ends of a rope of 1 m
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)

@@ -24,9 +24,9 @@ from benchmarks.robustness.quasi_static import (
 )
 from benchmarks.robustness.random_ropes import motions
 from reference_simulators.energy_balance import energy_gain, equilibrium_residual, step_residual
-from ropefit.solvers import dynamics
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import stability
+from ropefit.solvers.dynamics import solve as dynamics
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.stability import stability
 
 ROPES = 10_800
 NODES = (20, 30, 40)

@@ -25,8 +25,8 @@ import time; start, before = time.perf_counter(), time.process_time()
 import numpy as np, torch
 torch_s = time.process_time() - before
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
 ends = torch.zeros(1, 2, 3, dtype=torch.float64); ends[:, 1, 0] = 0.6
 down = torch.tensor([0, 0, -9.81], dtype=torch.float64)
 rod = build(uniform(length=1.0, segments=19, bend=1e-3), down, (False, False))

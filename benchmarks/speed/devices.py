@@ -18,11 +18,12 @@ import torch
 from benchmarks.document import parser, publish
 from benchmarks.speed.workloads import FRAMES, GRAVITY, apart
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.batched import solve_batched
-from ropefit.solvers.batched_implicit import settle_batched
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution, solve
-from ropefit.solvers.implicit import settle
+from ropefit.solvers.batched.implicit import settle_batched
+from ropefit.solvers.batched.solve import solve_batched
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.equilibrium.solve import solve
 
 ROPES = (36, 1152)
 SEGMENTS = 19

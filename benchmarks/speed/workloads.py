@@ -12,11 +12,11 @@ import torch
 from reference_simulators import xpbd_torch
 from ropefit.models.xpbd import Ends, Rope, build_rope
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import Solution
-from ropefit.solvers.implicit import settle
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, simulate
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, simulate
 
 FRAMES = 36
 GRAVITY = np.array([0.0, 0.0, -9.81])

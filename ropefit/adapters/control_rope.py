@@ -11,7 +11,7 @@ from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.xpbd import Rope, eta_names
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 
 REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 

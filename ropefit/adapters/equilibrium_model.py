@@ -21,8 +21,8 @@ from ropefit.models.equilibrium_rope import rope_values
 from ropefit.models.parameters import AT_REST, PARAMETERS
 from ropefit.models.response import Point
 from ropefit.rod.setup import Setup
-from ropefit.solvers.branches import other_states
-from ropefit.solvers.equilibrium import stability
+from ropefit.solvers.equilibrium.branches import other_states
+from ropefit.solvers.equilibrium.stability import stability
 
 Part = tuple[Fit, Noise, Point, Estimates]
 

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.artifacts import Observations
 from ropefit.rod.setup import Motion
-from ropefit.solvers.turns import to_turn
+from ropefit.solvers.equilibrium.turns import to_turn
 
 WINDOW = 3  # frames on either side that a parabola in time is fitted to
 # On either side of a quartic: three quarters of the noise, a quarter of the bias.

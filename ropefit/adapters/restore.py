@@ -23,7 +23,7 @@ from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.models.priors import calibration
 from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
-from ropefit.solvers.branches import other_states
+from ropefit.solvers.equilibrium.branches import other_states
 
 
 def restored_rope(

@@ -10,7 +10,7 @@ from ropefit.errors import BadInput, WrongUsage
 from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
 from ropefit.losses.primary import Observed
 from ropefit.models.xpbd import Ends, Rope, build_rope
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 
 FLAT = tuple(n for n, objective in OBJECTIVES.items() if objective.image and not objective.lowest)
 

@@ -9,7 +9,7 @@ from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
-from ropefit.solvers.equilibrium import States
+from ropefit.solvers.equilibrium.solution import States
 
 SUSPECT_RATIO = 4.0  # of a frame's residual to the median one
 GAIN_RATIO = 0.7  # of the misfit on another branch to that before

@@ -16,7 +16,7 @@ from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import EndNoise, Noise, estimate
-from ropefit.solvers.implicit import Directions, tangent
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 EFFECT_PRIOR_SD = 10.0  # usual sizes
 FREE_PRIOR_SD = 10.0  # search variables: of parameters without a prior

@@ -12,7 +12,7 @@ from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit, sensitivity
 from ropefit.models.equilibrium import Forward, change_by
 from ropefit.models.response import Point
-from ropefit.solvers.implicit import Directions, tangent
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
 

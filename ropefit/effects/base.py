@@ -70,7 +70,7 @@ class Calibration:
     """An error of the set-up that every fit allows for: an effect at small sizes, under a prior.
 
     name: of the term (an end's number is added), values: of its values; prior: field of
-    `inference.terms.Priors` with one sigma, in SI or in degrees; own_sensor: only where rope and
+    `models.priors.Priors` with one sigma, in SI or in degrees; own_sensor: only where rope and
     ends are observed by different sensors.
     """
 

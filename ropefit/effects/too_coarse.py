@@ -8,8 +8,8 @@ from torch import Tensor
 from ropefit.effects.base import Effect, Quantity
 from ropefit.rod.rod import Properties
 from ropefit.rod.setup import Setup
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
 
 COARSENING = 4  # of the segment length
 FEWEST_SEGMENTS = 16

@@ -12,13 +12,13 @@ from torch import Tensor
 from ropefit.effects.base import Effect, Quantity
 from ropefit.rod.setup import Setup
 from ropefit.rod.strains import straight_rest
-from ropefit.solvers.chain import Chain
-from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import solve
-from ropefit.solvers.jacobi import Jacobi
-from ropefit.solvers.start import frames_along
-from ropefit.solvers.xpbd import Eta, Settings, State
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.start import frames_along
+from ropefit.solvers.xpbd.chain import Chain
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.jacobi import Jacobi
+from ropefit.solvers.xpbd.reference import Eta, Settings, State
 
 NODES = 20  # of the chain that represents the solver's own
 MOST_KEPT = 4  # results in the cache

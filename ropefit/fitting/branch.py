@@ -6,8 +6,8 @@ import numpy as np
 
 from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit
-from ropefit.solvers.branches import other_states
-from ropefit.solvers.equilibrium import Solution
+from ropefit.solvers.equilibrium.branches import other_states
+from ropefit.solvers.equilibrium.solution import Solution
 
 
 def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:

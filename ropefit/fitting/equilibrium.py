@@ -27,7 +27,7 @@ from ropefit.models.equilibrium import Forward
 from ropefit.models.priors import calibration
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Progress
-from ropefit.solvers.branches import follow
+from ropefit.solvers.equilibrium.branches import follow
 
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 

@@ -23,7 +23,7 @@ from ropefit.losses.objectives import OBJECTIVES
 from ropefit.models.weights import WEIGHTS
 from ropefit.models.xpbd import Rope, eta_names
 from ropefit.runs.protocol import Context
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 
 STATED = {name: Stated(1.0, "1", weight.meaning) for name, weight in WEIGHTS.items()}
 DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this has not converged

@@ -19,7 +19,7 @@ from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.xpbd import Rope
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.runs.journal import journal
-from ropefit.solvers.xpbd import State
+from ropefit.solvers.xpbd.reference import State
 
 Compare = Callable[[Tensor, Tensor], list[Residual]]  # (x (b, K, 3), rows (b,)) -> residuals
 

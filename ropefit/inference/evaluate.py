@@ -12,7 +12,7 @@ from torch import Tensor
 from ropefit.losses.objectives import Scene
 from ropefit.losses.primary import Observed, point_to_line
 from ropefit.models.xpbd import Rope
-from ropefit.solvers.xpbd import State
+from ropefit.solvers.xpbd.reference import State
 
 CHUNK = 500  # frames simulated at once: bounds memory on long recordings
 

@@ -9,9 +9,9 @@ import torch
 
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
-from ropefit.solvers.conditions import Conditions, Sliders
-from ropefit.solvers.equilibrium import ARRAYS, Solution, States
-from ropefit.solvers.turns import rolled
+from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
+from ropefit.solvers.equilibrium.turns import rolled
 
 
 def vectors(solution: Solution) -> np.ndarray:

@@ -19,11 +19,13 @@ from ropefit.models.response import Point, slope, turn_slope
 from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.dynamics import Directions, Drive, Start, Trajectory, solve, tangent
-from ropefit.solvers.equilibrium import Solution, States
-from ropefit.solvers.equilibrium import solve as settle
-from ropefit.solvers.turns import to_turn
+from ropefit.solvers.dynamics.derivatives import Directions, tangent
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import Trajectory, solve
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution, States
+from ropefit.solvers.equilibrium.solve import solve as settle
+from ropefit.solvers.equilibrium.turns import to_turn
 
 SPRING = 2e-4  # m per weight of the rope: compliance of what pulls the first states to the data
 STEP = 1e-4  # of a search variable: the first states' differences

@@ -21,10 +21,11 @@ from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.runs.arrays import as_arrays, from_arrays
 from ropefit.runs.journal import Arrays
-from ropefit.solvers.branches import wound
-from ropefit.solvers.conditions import Conditions
-from ropefit.solvers.equilibrium import ARRAYS, Solution, States, solve
-from ropefit.solvers.potentials import solve_with_potentials
+from ropefit.solvers.equilibrium.branches import wound
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.potentials import solve_with_potentials
+from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
+from ropefit.solvers.equilibrium.solve import solve
 
 DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
 

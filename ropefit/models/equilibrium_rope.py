@@ -11,13 +11,14 @@ from torch import Tensor
 
 from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
-from ropefit.solvers.batched import solve_batched
-from ropefit.solvers.batched_implicit import settled_batched
-from ropefit.solvers.conditions import Conditions, Sliders
-from ropefit.solvers.equilibrium import Solution, States, solve
-from ropefit.solvers.implicit import settled
-from ropefit.solvers.potentials import solve_with_potentials
-from ropefit.solvers.xpbd import State
+from ropefit.solvers.batched.implicit import settled_batched
+from ropefit.solvers.batched.solve import solve_batched
+from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.implicit import settled
+from ropefit.solvers.equilibrium.potentials import solve_with_potentials
+from ropefit.solvers.equilibrium.solution import Solution, States
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.xpbd.reference import State
 
 NAMES = ("EI", "GJ", "EA", "length")
 
@@ -32,7 +33,7 @@ class EquilibriumRope:
     is followed; else the one that a catenary leads to. plain: the rope without effects, which the
     values describe, where the setup has effects. sliders: what each frame's past has left in a rope
     that remembers. device: where many ropes are settled at once; the
-    compiled path, if not given. Compare `inference.rope.Rope`.
+    compiled path, if not given. Compare `models.xpbd.Rope`.
     """
 
     setup: Setup

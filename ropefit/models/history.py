@@ -20,10 +20,11 @@ from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Potential, Setup
-from ropefit.solvers.conditions import Conditions, Sliders
-from ropefit.solvers.equilibrium import Solution, States, solve, unsettled
-from ropefit.solvers.implicit import Directions, tangent
-from ropefit.solvers.potentials import solve_with_potentials
+from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
+from ropefit.solvers.equilibrium.potentials import solve_with_potentials
+from ropefit.solvers.equilibrium.solution import Solution, States, unsettled
+from ropefit.solvers.equilibrium.solve import solve
 
 
 @dataclass

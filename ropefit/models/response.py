@@ -17,9 +17,9 @@ from torch import Tensor
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Seen, Setup
-from ropefit.solvers.equilibrium import Solution, States
-from ropefit.solvers.implicit import Directions, tangent
-from ropefit.solvers.potentials import force_and_stiffness
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
+from ropefit.solvers.equilibrium.potentials import force_and_stiffness
+from ropefit.solvers.equilibrium.solution import Solution, States
 
 Change = Callable[[float], Setup]  # the setup where one value has moved by so many of its scales
 STEP = 1e-5

@@ -11,7 +11,7 @@ from ropefit.models.response import STEP, Change, slope
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
 from ropefit.rod.setup import Potential, Setup
-from ropefit.solvers.potentials import force_and_stiffness
+from ropefit.solvers.equilibrium.potentials import force_and_stiffness
 
 
 @dataclass(frozen=True)

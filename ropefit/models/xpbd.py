@@ -15,10 +15,10 @@ from torch import Tensor
 
 from ropefit.rod.quaternion import director
 from ropefit.rod.strains import Rest, straight_rest
-from ropefit.solvers.chain import Chain
-from ropefit.solvers.compiled import simulate_compiled
-from ropefit.solvers.start import frames_along, hanging_shape
-from ropefit.solvers.xpbd import SOLVERS, Eta, Settings, State
+from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
+from ropefit.solvers.xpbd.chain import Chain
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State
 
 # Order of the six weights of Algorithm 1 in every parameter vector.
 ETA = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")

@@ -1,4 +1,4 @@
-"""Frames carried along a curve or through time without turning about their own tangent."""
+"""Parallel transport: frames along a curve or through time that do not turn about their tangent."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 
 def carried(clamp: np.ndarray, curve: np.ndarray, clips: list[np.ndarray]) -> np.ndarray:
-    """(F, 2, 4) clamps of the same tangents as clamp (F, 2, 4), through each clip without roll.
+    """Return clamps (F, 2, 4) with the tangents of clamp (F, 2, 4), transported through each clip.
 
-    In a clip's first frame the far clamp is the near one, carried along curve (F, K, 3).
+    In a clip's first frame the far clamp is the near one, transported along curve (F, K, 3).
     """
     out = clamp.copy()
     tangent = third(clamp)
@@ -24,7 +24,7 @@ def carried(clamp: np.ndarray, curve: np.ndarray, clips: list[np.ndarray]) -> np
 
 
 def along(q: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    """(K, 4) the frame q (4,) at the first of tangents (K, 3), turned as little as they turn."""
+    """Return (K, 4) the frame q (4,) at the first of tangents (K, 3), by parallel transport."""
     unit = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
     out = [q]
     for a, b in itertools.pairwise(unit):
@@ -36,13 +36,13 @@ def along(q: np.ndarray, tangents: np.ndarray) -> np.ndarray:
 
 
 def third(q: np.ndarray) -> np.ndarray:
-    """(..., 3) the tangents R(q) e3."""
+    """Return (..., 3) the tangents R(q) e3."""
     w, x, y, z = np.moveaxis(q, -1, 0)
     return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
 
 
 def continuous(q: np.ndarray) -> np.ndarray:
-    """(F, ..., 4) the same rotations; of the two quaternions of each, the nearer to the last."""
+    """Return (F, ..., 4) the same rotations, of their two quaternions the nearer to the last."""
     out = q.copy()
     for t in range(1, len(out)):
         against = np.nan_to_num((out[t] * out[t - 1]).sum(-1, keepdims=True)) < 0

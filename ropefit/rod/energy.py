@@ -13,7 +13,7 @@ from ropefit.rod.rod import Rod
 
 
 def energy(rod: Rod, x: Tensor, q: Tensor, clamp: Tensor) -> Tensor:
-    """(...,) [J] of nodes x (..., N+1, 3) [m] and frames q (..., N, 4).
+    """Return the energy (...,) [J] of nodes x (..., N+1, 3) [m] and frames q (..., N, 4).
 
     clamp (..., 2, 4): frames held at the ends (anything where the rod is not clamped).
 
@@ -35,7 +35,7 @@ def energy(rod: Rod, x: Tensor, q: Tensor, clamp: Tensor) -> Tensor:
 
 
 def own(q: Tensor, vector: Tensor) -> Tensor:
-    """(..., 3) a vector in space, seen in the frame q: R(q)ᵀ v."""
+    """Return (..., 3) a vector in space as the frame q has it: R(q)ᵀ v."""
     sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype, device=q.device)
     wide = torch.nn.functional.pad(vector, (1, 0))
     return multiply(multiply(q * sign, wide), q)[..., 1:]

@@ -26,7 +26,7 @@ class Grip(NamedTuple):
 
 
 def push(contact: Potential, x: Tensor) -> Tensor:
-    """(..., 3) the normal force [N] of one whole node at x (..., 3) [m]."""
+    """Return (..., 3) the normal force [N] of one whole node at x (..., 3) [m]."""
     with torch.enable_grad():
         at = x if x.requires_grad else x.detach().requires_grad_()
         slope = torch.autograd.grad(contact.energy(at).sum(), at, create_graph=x.requires_grad)[0]
@@ -34,7 +34,7 @@ def push(contact: Potential, x: Tensor) -> Tensor:
 
 
 def dragged(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
-    """(..., N+1, 3) where nodes that have come to x are held."""
+    """Return (..., N+1, 3) [m] where nodes that have come to x are held."""
     offset, reach = _offset(grip, x, push(contact, x), contact)
     length = torch.sqrt((offset**2).sum(-1) + TINY)
     kept = torch.where(length > reach, reach / length, 1.0)
@@ -42,21 +42,21 @@ def dragged(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
 
 
 def force(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
-    """(..., N+1, 3) [N] of friction on the nodes at x."""
+    """Return (..., N+1, 3) [N] the friction on the nodes at x."""
     assert contact.hardness is not None
     assert contact.rubbing is not None
     return contact.hardness * contact.rubbing[..., None] * (dragged(contact, grip, x) - x)
 
 
 def after(contact: Potential, grip: Grip, x: Tensor) -> Grip:
-    """The grip once a frame has settled at x."""
+    """Return the grip once a frame has settled at x."""
     assert contact.rubbing is not None
     touching = (push(contact, x) != 0).any(-1) & (contact.rubbing > 0)
     return Grip(dragged(contact, grip, x).detach(), touching)
 
 
 def potential(contact: Potential, grip: Grip) -> Potential:
-    """An energy whose slope is the friction, for a normal force that stays as it is."""
+    """Return an energy whose slope is the friction, for a normal force that stays as it is."""
     assert contact.hardness is not None
     assert contact.rubbing is not None
     hardness = contact.hardness
@@ -75,7 +75,7 @@ def potential(contact: Potential, grip: Grip) -> Potential:
 
 
 def slopes(contact: Potential, grip: Grip, x: Tensor) -> tuple[Tensor, Tensor]:
-    """(..., N+1, 3, 3) derivatives of `dragged` in the nodes and in the places."""
+    """Return (..., N+1, 3, 3) the derivatives of `dragged` in the nodes and in the places."""
     x = x.detach().requires_grad_()
     place = grip.place.detach().requires_grad_()
     out = dragged(contact, grip._replace(place=place), x)
@@ -84,7 +84,7 @@ def slopes(contact: Potential, grip: Grip, x: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _offset(grip: Grip, x: Tensor, pushed: Tensor, contact: Potential) -> tuple[Tensor, Tensor]:
-    """How far nodes are from where they are held, across the normal, and how far they can be."""
+    """Return how far nodes are from where they are held, across the normal, and can be [m]."""
     assert contact.friction is not None
     assert contact.hardness is not None
     size = torch.sqrt((pushed**2).sum(-1) + TINY)

@@ -51,7 +51,7 @@ class State(NamedTuple):
 
 
 def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> Laws:
-    """The branches on a rod of bending rigidity `bend` (N,), in frames at time (H,) [s].
+    """Return the branches on a rod of bending rigidity `bend` (N,), in frames at time (H,) [s].
 
     A branch is shared among the elements as the rod's own rigidity is. Time that goes back is that
     of a new clip, see `restarts`.
@@ -81,19 +81,22 @@ def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> 
 
 
 def restarts(time: Tensor) -> np.ndarray:
-    """(H,) bool: the frames before which nothing is known, the first ones of clips."""
+    """Return (H,) bool: the frames before which nothing is known, the first ones of clips."""
     step = torch.diff(time, prepend=time[:1] + 1)
     return (step < 0).numpy()
 
 
 def unloaded(rest: np.ndarray, branches: int) -> State:
-    """Before a first frame: at the rest shape's vector (N+1, 2)."""
+    """Return the state before a first frame: at the rest shape's vector (N+1, 2)."""
     return State(rest, np.zeros((branches, *rest.shape)))
 
 
 def sliders(law: Laws, t: int, first: bool, before: State) -> tuple[np.ndarray, ...]:
-    """What stands for the branches in frame t: stiffness (B, N+1) [N m] of springs, the vector
-    (B, N+1, 2) where each is unloaded, and the length (B, N+1) beyond which it slips."""
+    """Return what stands for the branches in frame t: friction elements (Prandtl).
+
+    The stiffness (B, N+1) [N m] of springs, the vector (B, N+1, 2) where each is unloaded, and the
+    length (B, N+1) beyond which it slips.
+    """
     kept, given = _steps(law, t, first)
     drag = law.drag * given[..., 0] * (law.fresh[:, None] if first else 1.0)
     centre = before.vector - kept / given * before.strain
@@ -101,7 +104,7 @@ def sliders(law: Laws, t: int, first: bool, before: State) -> tuple[np.ndarray, 
 
 
 def after(law: Laws, t: int, first: bool, before: State, vector: np.ndarray) -> State:
-    """The state once frame t has settled at vector (N+1, 2)."""
+    """Return the state once frame t has settled at vector (N+1, 2)."""
     kept, given = _steps(law, t, first)
     strain = kept * before.strain + given * (vector - before.vector)
     strain = _clip(strain, law.slip)[0]
@@ -122,7 +125,7 @@ class Answer(NamedTuple):
     direction: np.ndarray
 
     def then(self, vector: np.ndarray) -> State:
-        """The state's change when the vector changes by (P, N+1, 2)."""
+        """Return the state's change when the vector changes by (P, N+1, 2)."""
         moved = self.given * vector[:, None]
         return State(vector, self.strain + _through(moved, self.across, self.direction))
 
@@ -130,8 +133,8 @@ class Answer(NamedTuple):
 def answer(
     law: Laws, slope: Laws, t: int, first: bool, before: State, change: State, vector: np.ndarray
 ) -> Answer:
-    """How the branches' force in frame t, at vector (N+1, 2), changes with the laws (`slope`) and
-    with the state before (`change`)."""
+    """Return how the branches' force in frame t, at vector (N+1, 2), changes with the laws
+    (`slope`) and with the state before (`change`)."""
     kept, given = _steps(law, t, first)
     moved = vector - before.vector
     strain, across, direction = _clip(kept * before.strain + given * moved, law.slip)
@@ -151,7 +154,7 @@ def answer(
 
 
 def _steps(law: Laws, t: int, first: bool) -> tuple[np.ndarray, np.ndarray]:
-    """kept and given of the step to frame t, (B, 1, 1)."""
+    """Return kept and given of the step to frame t, (B, 1, 1)."""
     if first:
         one = np.ones((len(law.fresh), 1, 1))
         return one, one
@@ -159,8 +162,8 @@ def _steps(law: Laws, t: int, first: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _clip(strain: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Strains (B, N+1, 2) no longer than slip (B, N+1), by how much they were shortened, and their
-    unit vectors where they were."""
+    """Return strains (B, N+1, 2) no longer than slip (B, N+1), by how much they were shortened, and
+    their unit vectors where they were."""
     size = np.linalg.norm(strain, axis=-1)
     long = size > slip
     share = np.where(long, slip / np.maximum(size, 1e-300), 1.0)
@@ -169,6 +172,6 @@ def _clip(strain: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def _through(change: np.ndarray, across: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Changes (P, B, N+1, 2) after `_clip`: those along the slip's direction are lost."""
+    """Return changes (P, B, N+1, 2) after `_clip`: those along the slip's direction are lost."""
     along = (change * direction).sum(-1, keepdims=True)
     return across[..., None] * (change - along * direction)

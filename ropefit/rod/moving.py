@@ -27,8 +27,9 @@ class Damping(NamedTuple):
 class Moving(NamedTuple):
     """The discrete rod in motion, with or without a dimension of R ropes in front.
 
-    rod: its load is in N; viscous (N, 3) [N s] of the strains; loss (N+1, 3) [N m s] of the bends;
-    mass (N+1,) [kg] and air (N+1,) [N s/m] of the nodes. The segments have no spin inertia.
+    Besides the rod, the fields of `fields.MOTION`: viscous (N, 3) [N s] of the strains,
+    loss (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the nodes.
+    The segments have no spin inertia.
     """
 
     rod: Rod
@@ -39,14 +40,17 @@ class Moving(NamedTuple):
 
 
 def undamped(p: Properties) -> Damping:
-    """No resistance at all."""
+    """Return no resistance at all."""
     zero = torch.zeros_like(p.length)
     return Damping(zero, zero, zero, zero)
 
 
 def moving(p: Properties, rod: Rod, damping: Damping) -> Moving:
-    """The rod of properties p in motion. A bend is as lossy as it is stiff: the relaxation times
-    bend/EI and twist/GJ of the segments beside it, by length, times its stiffness."""
+    """Return the rod of properties p in motion.
+
+    The viscosity of a bend is its stiffness times the relaxation times bend/EI and twist/GJ [s] of
+    the segments beside it, averaged by length.
+    """
     share = at_nodes(p.length)
     bend = at_nodes(p.length * damping.bend / p.bend) / share
     twist = at_nodes(p.length * damping.twist / p.twist) / share

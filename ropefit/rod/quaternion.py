@@ -15,7 +15,7 @@ Vector = Float[Tensor, "*#batch 3"]
 
 
 def _director_form() -> Tensor:
-    """(3, 4, 4) symmetric D with (R(q) e3)_a = q^T D_a q / 2 for a unit quaternion."""
+    """Return (3, 4, 4) symmetric D with (R(q) e3)_a = q^T D_a q / 2 for a unit quaternion."""
     form = torch.zeros(3, 4, 4, dtype=torch.float64)
     for a, b, c, value in [
         (0, 1, 3, 2.0), (0, 0, 2, 2.0),
@@ -27,7 +27,7 @@ def _director_form() -> Tensor:
 
 
 def _darboux_form() -> Tensor:
-    """(4, 4, 4) B with (p* q)_a = p^T B_a q, the product of the conjugate of p with q."""
+    """Return (4, 4, 4) B with (p* q)_a = p^T B_a q, the product of the conjugate of p with q."""
     form = torch.zeros(4, 4, 4, dtype=torch.float64)
     form[0] = torch.eye(4)
     for axis, (i, j) in {1: (2, 3), 2: (3, 1), 3: (1, 2)}.items():
@@ -41,33 +41,33 @@ DARBOUX = _darboux_form()
 
 
 def director_gradient(q: Quaternion) -> Float[Tensor, "*#batch 3 4"]:
-    """(..., 3, 4) derivative of the third director R(q) e3 with respect to q; R(q) e3 = G q / 2."""
+    """Return (..., 3, 4) G, the derivative of the third director R(q) e3 = G q / 2 in q."""
     return (q @ DIRECTOR.reshape(12, 4).T.to(q)).reshape(*q.shape[:-1], 3, 4)
 
 
 def director(q: Quaternion) -> Vector:
-    """(..., 3) third director R(q) e3: the tangent that the frame q holds."""
+    """Return (..., 3) the third director R(q) e3: the tangent that the frame q holds."""
     return 0.5 * (director_gradient(q) @ q[..., None])[..., 0]
 
 
 def conjugate_product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """(..., 4) p* q: the rotation from frame p to frame q, seen from p."""
+    """Return (..., 4) p* q: the rotation from frame p to frame q, seen from p."""
     return torch.einsum("abc,...b,...c->...a", DARBOUX.to(q), p, q)
 
 
 def normalise(q: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
-    """(..., n) q / |q|; a zero quaternion (or vector) stays zero."""
+    """Return (..., n) q / |q|; a zero quaternion (or vector) stays zero."""
     return q / torch.sqrt((q * q).sum(-1, keepdim=True) + 1e-300)
 
 
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
-    """(..., 4) Hamilton product p q."""
+    """Return (..., 4) the Hamilton product p q."""
     sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype, device=q.device)
     return conjugate_product(p * sign, q)
 
 
 def from_rotation_vector(v: Vector) -> Quaternion:
-    """(..., 4) rotation by |v| radians about v (..., 3), smooth at zero."""
+    """Return (..., 4) the rotation by |v| radians about v (..., 3), smooth at zero."""
     square = (v * v).sum(-1, keepdim=True)
     half = torch.sqrt(square + 1e-32) / 2
     return torch.cat([torch.cos(half), v * torch.sinc(half / torch.pi) / 2], dim=-1)
@@ -76,12 +76,11 @@ def from_rotation_vector(v: Vector) -> Quaternion:
 def transport(
     tangents: Float[Tensor, "*batch n 3"], first: Float[Tensor, "*batch 4"] | None = None
 ) -> Float[Tensor, "*batch n 4"]:
-    """(..., N, 4) frames along a polyline without twist: R(q_i) e3 = t_i.
+    """Return (..., N, 4) frames along a polyline by parallel transport: R(q_i) e3 = t_i.
 
     tangents: (..., N, 3) unit. first: (..., 4) frame of the first tangent; without one, the
-    smallest
-    rotation from e3. Each next frame is the last one turned by the smallest rotation between
-    tangents.
+    smallest rotation from e3. Each next frame is the last one turned by the smallest rotation
+    between tangents.
     """
     if first is None:
         e3 = torch.zeros_like(tangents[..., 0, :])
@@ -95,8 +94,8 @@ def transport(
 
 
 def smallest_rotation(a: Vector, b: Vector) -> Quaternion:
-    """(..., 4) the rotation of least angle with R a = b (unit vectors); a half turn picks one
-    axis."""
+    """Return (..., 4) the rotation of least angle with R a = b (unit vectors); any axis for a half
+    turn."""
     real = 1.0 + (a * b).sum(-1, keepdim=True)
     axis = torch.linalg.cross(a, b)
     # Opposite vectors: any axis across a will do.

@@ -13,6 +13,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from ropefit.rod.fields import ROD
+
 
 class Properties(NamedTuple):
     """What a rope is made of, segment by segment; every array may have more dimensions in front.
@@ -31,16 +33,16 @@ class Properties(NamedTuple):
     curvature: Tensor
 
 
-DIMS = (1, 2, 2, 2, 2, 2)  # of the fields of `Rod`, without that of several ropes
+DIMS = tuple(len(field.shape) for field in ROD)  # without that of several ropes
 
 
 class Rod(NamedTuple):
     """The discrete rod; N segments between N+1 nodes, with or without a dimension of R ropes.
 
-    length (R, N) [m]; supple (R, N, 3) [1/N]: 1/GA, 1/GA, 1/EA; stiff (R, N+1, 3) [N m] of C^B at
-    each node (the first and last are those of clamps, zero without); rest (R, N+1, 3): vector part
-    of the rest Darboux quaternion; load (R, N+1, 3) [N] on the nodes; moment (R, 2, 3) [N m] on the
-    first and last segment, in space.
+    length (R, N) [m]; supple (R, N, 3) [1/N]: 1/GA, 1/GA, 1/EA; stiff (R, N+1, 3) [N m]
+    of C^B at each node (the first and last are those of clamps, zero without); rest (R, N+1, 3):
+    vector part of the rest Darboux quaternion; load (R, N+1, 3) [N] on the nodes; moment (R, 2, 3)
+    [N m] on the first and last segment, in space. See `fields.ROD`.
     """
 
     length: Tensor
@@ -52,11 +54,11 @@ class Rod(NamedTuple):
 
     @property
     def arc(self) -> Tensor:
-        """(R, N+1) [m] rest arc length of the nodes."""
+        """Return (R, N+1) [m] the rest arc length of the nodes."""
         return torch.nn.functional.pad(self.length.cumsum(-1), (1, 0))
 
     def each(self, frames: int) -> Rod:
-        """The rod once for each of `frames`, also what was the same in all."""
+        """Return the rod once for each of `frames`, also what was the same in all."""
         return Rod(
             *(
                 t if t.ndim > d else t.expand(frames, *t.shape)
@@ -65,7 +67,7 @@ class Rod(NamedTuple):
         )
 
     def frames(self, index: np.ndarray) -> Rod:
-        """The rod in some of the frames; what is the same in all stays as it is."""
+        """Return the rod in some of the frames; what is the same in all stays as it is."""
         return Rod(
             *(t[index] if t.ndim > d and len(t) > 1 else t for t, d in zip(self, DIMS, strict=True))
         )
@@ -82,7 +84,7 @@ def uniform(
     density: Tensor | float = 1.0,
     curvature: Tensor | tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Properties:
-    """A rope that is the same everywhere. Numbers, or tensors (...,) for several ropes.
+    """Return a rope that is the same everywhere, of numbers, or tensors (...,) for several ropes.
 
     Without a twist rigidity it is 2/3 of the bending rigidity (a round incompressible section);
     without a shear rigidity it is the axial one. length [m], the rest as in `Properties`.
@@ -111,13 +113,13 @@ def build(
     give: Float[Tensor, "*batch 2 2"] | None = None,
     kinks: Float[Tensor, "*batch nodes 3"] | None = None,
 ) -> Rod:
-    """The discrete rod of a rope under gravity (3,) [m/s²].
+    """Return the discrete rod of a rope under gravity (3,) [m/s²].
 
     A clamp holds a frame at the very end of the rope: half a segment lies between it and the first
-    frame. give (..., 2, 2) [rad/(N m)]: how far the clamps themselves yield to bending and to
-    twist, 0 if not given; infinity lets go. kinks (..., N+1, 3) [rad]: turns of the rest shape at
-    the nodes, besides its curvature. Each segment's flexibility l/EI is shared by the two
-    nodes beside it, so properties may jump.
+    frame. give (..., 2, 2) [rad/(N m)]: how far the clamps themselves yield to
+    bending and to twist, 0 if not given; infinity lets go. kinks (..., N+1, 3) [rad]: turns of the
+    rest shape at the nodes, besides its curvature. Each segment's l/EI is shared by the two nodes
+    beside it, so properties may jump.
     """
     half_bend, half_twist = 0.5 * p.length / p.bend, 0.5 * p.length / p.twist
     soft = torch.stack([at_nodes(half_bend), at_nodes(half_bend), at_nodes(half_twist)], dim=-1)
@@ -141,20 +143,22 @@ def build(
 
 
 def half_turn(turn: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """Vector part of the quaternion of a rotation by |turn| [rad] about turn."""
+    """Return the vector part (..., 3) of the quaternion that turns by |turn| [rad] about turn."""
     square = (turn * turn).sum(-1, keepdim=True)
     half = torch.sqrt(square + 1e-30) / 2
     return turn * torch.sinc(half / torch.pi) / 2
 
 
 def at_nodes(value: Tensor, dim: int = -1) -> Tensor:
-    """Sum over the segments beside each node: (..., N) -> (..., N+1)."""
+    """Return the sum over the segments beside each node: (..., N) -> (..., N+1)."""
     zero = torch.zeros_like(value.narrow(dim, 0, 1))
     return torch.cat([value, zero], dim) + torch.cat([zero, value], dim)
 
 
 def _with_give(soft: Tensor, give: Tensor) -> Tensor:
-    extra = torch.stack([give[..., 0], give[..., 0], give[..., 1]], dim=-1)  # (..., 2, 3)
+    """Return the compliances of the bends (..., N+1, 3) with those of the clamps at both ends."""
+    bend, twist = give.unbind(-1)
+    extra = torch.stack([bend, bend, twist], dim=-1)  # (..., 2, 3)
     shape = np.broadcast_shapes(soft.shape[:-2], extra.shape[:-2])
     soft, extra = soft.expand(*shape, *soft.shape[-2:]), extra.expand(*shape, 2, 3)
     first, last = soft[..., :1, :] + extra[..., :1, :], soft[..., -1:, :] + extra[..., 1:, :]

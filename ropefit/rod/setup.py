@@ -39,7 +39,7 @@ class Seen(NamedTuple):
     toward: Tensor
 
     def __call__(self, x: Tensor) -> Tensor:
-        """(F, N+1, 3) where nodes x (F, N+1, 3) [m] are reported."""
+        """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
         x = x + self.lag * (self.toward - x) + self.drift
         arm = x - self.place
         ray = arm / torch.linalg.norm(arm, dim=-1, keepdim=True)
@@ -49,7 +49,7 @@ class Seen(NamedTuple):
         return seen - self.flat * off * self.normal
 
     def frames(self, index: Tensor) -> Seen:
-        """The same for some of the frames."""
+        """Return the model of some of the frames."""
         few = {name: getattr(self, name)[index] for name in ("origin", "normal")}
         for name in ("drift", "toward"):
             value = getattr(self, name)
@@ -85,7 +85,7 @@ class Motion(NamedTuple):
     clamp_rate: Tensor
 
     def frames(self, index: Tensor) -> Motion:
-        """The same in some of the frames."""
+        """Return the motion in some of the frames."""
         return Motion(*(item[index] for item in self))
 
 
@@ -101,12 +101,12 @@ class Past(NamedTuple):
 class Setup(NamedTuple):
     """F frames of one rope of N segments.
 
-    properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) or (F, N+1, 3) [N];
-    moment (2, 3) [N m];
-    give (2, 2) [rad/(N m)] of the clamps; kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial
-    compliance besides 1/EA; ends (F, 2, 3) [m], clamp
-    (F, 2, 4), NaN where not held; clamped: whether each end is; seen; potentials. time (F,) [s];
-    memory: what remembers earlier frames, and past: those of them that are not among the F.
+    properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) or (F, N+1, 3) [N]; moment
+    (2, 3) [N m]; give (2, 2) [rad/(N m)]: rows of both ends, to bending and to twist;
+    kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial compliance besides 1/EA; ends (F, 2, 3) [m],
+    clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
+    points; potentials. time (F,) [s]; memory: what remembers earlier frames, and past: those of
+    them that are not among the F.
     """
 
     properties: Properties
@@ -134,32 +134,33 @@ class Setup(NamedTuple):
 
     @property
     def clock(self) -> Tensor:
-        """(F,) [s] the time of the frames, a second a frame where none is known."""
+        """Return (F,) [s] the time of the frames, a second a frame where none is known."""
         return torch.arange(len(self.ends), dtype=torch.float64) if self.time is None else self.time
 
     @property
     def segments(self) -> int:
+        """Return N."""
         return self.kinks.shape[-2] - 1
 
     @property
     def arc(self) -> Tensor:
-        """(N+1,) [m] rest arc length of the nodes."""
+        """Return (N+1,) [m] the rest arc length of the nodes."""
         return torch.nn.functional.pad(self.properties.length.cumsum(-1), (1, 0))
 
     @property
     def weight(self) -> Tensor:
-        """[N] of the whole rope."""
+        """Return the weight [N] of the whole rope."""
         return (self.properties.density * self.properties.length).sum() * self.gravity.norm()
 
     def after(self, change: Callable[[Setup], Setup]) -> Setup:
-        """The setup after a change, which the frames of its past will see as well."""
+        """Return the setup after a change, which the frames of its past will see as well."""
         out = change(self)
         if self.past is None:
             return out
         return out._replace(past=self.past._replace(changes=(*self.past.changes, change)))
 
     def whole(self) -> tuple[Setup, Tensor]:
-        """All frames of the recording, and which of them (F,) are here."""
+        """Return all frames of the recording, and which of them (F,) are here."""
         if self.past is None:
             return self, torch.arange(len(self.ends))
         out = self.past.whole
@@ -168,7 +169,7 @@ class Setup(NamedTuple):
         return out, self.past.shown
 
     def frames(self, index: Tensor) -> Setup:
-        """The same rope in some of its frames; it has been through the others all the same."""
+        """Return the rope in some of its frames; it has been through the others all the same."""
         past = self.past or Past(self, torch.arange(len(self.ends)))
         return self._replace(
             time=None if self.time is None else self.time[index],
@@ -181,7 +182,7 @@ class Setup(NamedTuple):
         )
 
     def rod(self) -> Rod:
-        """The discrete rod with all its loads."""
+        """Return the discrete rod with all its loads."""
         rod = build(self.properties, self.gravity, self.clamped, self.give, self.kinks)
         axial = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
         return rod._replace(
@@ -198,7 +199,7 @@ def bare(
     clamp: Tensor,
     viewpoint: Tensor,
 ) -> Setup:
-    """The setup without any effect. Shapes as in `Setup`; viewpoint (3,) [m]."""
+    """Return the setup without any effect. Shapes as in `Setup`; viewpoint (3,) [m]."""
     segments = properties.length.shape[-1]
     zero = torch.zeros(3, dtype=torch.float64)
     held = ~torch.isnan(clamp).any(-1).any(0)

@@ -24,7 +24,7 @@ class Rest(NamedTuple):
 
 
 def straight_rest(length: float, nodes: int) -> Rest:
-    """Rest shape of a straight rope of `length` [m] with `nodes` particles evenly spaced."""
+    """Return the rest shape of a straight rope of `length` [m], its particles evenly spaced."""
     darboux = torch.zeros(nodes - 2, 4, dtype=torch.float64)
     darboux[:, 0] = 1.0
     return Rest(torch.full((nodes - 1,), length / (nodes - 1), dtype=torch.float64), darboux)
@@ -41,7 +41,7 @@ class StretchShear(NamedTuple):
 def stretch_shear(
     edges: Float[Tensor, "*batch segments 3"], q: Float[Tensor, "*batch segments 4"], rest: Rest
 ) -> StretchShear:
-    """Edge over rest length minus the third director. edges: x[1:] - x[:-1], (..., K-1, 3)."""
+    """Return edge over rest length minus third director. edges: x[1:] - x[:-1], (..., K-1, 3)."""
     gradient = director_gradient(q)
     director = 0.5 * (gradient @ q[..., None])[..., 0]
     return StretchShear(edges / rest.length[:, None] - director, -gradient)
@@ -56,7 +56,7 @@ class BendTwist(NamedTuple):
 
 
 def bend_twist(q: Float[Tensor, "*batch segments 4"], rest: Rest) -> BendTwist:
-    """Im(q_i* q_{i+1} - s rest), with the sign s that brings the Darboux quaternions closest.
+    """Return Im(q_i* q_{i+1} - s rest), with the sign s that brings Darboux quaternions closest.
 
     q and -q are the same frame, so the relative rotation is known up to sign only; s = -1 where it
     lies nearer to minus the rest rotation (Kugelstadt & Schömer 2016).
@@ -80,7 +80,7 @@ class Distance(NamedTuple):
 
 
 def distance(edges: Float[Tensor, "*batch segments 3"], rest: Rest) -> Distance:
-    """Segment length minus rest length.
+    """Return segment length minus rest length.
 
     The gradient is the unit vector along the edge. (The paper divides by the rest length instead,
     which is the same once the constraint holds.)

@@ -34,7 +34,7 @@ from ropefit.models.parameters import PARAMETERS
 from ropefit.models.priors import calibration
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
-from ropefit.solvers.branches import follow
+from ropefit.solvers.equilibrium.branches import follow
 
 FEWEST_FRAMES = 4
 GJ_PRIOR_SD = 0.5  # of the logarithm of GJ/EI, about that of a solid round section

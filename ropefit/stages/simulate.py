@@ -24,7 +24,7 @@ from ropefit.perception.trace import resample
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.manifest import describe, read_toml
 from ropefit.runs.protocol import Progress
-from ropefit.solvers.xpbd import Settings
+from ropefit.solvers.xpbd.reference import Settings
 
 
 def simulate_recording(spec: Path, out: Path, progress: Progress, say: Any) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Equilibria of many ropes at once, as tensors on any device."""

@@ -1,0 +1,1 @@
+"""The rod in motion: how it is stepped, and how that is differentiated."""

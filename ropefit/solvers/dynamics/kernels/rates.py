@@ -1,0 +1,106 @@
+"""Rates in time, and the strains and bends of a state whose rates they are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.rotations import darboux, rotation
+
+
+@helper
+def rates(time, t):
+    """c0, c1, c2 of D at time t."""
+    h = time[t] - time[t - 1]
+    if t == 1:
+        return 1.0 / h, -1.0 / h, 0.0
+    w = h / (time[t - 1] - time[t - 2])
+    return (1 + 2 * w) / ((1 + w) * h), -(1 + w) / h, w * w / ((1 + w) * h)
+
+
+@helper
+def jointed(stiff, loss, j):
+    """Whether there is a bend at node j: not at the ends of a rope that is not clamped."""
+    return (
+        stiff[j, 0] != 0.0
+        or stiff[j, 1] != 0.0
+        or stiff[j, 2] != 0.0
+        or loss[j, 0] != 0.0
+        or loss[j, 1] != 0.0
+        or loss[j, 2] != 0.0
+    )
+
+
+@helper
+def set_bends(rod, clamp, q, p):
+    """Darboux quaternions p (N+1, 4) of a state."""
+    n = rod.length.shape[0]
+    for j in range(n + 1):
+        if jointed(rod.stiff, rod.loss, j):
+            before = clamp[0] if j == 0 else q[j - 1]
+            after = clamp[1] if j == n else q[j]
+            darboux(before, after, rod.rest[j], p[j])
+
+
+@helper
+def set_strains(rod, x, q, r, out):
+    """Γ (N, 3) of a state; r (3, 3) is scratch."""
+    for i in range(rod.length.shape[0]):
+        rotation(q[i], r)
+        for a in range(3):
+            out[i, a] = 0.0
+            for b in range(3):
+                out[i, a] += r[b, a] * (x[i + 1, b] - x[i, b]) / rod.length[i]
+        out[i, 2] -= 1.0
+
+
+@helper
+def set_speeds(time, xs, v0, v):
+    """v (T, N+1, 3) of the nodes xs (T, N+1, 3)."""
+    v[0] = v0
+    for t in range(1, time.shape[0]):
+        c0, c1, c2 = rates(time, t)
+        for k in range(xs.shape[1]):
+            for a in range(3):
+                v[t, k, a] = c0 * xs[t, k, a] + c1 * xs[t - 1, k, a]
+                if t > 1:
+                    v[t, k, a] += c2 * xs[t - 2, k, a]
+
+
+@helper
+def set_past(c1, c2, one, two, out):
+    """out = c1 one + c2 two, row by row."""
+    for k in range(out.shape[0]):
+        for a in range(3):
+            out[k, a] = c1 * one[k, a] + c2 * two[k, a]
+
+
+@helper
+def histories(rod, drive, xs, qs, v0, r):
+    """Speeds (T, N+1, 3), Darboux quaternions (T, N+1, 4) and strains (T, N, 3) of all times."""
+    steps, n = qs.shape[0], qs.shape[1]
+    v, p = np.zeros((steps, n + 1, 3)), np.zeros((steps, n + 1, 4))
+    strain = np.zeros((steps, n, 3))
+    set_speeds(drive.time, xs, v0, v)
+    for t in range(steps):
+        set_bends(rod, drive.clamp[t], qs[t], p[t])
+        set_strains(rod, xs[t], qs[t], r, strain[t])
+    return v, p, strain
+
+
+@helper
+def across(p, d, sign, out):
+    """out += B d, the change of the Darboux vector by a turn d behind (sign 1) or before (-1)."""
+    h, x, y, z = 0.5 * sign * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
+    out[0] += h * d[0] - z * d[1] + y * d[2]
+    out[1] += z * d[0] + h * d[1] - x * d[2]
+    out[2] += -y * d[0] + x * d[1] + h * d[2]
+
+
+@helper
+def across_back(p, m, sign, out):
+    """out += Bᵀ m."""
+    h, x, y, z = 0.5 * sign * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
+    out[0] += h * m[0] + z * m[1] - y * m[2]
+    out[1] += -z * m[0] + h * m[1] + x * m[2]
+    out[2] += y * m[0] - x * m[1] + h * m[2]

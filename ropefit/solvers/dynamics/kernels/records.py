@@ -1,0 +1,99 @@
+"""What the compiled loops of the dynamics work on: ropes, what drives them, and scratch.
+
+The fields of the rod come from the table in `rod/fields.py`, those of a clip from `CLIP`.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import NamedTuple
+
+import numpy as np
+
+from ropefit.rod.fields import MOVING_ROD, Field, names
+from ropefit.solvers.kernels.jit import helper
+
+# Derivatives in what moves one clip of T times.
+CLIP = (
+    Field("ends", ("T", 2, 3), "m", "places of the ends"),
+    Field("clamp", ("T", 2, 3), "rad", "turns of the clamps about their own axes"),
+    Field("x0", ("N+1", 3), "m", "nodes at the start"),
+    Field("v0", ("N+1", 3), "m/s", "their velocities"),
+    Field("q0", ("N", 3), "rad", "turns of the frames at the start about their own directors"),
+)
+
+# One rope, or R ropes with one dimension more; rest is the whole quaternion (N+1, 4). gauge [N m]
+# holds the spin of a rope that is free to spin, see `equilibrium/kernels/hessian.py`.
+Rod = namedtuple("Rod", [*names(MOVING_ROD), "gauge"])
+# Changes of a rope and of what moves it, or gradients in them; rest its vector part.
+Change = namedtuple("Change", names((*MOVING_ROD, *CLIP)))
+
+
+class Drive(NamedTuple):
+    """What moves one clip of T times, or C clips: time (T,) [s], ends (T, 2, 3) [m], clamp
+    (T, 2, 4); held (2,) whether each end's position is given."""
+
+    time: np.ndarray
+    ends: np.ndarray
+    clamp: np.ndarray
+    held: np.ndarray
+
+
+class Work(NamedTuple):
+    """Scratch of one step."""
+
+    frame: np.ndarray  # R (N, 3, 3)
+    u: np.ndarray  # force in the segment's own frame
+    g: np.ndarray  # edge in it
+    yields: np.ndarray  # l dΓ/du
+    x: np.ndarray
+    y: np.ndarray  # nodes without the forces in the segments
+    inverse_mass: np.ndarray  # W (N+1,): x = y + W (n_k - n_{k-1})
+    p: np.ndarray  # (N+1, 4)
+    m: np.ndarray  # moment of each bend
+    firm: np.ndarray  # its stiffness in this step
+    pivot: np.ndarray  # (N, 6, 6) inverses
+    off: np.ndarray  # (N, 3, 3)
+    right: np.ndarray  # (N, 6)
+    old_x: np.ndarray  # what D[x], D[v], D[p], D[Γ] take from the past
+    old_v: np.ndarray
+    old_p: np.ndarray
+    old_strain: np.ndarray
+
+
+@helper
+def make_work(n):
+    """Return scratch for n segments."""
+    return Work(
+        np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)),
+        np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1), np.zeros((n + 1, 4)),
+        np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n, 6, 6)), np.zeros((n, 3, 3)),
+        np.zeros((n, 6)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
+        np.zeros((n, 3)),
+    )  # fmt: skip
+
+
+@helper
+def rod_of(rods, k):
+    """Return rope k of R."""
+    return Rod(
+        rods.length[k], rods.supple[k], rods.stiff[k], rods.rest[k], rods.load[k],
+        rods.viscous[k], rods.loss[k], rods.mass[k], rods.air[k],
+        rods.gauge[k],
+    )  # fmt: skip
+
+
+@helper
+def drive_of(drives, k):
+    """Return how clip k of C is driven."""
+    return Drive(drives.time[k], drives.ends[k], drives.clamp[k], drives.held)
+
+
+@helper
+def change_of(c, k, of):
+    """Return the change of clip k that shows rope `of`."""
+    return Change(
+        c.length[of], c.supple[of], c.stiff[of], c.rest[of], c.load[of],
+        c.viscous[of], c.loss[of], c.mass[of], c.air[of], c.ends[k], c.clamp[k],
+        c.x0[k], c.v0[k], c.q0[k],
+    )  # fmt: skip

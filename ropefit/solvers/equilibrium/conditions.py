@@ -1,0 +1,79 @@
+"""What holds a rope in each frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+
+class Sliders(NamedTuple):
+    """B friction elements (Prandtl) at every bend element of F frames.
+
+    Each is a spring between the vector part of the element's Darboux quaternion, about the first
+    two directors, and centre (F, B, N+1, 2); of stiffness drag (F, B, N+1) [N m], with a force that
+    no longer grows where it is longer than slip (F, B, N+1).
+    """
+
+    drag: np.ndarray
+    centre: np.ndarray
+    slip: np.ndarray
+
+    def frames(self, index: np.ndarray) -> Sliders:
+        """Return those of some of the frames."""
+        return Sliders(*(item[index] for item in self))
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What holds the rope in F frames.
+
+    ends (F, 2, 3) [m] and clamp (F, 2, 4), NaN where not held. More supports: node (S,),
+    direction (F, S, 3), offset (F, S) [m], compliance (F, S) [m/N], active (F, S): the force λ on
+    the node along the direction obeys direction · x + compliance λ = offset.
+    sliders: what the past of a rope that remembers has left in it.
+    """
+
+    ends: Tensor
+    clamp: Tensor
+    node: np.ndarray | None = None
+    direction: Tensor | None = None
+    offset: Tensor | None = None
+    compliance: Tensor | None = None
+    active: np.ndarray | None = None
+    sliders: Sliders | None = None
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing holds node 0."""
+        return bool(torch.isnan(self.ends[:, 0]).any())
+
+    @property
+    def far_held(self) -> bool:
+        """Whether the far end's place is given."""
+        return not bool(torch.isnan(self.ends[:, 1]).any())
+
+    @property
+    def far_supports(self) -> int:
+        """Return how many supports hold the far end: 3, or 0 where it is free. They come first."""
+        return 3 if self.far_held else 0
+
+    @property
+    def supports(self) -> int:
+        """Return S, the far end's included."""
+        return self.far_supports + (0 if self.node is None else len(self.node))
+
+    def frames(self, index: Tensor | np.ndarray) -> Conditions:
+        """Return the conditions of some of the frames."""
+        index = torch.as_tensor(index)
+        few = {
+            name: value[index]
+            for name in ("ends", "clamp", "direction", "offset", "compliance")
+            if (value := getattr(self, name)) is not None
+        }
+        active = None if self.active is None else self.active[index.numpy()]
+        past = None if self.sliders is None else self.sliders.frames(index.numpy())
+        return replace(self, active=active, sliders=past, **few)

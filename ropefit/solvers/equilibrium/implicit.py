@@ -1,0 +1,186 @@
+"""Derivatives of equilibria by the implicit function theorem: one more linear solve, no iteration.
+
+`settle` makes the states a differentiable function in torch (adjoint); `tangent` gives forward
+derivatives in chosen directions, for least squares.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from ropefit.rod.fields import ROD, names, shapes, zeros
+from ropefit.rod.rod import Rod
+from ropefit.solvers.arrays import as_numpy, in_threads
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.kernels.entries import adjoint_ropes, tangent_ropes
+from ropefit.solvers.equilibrium.kernels.records import HELD_GRADIENT, Change, Pull
+from ropefit.solvers.equilibrium.problem import Problem, cut
+from ropefit.solvers.equilibrium.solution import Solution, States
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.shapes import check_shapes
+from ropefit.solvers.xpbd.reference import State
+
+
+def settle(
+    rod: Rod,
+    conditions: Conditions,
+    start: States | None = None,
+    member: np.ndarray | None = None,
+) -> tuple[State, Solution]:
+    """Solve, as a differentiable function: x (F, N+1, 3) [m] and q (F, N, 4), and how it went.
+
+    Gradients reach every tensor of the rod and of the conditions, at the price of one more linear
+    solve. Frames that did not converge are NaN.
+    """
+    solution = solve(rod, conditions, start, member)
+    return settled(solution), solution
+
+
+def settled(solution: Solution) -> State:
+    """Return a solution's states as a differentiable function of its own rod and conditions."""
+    c = solution.conditions
+    inputs = [*solution.rod, c.ends, c.clamp, c.direction, c.offset, c.compliance]
+    far = c.far_supports
+    x, q = _Settle.apply(solution, far, *inputs)  # type: ignore[misc]
+    if not solution.converged.all():
+        bad = torch.from_numpy(~solution.converged)[:, None, None]
+        x, q = torch.where(bad, torch.nan, x), torch.where(bad, torch.nan, q)
+    return State(x, q)
+
+
+class _Settle(torch.autograd.Function):
+    """(rod, conditions) -> x, q of a solution already found; backward is one adjoint solve."""
+
+    @staticmethod
+    def forward(ctx, solution, far, *inputs):
+        ctx.solution, ctx.far = solution, far
+        ctx.shapes = [None if t is None else t.shape for t in inputs]
+        return torch.from_numpy(solution.x.copy()), torch.from_numpy(solution.q.copy())
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, *grads):
+        problem, far = ctx.solution.problem, ctx.far
+        g = _adjoint(ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
+        ropes = len(problem.rods.length)
+        summed = [_sum_of_ropes(getattr(g, name), problem.of, ropes) for name in names(ROD)]
+        ends = np.zeros((len(g.anchor), 2, 3))
+        ends[:, 0] = g.anchor
+        if far:
+            ends[:, 1] = g.offset[:, :3]
+        # A turn δ about the clamp's own axes is 2 Im(q* dq).
+        w, v = problem.held.clamp[..., :1], problem.held.clamp[..., 1:]
+        clamp = 2 * np.concatenate(
+            [-(v * g.clamp).sum(-1, keepdims=True), w * g.clamp + np.cross(v, g.clamp)], axis=-1
+        )
+        rest = [ends, clamp, g.direction[:, far:], g.offset[:, far:], g.compliance[:, far:]]
+        out = [
+            None if shape is None else torch.from_numpy(item.copy()).reshape(shape)
+            for shape, item in zip(ctx.shapes, [*summed, *rest], strict=True)
+        ]
+        return None, None, *out
+
+
+def _sum_of_ropes(item: np.ndarray, of: np.ndarray, ropes: int) -> np.ndarray:
+    """(R, ...) sums of an array (F, ...) over the frames that show each rope."""
+    if ropes == 1:
+        return item.sum(axis=0, keepdims=True)
+    total = np.zeros((ropes, *item.shape[1:]))
+    np.add.at(total, of, item)
+    return total
+
+
+def _adjoint(s: Solution, gx: np.ndarray, gq: np.ndarray) -> Pull:
+    """Return the gradients of each frame from those in its nodes and frames."""
+    problem, (frames, segments) = s.problem, s.q.shape[:2]
+    check_shapes(gx=(gx, (frames, segments + 1, 3)), gq=(gq, (frames, segments, 4)))
+    supports = problem.held.node.size
+    pulls = Pull(**zeros((*ROD, *HELD_GRADIENT), (frames,), segments, S=supports))
+
+    def work(index: slice) -> None:
+        adjoint_ropes(
+            *cut(problem, index), s.q[index], s.reaction[index], s.base[index], gx[index],
+            gq[index], Pull(*(item[index] for item in pulls)),
+        )  # fmt: skip
+
+    in_threads(work, frames)
+    return pulls
+
+
+class Directions(NamedTuple):
+    """P directions of change for `tangent`; what is None does not change.
+
+    Of R ropes: the fields of `rod.fields.ROD`, with a dimension of P between that of the ropes and
+    their own: length (R, P, N), moment (R, P, 2, 3). Of F frames: ends (F, P, 2, 3) [m], clamp
+    (F, P, 2, 3) as a turn [rad] about the clamp's own axes, offset (F, P, S) of the supports given
+    with the conditions.
+    """
+
+    length: np.ndarray | None = None
+    supple: np.ndarray | None = None
+    stiff: np.ndarray | None = None
+    rest: np.ndarray | None = None
+    load: np.ndarray | None = None
+    moment: np.ndarray | None = None
+    ends: np.ndarray | None = None
+    clamp: np.ndarray | None = None
+    offset: np.ndarray | None = None
+
+
+def tangent(solution: Solution, directions: Directions) -> tuple[np.ndarray, np.ndarray]:
+    """Return derivatives of a solution's states for a unit step in each of P directions: dx
+    (F, P, N+1, 3) [m] and turns of the frames (F, P, N, 3) [rad], about their own directors.
+
+    Directions of F ropes may be given for the one rope of a solution's F frames. Raises ShapeError
+    where a direction is not of the solution's shape.
+    """
+    frames, segments = solution.q.shape[:2]
+    problem = solution.problem
+    given = [item for name in names(ROD) if (item := getattr(directions, name)) is not None]
+    if any(len(item) not in (1, len(problem.rods.length)) for item in given):
+        problem = _one_rope_each(problem)
+    count, ropes = problem.held.node.size, len(problem.rods.length)
+    many = next(item.shape[1] for item in directions if item is not None)
+    change = Change(**{
+        # A copy: compiled code tells writable arrays from others.
+        name: _or_zero(getattr(directions, name), (ropes, many, *shape))
+        for name, shape in shapes(ROD, segments).items()
+    })  # fmt: skip
+    ends = _or_zero(directions.ends, (frames, many, 2, 3))
+    clamp = _or_zero(directions.clamp, (frames, many, 2, 3))
+    offset = np.zeros((frames, many, count))
+    far = solution.conditions.far_supports
+    if far:
+        offset[:, :, :3] = ends[:, :, 1]
+    if directions.offset is not None:
+        offset[:, :, far:] = directions.offset
+    anchor = np.ascontiguousarray(ends[:, :, 0])
+    dx = np.zeros((frames, many, segments + 1, 3))
+    turn = np.zeros((frames, many, segments, 3))
+
+    def work(index: slice) -> None:
+        s = solution
+        tangent_ropes(
+            *cut(problem, index), s.q[index], s.reaction[index], s.base[index], change,
+            clamp[index], anchor[index], offset[index], dx[index], turn[index],
+        )  # fmt: skip
+
+    in_threads(work, frames)
+    return dx, turn
+
+
+def _one_rope_each(problem: Problem) -> Problem:
+    """Return the problem with a row of the rods' arrays for every frame."""
+    rods, of, held = problem
+    own = (np.ascontiguousarray(array[of]) for array in rods)
+    return Problem(rods._make(own), np.arange(len(of)), held)
+
+
+def _or_zero(given: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a copy of what is given, spread to a shape; zeros where nothing is."""
+    if given is None:
+        return np.zeros(shape)
+    return np.array(np.broadcast_to(given, shape), dtype=np.float64)

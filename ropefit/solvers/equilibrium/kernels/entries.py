@@ -1,0 +1,127 @@
+"""Entry points of the compiled equilibrium: F frames, one after the other.
+
+rods: `Rod` of R ropes; of (F,): which of them each frame shows; held: `Held` of F frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ropefit.rod import fields
+from ropefit.solvers import status as statuses
+from ropefit.solvers.equilibrium.kernels.adjoint import adjoint_rope
+from ropefit.solvers.equilibrium.kernels.catenary import frames_of, hang
+from ropefit.solvers.equilibrium.kernels.newton import solve_rope
+from ropefit.solvers.equilibrium.kernels.records import (
+    change_of,
+    held_in,
+    make_work,
+    pull_in,
+    rod_of,
+)
+from ropefit.solvers.equilibrium.kernels.stability import smallest_eigenvalue
+from ropefit.solvers.equilibrium.kernels.state import set_state
+from ropefit.solvers.equilibrium.kernels.tangent import tangent_rope
+from ropefit.solvers.kernels.jit import SHARED, exact_kernel, kernel, source_key
+from ropefit.solvers.kernels.rotations import director
+
+
+def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
+    """Return the entry points; `sources`, a hash of all they call, is part of the cache's key."""
+
+    @kernel
+    def solve_ropes(
+        rods, of, held, q, lam, x0, tolerance, limit, status, iterations, residual, x, force
+    ):
+        """Find the equilibria from q (F, N, 4), lam (F, S), x0 (F, 3), changed in place.
+
+        x (F, N+1, 3) [m], force (F, N, 3) [N], status, iterations, residual (F,) are written.
+        """
+        assert sources != 0
+        n, count = q.shape[1], lam.shape[1]
+        w = make_work(n, count, 1)
+        for t in range(q.shape[0]):
+            rod, here = rod_of(rods, of[t]), held_in(held, t)
+            status[t], iterations[t], residual[t] = solve_rope(
+                rod, here, q[t], lam[t], x0[t], tolerance, limit, w
+            )
+            set_state(rod, here, q[t], lam[t], x0[t], w)
+            x[t] = w.x
+            force[t] = w.force
+
+    @kernel
+    def tangent_ropes(rods, of, held, q, lam, x0, changes, clamp, anchor, offset, dx, turn):
+        """Find the derivatives dx (F, P, N+1, 3), turn (F, P, N, 3) of solutions.
+
+        changes: `Change` with arrays (R, P, ...); clamp (F, P, 2, 3), anchor (F, P, 3),
+        offset (F, P, S).
+        """
+        assert sources != 0
+        n, count, many = q.shape[1], lam.shape[1], clamp.shape[1]
+        w = make_work(n, count, many)
+        schur = np.empty((count + 3, count + 3))
+        for t in range(q.shape[0]):
+            tangent_rope(
+                rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t],
+                change_of(changes, of[t]), clamp[t], anchor[t], offset[t], w, schur, dx[t], turn[t],
+            )  # fmt: skip
+
+    @kernel
+    def adjoint_ropes(rods, of, held, q, lam, x0, gx, gq, pulls):
+        """Pull gradients gx (F, N+1, 3), gq (F, N, 4) back into `pulls`, a `Pull` of F frames."""
+        assert sources != 0
+        n, count = q.shape[1], lam.shape[1]
+        w = make_work(n, count, 1)
+        schur = np.empty((count + 3, count + 3))
+        for t in range(q.shape[0]):
+            adjoint_rope(
+                rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], gx[t], gq[t], w, schur,
+                pull_in(pulls, t),
+            )  # fmt: skip
+
+    @kernel
+    def stability_ropes(rods, of, held, q, lam, x0, eigenvalue):
+        """Find the smallest eigenvalue (F,) [N] of each energy, see `smallest_eigenvalue`."""
+        assert sources != 0
+        n, count = q.shape[1], lam.shape[1]
+        w = make_work(n, count, 1)
+        schur = np.empty((count + 3, count + 3))
+        for t in range(q.shape[0]):
+            eigenvalue[t] = smallest_eigenvalue(
+                rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], w, schur
+            )
+
+    @exact_kernel
+    def hang_rope(arc, gravity, ends, tangents, shape):
+        """Write the shape (K, 3) of one hanging rope, see `hang`."""
+        assert sources != 0
+        hang(arc, gravity, ends, tangents, shape)
+
+    @exact_kernel
+    def start_ropes(arc, of, gravity, ends, clamp, turns, q, x, pull):
+        """Find starts of F ropes: nodes x (F, K, 3) and frames q (F, K-1, 4).
+
+        arc (R, K) [m] of rope of[t]; gravity (R, 3), of any size; ends (F, 2, 3), clamp
+        (F, 2, 4), NaN where not held; turns (F,) whole turns of twist. pull (F,) [m]: horizontal
+        tension over the weight per length.
+        """
+        assert sources != 0
+        tangents = np.empty((2, 3))
+        for t in range(q.shape[0]):
+            for end in range(2):
+                director(clamp[t, end], tangents[end])
+            pull[t] = hang(arc[of[t]], gravity[of[t]], ends[t], tangents, x[t])
+            frames_of(x[t], arc[of[t]], clamp[t], turns[t], q[t])
+
+    return solve_ropes, tangent_ropes, adjoint_ropes, stability_ropes, hang_rope, start_ropes
+
+
+# The records and what a status means are compiled in as well.
+SOURCES = (Path(__file__).parent, SHARED, Path(fields.__file__), Path(statuses.__file__))
+solve_ropes, tangent_ropes, adjoint_ropes, stability_ropes, hang_rope, start_ropes = _entries(
+    source_key(*SOURCES)
+)

@@ -1,0 +1,249 @@
+"""Newton's method from a start to a stable equilibrium of one rope."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
+    factor_system,
+    solve_border,
+    solve_columns,
+)
+from ropefit.solvers.equilibrium.kernels.hessian import assemble, set_corner
+from ropefit.solvers.equilibrium.kernels.merit import curvature_along, end_work, merit
+from ropefit.solvers.equilibrium.kernels.state import set_state, violations
+from ropefit.solvers.kernels.jit import helper, inlined
+from ropefit.solvers.kernels.rotations import turn_by
+from ropefit.solvers.status import Status
+
+CONVERGED, LIMIT, STUCK = int(Status.CONVERGED), int(Status.LIMIT), int(Status.STUCK)
+NOT_FINITE, UNSTABLE = int(Status.NOT_FINITE), int(Status.UNSTABLE)
+TURN_LIMIT = 1.2  # rad: largest turn of a segment in one step
+REACH = 1e-5  # rad: a last full step below it leaves an error of its square
+# Of the largest entry of the Hessian: what a rope is indifferent to (a buckled strut may turn about
+# the line through its ends) has an eigenvalue of either sign in rounding.
+NEUTRAL = 1e-9
+NEAR = 1e-3  # of the largest moment: a residual below it may be that of such a state
+
+
+@helper
+def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
+    """Newton from q, λ, x_0 (changed in place).
+
+    Returns status, iterations, residual. The step is that of sequential quadratic programming: the
+    Hessian is shifted until the energy is convex along the supports, and the step shortened until
+    the augmented Lagrangian decreases.
+    """
+    n, count = rod.length.shape[0], held.node.shape[0]
+    whole = 0.0
+    for i in range(n):
+        whole += rod.length[i]
+    trial_q, trial_x = np.empty((n, 4)), np.empty(3)
+    schur = np.empty((count + 3, count + 3))
+    right = np.empty((count + 3, 1))
+    next_lam = np.empty(count)
+    turn = np.empty((n, 3))
+    gaps = np.empty(count + 3)
+    shift, last_step, kicks = 0.0, np.inf, 0
+    worst, known, energy = np.inf, False, 0.0
+    for iteration in range(limit):
+        if not known:
+            energy = set_state(rod, held, q, lam, x0, w)
+        known = False
+        worst = _imbalance(rod, held, lam, whole, w)
+        if not math.isfinite(worst):
+            return NOT_FINITE, iteration, worst
+        set_corner(rod, held, w)
+        descent, used, size = _factor_near(rod, held, worst, w, schur)
+        if worst < tolerance and (last_step < REACH or worst < 1e-3 * tolerance):
+            if descent <= 0:
+                return CONVERGED, iteration, worst
+            if kicks == 3:
+                return UNSTABLE, iteration, worst
+            kicks += 1
+            last_step = np.inf
+            _kick(rod, held, q, w, schur)
+            continue
+        if descent > 0:
+            used = _make_convex(rod, held, used, size, shift, w, schur)
+            shift = 0.0 if worst < NEAR else used
+        if not _solve_saddle(w, right, schur):
+            return STUCK, iteration, worst
+        largest, size = _turns(w, right, turn)
+        if not math.isfinite(largest):
+            return NOT_FINITE, iteration, worst
+        curvature = curvature_along(w, turn, used)
+        for s in range(count):
+            next_lam[s] = lam[s] + right[s, 0]
+        share = 1.0 if largest < TURN_LIMIT else TURN_LIMIT / largest
+        if largest < 1e-3 and used <= NEUTRAL * size:
+            _step(held, q, lam, x0, turn, right, share)
+            last_step = largest
+            continue
+        start, slope, weight, noise = merit(held, energy, curvature, whole, right, gaps, w)
+        push = end_work(rod, turn, w)
+        accepted = False
+        for _ in range(40):
+            for i in range(n):
+                turn_by(q[i], turn[i], share, trial_q[i])
+            for a in range(3):
+                trial_x[a] = x0[a] + share * right[count + a, 0]
+            value = set_state(rod, held, trial_q, next_lam, trial_x, w) - share * push
+            square = violations(rod, held, next_lam, w, gaps)
+            value += 0.5 * weight * square
+            if value <= start + 1e-4 * share * min(slope, 0.0) + noise:
+                accepted = True
+                break
+            share *= 0.5
+        if not accepted:
+            if used > NEUTRAL * size and shift < 1e12:
+                shift = 16 * used
+                continue
+            return STUCK, iteration, worst
+        last_step = largest if share == 1.0 and used <= NEUTRAL * size else np.inf
+        q[:], x0[:] = trial_q, trial_x
+        for s in range(count):
+            lam[s] += share * right[s, 0]
+        if share == 1.0:  # the last state tried is the next one
+            known, energy = True, value + share * push - 0.5 * weight * square
+    return LIMIT, limit, worst
+
+
+@inlined
+def _imbalance(rod, held, lam, whole, w):
+    """Assemble the system; returns how far the state is from balance: the largest of moments,
+    supports and, where nothing holds node 0, the total force, each relative to its own scale."""
+    scale, residual = assemble(rod, held, lam, w)
+    gap = math.sqrt(violations(rod, held, lam, w, w.rest))
+    push, bear = 0.0, 0.0
+    if held.free:
+        count = held.node.shape[0]
+        for a in range(3):
+            push = max(push, abs(w.rest[count + a]))
+        for k in range(rod.load.shape[0]):
+            bear += abs(rod.load[k, 0]) + abs(rod.load[k, 1]) + abs(rod.load[k, 2])
+    return max(residual / max(scale, 1e-300), gap / whole, push / max(bear, 1e-300))
+
+
+@inlined
+def _factor_near(rod, held, worst, w, schur):
+    """Factor and solve; near an equilibrium what is neutral may have either sign in rounding.
+
+    Returns how many directions of descent are left, what was added to the diagonal, and the
+    diagonal's largest entry (0 where no direction descends).
+    """
+    descent = factor_system(rod, held, w, 0.0, 0.0, schur)
+    used, size = 0.0, 0.0
+    if descent > 0:
+        size = _largest_entry(w)
+        if worst < NEAR:
+            used = NEUTRAL * size
+            descent = factor_system(rod, held, w, used, 0.0, schur)
+    return descent, used, size
+
+
+@helper
+def _largest_entry(w):
+    """Return the largest entry [N m] on the Hessian's diagonal."""
+    size = 0.0
+    for i in range(w.diagonal.shape[0]):
+        for a in range(3):
+            size = max(size, abs(w.diagonal[i, a, a]))
+    return size
+
+
+@inlined
+def _make_convex(rod, held, used, size, shift, w, schur):
+    """Shift the Hessian until the energy is convex along the supports; returns the shift."""
+    # Near an equilibrium no more than needed, or what costs next to nothing to turn would
+    # be turned slowly.
+    used = 16 * used if used > 0 and shift == 0 else max(1e-4 * size, shift / 4)
+    tries = 0
+    while factor_system(rod, held, w, used, 0.0, schur) > 0 and tries < 20:
+        used *= 4
+        tries += 1
+    return used
+
+
+@inlined
+def _solve_saddle(w, right, schur):
+    """Write the changes of λ and x_0 into right (S + 3, 1); returns False when singular."""
+    count = right.shape[0] - 3
+    for s in range(count + 3):
+        total = -w.rest[s]
+        if s < count:
+            for i in range(w.border.shape[0]):
+                for a in range(3):
+                    total += w.border[i, a, s] * w.solved[i, a, count]
+        right[s, 0] = total
+    return solve_border(schur, right)
+
+
+@inlined
+def _turns(w, right, turn):
+    """Write the turns of the segments (N, 3); returns the largest, and the last one's square."""
+    count = right.shape[0] - 3
+    largest, size = 0.0, 0.0
+    for i in range(turn.shape[0]):
+        for a in range(3):
+            t = -w.solved[i, a, count]
+            for s in range(count):
+                t -= w.solved[i, a, s] * right[s, 0]
+            turn[i, a] = t
+        size = turn[i, 0] ** 2 + turn[i, 1] ** 2 + turn[i, 2] ** 2
+        largest = max(largest, size)
+    return math.sqrt(largest), size
+
+
+@helper
+def _step(held, q, lam, x0, turn, right, share):
+    """Move the state along a step."""
+    count = held.node.shape[0]
+    for i in range(q.shape[0]):
+        turn_by(q[i], turn[i], share, q[i])
+    for s in range(count):
+        lam[s] += share * right[s, 0]
+    for a in range(3):
+        if held.free:
+            x0[a] += share * right[count + a, 0]
+
+
+@helper
+def _kick(rod, held, q, w, schur):
+    """Leave an unstable equilibrium along its steepest descent: inverse iteration on the Hessian,
+    shifted just so far that it is convex."""
+    n, count = rod.length.shape[0], held.node.shape[0]
+    size = _largest_entry(w)
+    mass = 1e-8 * size / rod.length[0]
+    while factor_system(rod, held, w, 0.0, mass, schur) > 0 and mass < 1e6 * size / rod.length[0]:
+        mass *= 2
+    vector = np.empty((n, 3))
+    for i in range(n):
+        for a in range(3):
+            vector[i, a] = math.sin(1.7 * i + 2.3 * a + 0.5)
+    right = np.empty((count + 3, 1))
+    for _ in range(12):
+        for i in range(n):
+            for a in range(3):
+                w.border[i, a, count] = rod.length[i] * vector[i, a]
+        solve_columns(w, count + 1, False)
+        for s in range(count + 3):
+            right[s, 0] = 0.0
+            if s < count:
+                for i in range(n):
+                    for a in range(3):
+                        right[s, 0] -= w.border[i, a, s] * w.solved[i, a, count]
+        solve_border(schur, right)
+        largest = 0.0
+        for i in range(n):
+            for a in range(3):
+                t = w.solved[i, a, count]
+                for s in range(count):
+                    t -= w.solved[i, a, s] * right[s, 0]
+                vector[i, a] = t
+                largest = max(largest, abs(t))
+        vector /= largest
+    for i in range(n):
+        turn_by(q[i], vector[i], 0.1, q[i])

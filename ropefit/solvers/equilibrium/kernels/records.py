@@ -1,0 +1,113 @@
+"""What the compiled loops of the equilibrium work on: a rope, what holds it, and scratch.
+
+The fields of the rod come from the table in `rod/fields.py`, those of the conditions from `HELD`.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import NamedTuple
+
+import numpy as np
+
+from ropefit.rod.fields import ROD, Field, names
+from ropefit.solvers.kernels.jit import helper
+
+# What holds a rope in one frame: S supports, B friction elements.
+HELD = (
+    Field("clamp", (2, 4), "1", "frames of the clamps"),
+    Field("direction", ("S", 3), "1", "of each support"),
+    Field("offset", ("S",), "m", "direction · x + compliance λ = offset"),
+    Field("compliance", ("S",), "m/N", "of each support"),
+    Field("active", ("S",), "", "which supports are there"),
+    Field("drag", ("B", "N+1"), "N m", "stiffness of the friction elements"),
+    Field("centre", ("B", "N+1", 2), "1", "where they are unloaded"),
+    Field("slip", ("B", "N+1"), "1", "length beyond which they slip"),
+)
+# Derivatives in a frame's conditions, besides those in `ROD`.
+HELD_GRADIENT = (
+    Field("clamp", (2, 3), "rad", "turn about the clamp's own axes"),
+    Field("anchor", (3,), "m", "place of node 0"),
+    *(field for field in HELD if field.name in ("offset", "direction", "compliance")),
+)
+
+# One rope, or R ropes with one dimension more; rest is the whole quaternion (N+1, 4). gauge [N m]
+# holds the spin of a rope that is free to spin, see `hessian.assemble`.
+Rod = namedtuple("Rod", [*names(ROD), "gauge"])
+# P directions in which a rope changes, every field (P, ...); rest its vector part.
+Change = namedtuple("Change", names(ROD))
+# Gradients of a loss in everything that decides one frame, or F frames.
+Pull = namedtuple("Pull", names((*ROD, *HELD_GRADIENT)))
+# One frame's conditions, or those of F frames: node (S,) of each support, common to all; free:
+# whether nothing holds node 0.
+Held = namedtuple("Held", ["node", "free", *names(HELD)])
+
+
+class Work(NamedTuple):
+    """Scratch of one rope. border (N, 3, S + 1): columns of the supports, last the residual."""
+
+    force: np.ndarray  # n, world
+    u: np.ndarray
+    g: np.ndarray
+    frame: np.ndarray  # R (N, 3, 3)
+    x: np.ndarray
+    p: np.ndarray  # Darboux quaternion of each bend element
+    m: np.ndarray  # its moment
+    k: np.ndarray  # its stiffness, with the friction elements
+    coupling: np.ndarray  # its stiffness between bending about the first and the second director
+    diagonal: np.ndarray
+    off: np.ndarray
+    inverse: np.ndarray
+    border: np.ndarray
+    solved: np.ndarray
+    corner: np.ndarray  # second derivative of L in (λ, x_0)
+    rest: np.ndarray  # residual of the supports and of the total force
+
+
+@helper
+def make_work(n, s, extra):
+    """Return scratch for n segments, s supports and `extra` right hand sides."""
+    return Work(
+        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)),
+        np.zeros((n + 1, 3)), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
+        np.zeros(n + 1), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)),
+        np.zeros((n, 3, s + extra)), np.zeros((n, 3, s + extra)), np.zeros((s + 3, s + 3)),
+        np.zeros(s + 3),
+    )  # fmt: skip
+
+
+@helper
+def rod_of(rods, k):
+    """Return rope k of R."""
+    return Rod(
+        rods.length[k], rods.supple[k], rods.stiff[k], rods.rest[k], rods.load[k],
+        rods.moment[k], rods.gauge[k],
+    )  # fmt: skip
+
+
+@helper
+def change_of(changes, k):
+    """Return the directions of rope k of R."""
+    return Change(
+        changes.length[k], changes.supple[k], changes.stiff[k], changes.rest[k],
+        changes.load[k], changes.moment[k],
+    )  # fmt: skip
+
+
+@helper
+def held_in(held, t):
+    """Return the conditions of frame t of F."""
+    return Held(
+        held.node, held.free, held.clamp[t], held.direction[t], held.offset[t],
+        held.compliance[t], held.active[t], held.drag[t], held.centre[t], held.slip[t],
+    )  # fmt: skip
+
+
+@helper
+def pull_in(pulls, t):
+    """Return the gradients of frame t of F."""
+    return Pull(
+        pulls.length[t], pulls.supple[t], pulls.stiff[t], pulls.rest[t], pulls.load[t],
+        pulls.moment[t], pulls.clamp[t], pulls.anchor[t], pulls.direction[t], pulls.offset[t],
+        pulls.compliance[t],
+    )  # fmt: skip

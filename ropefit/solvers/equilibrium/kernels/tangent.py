@@ -1,0 +1,177 @@
+"""First-order changes of an equilibrium in given directions: one more linear solve each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
+    factor,
+    set_schur,
+    solve_border,
+    solve_columns,
+)
+from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
+from ropefit.solvers.equilibrium.kernels.state import set_state
+from ropefit.solvers.kernels.jit import helper, inlined
+
+
+@helper
+def _turn_moments(p, dm, n, j, res, c):
+    """Add the residual of the turns beside element j when its moment changes by dm."""
+    h, x, y, z = 0.5 * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
+    c0, c1, c2 = y * dm[2] - z * dm[1], z * dm[0] - x * dm[2], x * dm[1] - y * dm[0]
+    if j < n:
+        res[j, 0, c] += h * dm[0] - c0
+        res[j, 1, c] += h * dm[1] - c1
+        res[j, 2, c] += h * dm[2] - c2
+    if j > 0:
+        res[j - 1, 0, c] += -h * dm[0] - c0
+        res[j - 1, 1, c] += -h * dm[1] - c1
+        res[j - 1, 2, c] += -h * dm[2] - c2
+
+
+@helper
+def _add_clamps(rod, held, w, turns, res, c):
+    """Add the residual when the clamps turn by turns (2, 3) [rad]."""
+    n = rod.length.shape[0]
+    block = np.empty((3, 3))
+    for end in range(2):
+        j = 0 if end == 0 else n
+        k = rod.stiff[j]
+        if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
+            continue
+        cross(w, j, block)
+        for a in range(3):
+            for b in range(3):
+                if end == 0:
+                    res[0, a, c] += block[b, a] * turns[0, b]
+                else:
+                    res[n - 1, a, c] += block[a, b] * turns[1, b]
+
+
+@helper
+def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur, dx, turn):
+    """Write the first-order change of the nodes dx (P, N+1, 3) and of the frames turn (P, N, 3)."""
+    n, count, many = rod.length.shape[0], held.node.shape[0], change.length.shape[0]
+    set_state(rod, held, q, lam, x0, w)
+    assemble(rod, held, lam, w)
+    set_corner(rod, held, w)
+    b = w.border
+    b[:, :, count:] = 0.0
+    right, dm = np.zeros((count + 3, many)), np.empty(3)
+    for c in range(many):
+        _add_bends(rod, change, w, c, b, count + c, dm)
+        _add_clamps(rod, held, w, clamp[c], b, count + c)
+        _add_segments(rod, change, w, c, b, count + c, dx[c])
+        _add_conditions(held, change, anchor, offset, c, dx[c], right)
+    factor(w, 0.0, 0.0, rod.length)
+    solve_columns(w, count + many, False)
+    set_schur(w, count, schur)
+    for c in range(many):
+        for s in range(count):
+            for i in range(n):
+                for a in range(3):
+                    right[s, c] += b[i, a, s] * w.solved[i, a, count + c]
+    if not solve_border(schur, right):
+        dx[:] = np.nan
+        return
+    for c in range(many):
+        _add_response(rod, held, w, right, c, dx[c], turn[c])
+
+
+@inlined
+def _add_bends(rod, change, w, c, b, k, dm):
+    """Add the residual in column k when stiffness and rest shape change; dm (3,) is scratch."""
+    n = rod.length.shape[0]
+    for j in range(n + 1):
+        for a in range(3):
+            strain = w.p[j, a + 1] - rod.rest[j, a + 1]
+            dm[a] = change.stiff[c, j, a] * strain - rod.stiff[j, a] * change.rest[c, j, a]
+        _turn_moments(w.p[j], dm, n, j, b, k)
+
+
+@inlined
+def _add_segments(rod, change, w, c, b, k, dx):
+    """Add the residual in column k when loads, lengths, flexibilities and end moments change; write
+    the change of each edge, its frame held, into dx (N+1, 3)."""
+    n = rod.length.shape[0]
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for i in range(n - 1, -1, -1):
+        f0 += change.load[c, i + 1, 0]
+        f1 += change.load[c, i + 1, 1]
+        f2 += change.load[c, i + 1, 2]
+        r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+        v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2
+        v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2
+        v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2
+        e0, e1 = l * rod.supple[i, 0] * v0, l * rod.supple[i, 1] * v1
+        e2 = l * rod.supple[i, 2] * v2
+        dl = change.length[c, i] / l
+        h0 = e0 + dl * g[0] + l * change.supple[c, i, 0] * u[0]
+        h1 = e1 + dl * g[1] + l * change.supple[c, i, 1] * u[1]
+        h2 = e2 + dl * g[2] + l * change.supple[c, i, 2] * u[2]
+        b[i, 0, k] -= h1 * u[2] - h2 * u[1] + g[1] * v2 - g[2] * v1
+        b[i, 1, k] -= h2 * u[0] - h0 * u[2] + g[2] * v0 - g[0] * v2
+        b[i, 2, k] -= h0 * u[1] - h1 * u[0] + g[0] * v1 - g[1] * v0
+        for a in range(3):
+            dx[i + 1, a] = r[a, 0] * h0 + r[a, 1] * h1 + r[a, 2] * h2
+    for end in range(2):
+        i = 0 if end == 0 else n - 1
+        r, m = w.frame[i], change.moment[c, end]
+        for a in range(3):
+            b[i, a, k] -= r[0, a] * m[0] + r[1, a] * m[1] + r[2, a] * m[2]
+
+
+@inlined
+def _add_conditions(held, change, anchor, offset, c, dx, right):
+    """Sum the changes of the edges to those of the nodes, and write the supports' residual."""
+    nodes, count = dx.shape[0], held.node.shape[0]
+    for a in range(3):
+        dx[0, a] = 0.0 if held.free else anchor[c, a]
+        for i in range(nodes - 1):
+            dx[i + 1, a] += dx[i, a]
+        if held.free:
+            for i in range(nodes):
+                right[count + a, c] += change.load[c, i, a]
+    for s in range(count):
+        if held.active[s]:
+            d, x = held.direction[s], dx[held.node[s]]
+            right[s, c] = -(offset[c, s] - d[0] * x[0] - d[1] * x[1] - d[2] * x[2])
+
+
+@inlined
+def _add_response(rod, held, w, right, c, dx, turn):
+    """Write the turns (N, 3) of column c, and add what they and the reactions move to dx."""
+    n, count = rod.length.shape[0], held.node.shape[0]
+    s0, s1, s2 = 0.0, 0.0, 0.0
+    if held.free:
+        s0, s1, s2 = right[count, c], right[count + 1, c], right[count + 2, c]
+    for a in range(3):
+        dx[0, a] += (s0, s1, s2)[a]
+    for i in range(n):
+        r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+        f0, f1, f2 = 0.0, 0.0, 0.0
+        t0, t1 = -w.solved[i, 0, count + c], -w.solved[i, 1, count + c]
+        t2 = -w.solved[i, 2, count + c]
+        for s in range(count):
+            y = right[s, c]
+            t0 -= w.solved[i, 0, s] * y
+            t1 -= w.solved[i, 1, s] * y
+            t2 -= w.solved[i, 2, s] * y
+            if held.active[s] and held.node[s] > i:
+                f0 += y * held.direction[s, 0]
+                f1 += y * held.direction[s, 1]
+                f2 += y * held.direction[s, 2]
+        turn[i, 0], turn[i, 1], turn[i, 2] = t0, t1, t2
+        v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2 + u[1] * t2 - u[2] * t1
+        v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2 + u[2] * t0 - u[0] * t2
+        v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2 + u[0] * t1 - u[1] * t0
+        e0 = t1 * g[2] - t2 * g[1] + l * rod.supple[i, 0] * v0
+        e1 = t2 * g[0] - t0 * g[2] + l * rod.supple[i, 1] * v1
+        e2 = t0 * g[1] - t1 * g[0] + l * rod.supple[i, 2] * v2
+        s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
+        s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
+        s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2
+        dx[i + 1, 0] += s0
+        dx[i + 1, 1] += s1
+        dx[i + 1, 2] += s2

@@ -1,0 +1,286 @@
+"""Equilibria under energies of single nodes (contact, tethers): Newton around Newton.
+
+At the present nodes every potential is replaced by its quadratic approximation, whose stiffness
+enters the rod's own Newton as elastic supports; repeated until the nodes stay where they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.rod.rod import Rod
+from ropefit.rod.setup import Potential
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution, States, unsettled
+from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.status import Status
+
+ROUNDS, CORNERED_ROUNDS = 40, 120
+SHARES, SHORTEST = 17, 0.01  # of a step: how many are tried, and the least
+SHRINKS, MORE, LESS, LEAST = 0.7, 2.0, 0.5, 0.1  # moves that do, or not: share of them to go
+NEAR = 1e-4  # of the length: nodes that move less are where potentials may show their own curvature
+LIMIT = 60  # Newton steps of one round
+SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
+STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arrived
+
+
+def force_and_stiffness(
+    potentials: tuple[Potential, ...], x: Tensor, stiff: bool = True
+) -> tuple[Tensor, Tensor]:
+    """-dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3); the second
+    only where it is asked for."""
+    x = x.detach()
+    force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if stiff else 0)
+    for p in potentials:
+        share = p.share.detach()[:, None].expand_as(x[..., :1])
+        if p.cornered:  # friction knows every node's past
+            slope, rows = _slopes(p, x, share, stiff)
+            force -= slope
+            stiffness += rows
+            continue
+        acting = _acting(p, x)
+        slope, rows = _slopes(p, x[acting], share[acting], stiff)
+        force[acting] -= slope
+        if stiff:
+            stiffness[acting] += rows
+    return force, stiffness
+
+
+def _acting(p: Potential, x: Tensor) -> Tensor:
+    """(..., K) nodes that a potential acts on: most ropes touch something with few of them."""
+    acting = (p.share != 0).expand(x.shape[:-1])
+    return acting if p.hardness is None else acting & (p.energy(x).detach() > 0)
+
+
+@torch.enable_grad()  # also where a caller wants no gradients of its own
+def _slopes(p: Potential, x: Tensor, share: Tensor, stiff: bool) -> tuple[Tensor, Tensor]:
+    """First (..., 3) and, if asked for, second derivatives (..., 3, 3) of a potential at nodes of
+    these shares (..., 1)."""
+    x = x.detach().requires_grad_()
+    total = (share[..., 0] * p.energy(x)).sum()
+    (slope,) = torch.autograd.grad(total, x, create_graph=stiff)
+    if not stiff:
+        return slope, x.new_zeros(0)
+    rows = []
+    for a in range(3):
+        row = None
+        if slope.requires_grad:
+            (row,) = torch.autograd.grad(
+                slope[..., a].sum(), x, retain_graph=True, allow_unused=True
+            )
+        rows.append(torch.zeros_like(x) if row is None else row)
+    return slope.detach(), torch.stack(rows, dim=-2).detach()
+
+
+def solve_with_potentials(
+    rod: Rod,
+    conditions: Conditions,
+    potentials: tuple[Potential, ...],
+    start: States | None = None,
+    deepest: float = np.inf,
+) -> Solution:
+    """Return equilibria of F frames of one rope, or of F ropes, with energies of their nodes.
+
+    deepest: of the length; where a node of `start` is deeper than that in what the rope touches,
+    nothing is tried, and all frames are marked.
+
+    The solution's own conditions and rods are those with the supports and loads that stand for the
+    potentials there: derivatives of the states need them. Frames that do not settle are marked.
+    Those that do not at first begin anew from where they would hang alone, and are brought out of
+    the obstacle in steps, while it hardens.
+    """
+    if start is None or (isinstance(start, Solution) and not start.converged.all()):
+        start = solve(rod, conditions)
+    length = float(rod.length.detach().sum(-1).max())
+    if deepest < np.inf and _depth(potentials, start.x) > deepest * length:
+        return unsettled(rod, conditions, start)
+    # A softer obstacle may let the rope through: only where nothing else leads to rest.
+    found = _settle(rod, conditions, potentials, start, STILL * length)
+    late = np.flatnonzero(~found.converged)
+    if not len(late):
+        return found
+    few, ends = rod.frames(late), conditions.frames(late)
+    current: States = solve(few, ends)
+    for share in SOFTER:
+        scaled = tuple(p._replace(share=share * p.share) for p in potentials)
+        current = _settle(few, ends, scaled, current, SOFT_STILL * length)
+    again = found.states
+    again.put(late, current)
+    return _settle(rod, conditions, potentials, again, STILL * length)
+
+
+def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
+    """[m] how deep nodes x (F, K, 3) are in what they touch: E = hardness depth² / 2 of each."""
+    deepest = 0.0
+    for p in potentials:
+        if p.hardness is not None:
+            energy = float(p.energy(torch.from_numpy(x)).detach().max())
+            deepest = max(deepest, float(np.sqrt(2 * energy / float(p.hardness))))
+    return deepest
+
+
+def _settle(
+    rod: Rod,
+    conditions: Conditions,
+    potentials: tuple[Potential, ...],
+    start: States,
+    still: float,
+) -> Solution:
+    """Replace the potentials by supports until no node moves by more than `still` [m], in every
+    frame by itself. A frame that goes astray stays where it began, marked.
+
+    Where the slope of a potential has corners (friction), a step goes as far along as the forces
+    drive it: that of the rod, which is known at both of its ends, and those of the potentials.
+    """
+    x, frames = start.x.copy(), len(start.x)
+    far = conditions.far_supports
+    current = States(start.q.copy(), x.copy(), start.base.copy(), start.reaction[:, :far].copy())
+    moved = np.full(frames, np.inf)
+    cornered = any(p.cornered for p in potentials)
+    own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
+    near = np.full(frames, NEAR * float(rod.length.detach().sum(-1).max()))
+    bold, share = np.full(frames, cornered), np.ones(frames)
+    going = np.ones(frames, dtype=bool)
+    for _ in range(CORNERED_ROUNDS if cornered else ROUNDS):
+        mine = np.flatnonzero(going)
+        if not len(mine):
+            break
+        few, ends = rod.frames(mine), conditions.frames(mine)
+        new, force, stiffness = _replaced(
+            few, ends, potentials, x[mine], current.frames(mine), bold[mine]
+        )
+        step = new.x - x[mine]
+        earlier, moved[mine] = moved[mine], np.abs(step).max(axis=(1, 2))
+        astray = ~np.isfinite(moved[mine])
+        going[mine] = ~astray & ~(bold[mine] & (moved[mine] < still))
+        x[mine[astray]] = start.x[mine[astray]]
+        mine, step, earlier = mine[~astray], step[~astray], earlier[~astray]
+        current.put(mine, new, np.flatnonzero(~astray))
+        if cornered:
+            # At the new nodes the rod balances the force as it was replaced.
+            force, stiffness = force[~astray], stiffness[~astray]
+            rods = np.einsum("fnab,fnb->fna", stiffness, step) - force
+            known = ~np.isnan(own[mine, 0, 0])
+            share[mine[known]] = _share(
+                potentials, x[mine[known]], step[known], own[mine[known]], rods[known]
+            )
+            part = share[mine, None, None]
+            own[mine] = np.where(known[:, None, None], (1 - part) * own[mine] + part * rods, rods)
+        else:  # contact that opens and closes in turn: go a part of the way
+            more = np.where(moved[mine] < SHRINKS * earlier, MORE, LESS)
+            share[mine] = np.clip(more * share[mine], LEAST, 1.0)
+            led = bold[mine] & (moved[mine] > near[mine])
+            near[mine[led]] *= 0.1  # their own curvature led away
+            bold[mine] = moved[mine] < near[mine]
+        part = np.where(going[mine], share[mine], 1.0)
+        x[mine] += part[:, None, None] * step
+    astray = ~np.isfinite(moved)
+    found, _, _ = _replaced(rod, conditions, potentials, x, current, bold)
+    gone = np.abs(found.x - x).max(axis=(1, 2))
+    late = found.converged & ~(gone < 1e3 * still)
+    found.unsettle(astray, start)
+    found.status[late] = Status.LIMIT
+    return found
+
+
+def _replaced(
+    rod: Rod,
+    conditions: Conditions,
+    potentials: tuple[Potential, ...],
+    x: np.ndarray,
+    near: States,
+    bold: np.ndarray,
+) -> tuple[Solution, np.ndarray, np.ndarray]:
+    """Return equilibria where supports stand for the potentials at nodes x (F, K, 3), found from
+    states near them; force (F, K, 3) [N] and stiffness (F, K, 3, 3) [N/m] of the potentials.
+
+    bold (F,): frames in which potentials show their own curvature.
+    """
+    at = torch.from_numpy(x)
+    force, stiffness = force_and_stiffness(potentials, at)
+    timid = torch.from_numpy(~bold)
+    stiffness[timid] = _pulling_back(stiffness[timid])
+    held, load = _supports(conditions, at, force, stiffness)
+    if load is not None:
+        rod = rod.each(len(x))
+        rod = rod._replace(load=rod.load + load)
+    # Supports that are at rest at x push with nothing: only the ends' reactions are known.
+    found = solve(rod, held, near, limit=LIMIT)
+    return found, force.numpy(), stiffness.numpy()
+
+
+def _pulling_back(stiffness: Tensor) -> Tensor:
+    """Stiffness (F, K, 3, 3) without what pushes away: from afar, a rope would slide off a bar."""
+    some = (stiffness != 0).any(-1).any(-1)
+    values, vectors = torch.linalg.eigh(stiffness[some])
+    pulling = stiffness.clone()
+    pulling[some] = (vectors * values.clamp_min(0.0)[..., None, :]) @ vectors.transpose(-1, -2)
+    return pulling
+
+
+def _share(
+    potentials: tuple[Potential, ...],
+    x: np.ndarray,
+    step: np.ndarray,
+    old: np.ndarray,
+    new: np.ndarray,
+) -> np.ndarray:
+    """(F,) of a step (F, K, 3) [m] from nodes x, at which nothing drives further along it.
+
+    old, new (F, K, 3) [N]: the rod's own force at its ends.
+    """
+    at = torch.linspace(0.0, 1.0, SHARES, dtype=torch.float64)
+    places = torch.from_numpy(x) + at[:, None, None, None] * torch.from_numpy(step)
+    force = force_and_stiffness(potentials, places, stiff=False)[0].numpy()
+    along = np.einsum("sfna,fna->sf", force, step)
+    first, last = (np.einsum("fna,fna->f", own, step) for own in (old, new))
+    along += first + at.numpy()[:, None] * (last - first)
+    out = np.ones(len(step))
+    for f, drive in enumerate(along.T):
+        back = np.flatnonzero(drive[1:] < 0)
+        if len(back) and drive[0] > 0:
+            k = int(back[0])
+            part = drive[k] / (drive[k] - drive[k + 1]) if drive[k] > 0 else 0.0
+            out[f] = max((k + part) / (SHARES - 1), SHORTEST)
+    return out
+
+
+def _supports(
+    conditions: Conditions, x: Tensor, force: Tensor, stiffness: Tensor
+) -> tuple[Conditions, Tensor | None]:
+    """Elastic supports with the potentials' stiffness that are at rest at x; the force at x is a
+    load. (As one, a force and a stiffness near zero would be a support from far away.)
+
+    A support along an eigenvector d of the stiffness κ pushes with κ (offset - d · x).
+    """
+    touched = torch.nonzero((stiffness != 0).any(-1).any(-1).any(0))[:, 0]
+    frames = len(x)
+    load = force if bool((force != 0).any()) else None
+    if len(touched) == 0:
+        return conditions, load
+    values, vectors = torch.linalg.eigh(stiffness[:, touched])  # (F, T, 3), (F, T, 3, 3)
+    order = values.abs().argsort(-1, descending=True)
+    values = torch.gather(values, -1, order)
+    vectors = torch.gather(vectors, -1, order[..., None, :].expand_as(vectors))
+    strong = values.abs() > 1e-9 * values.abs().max()
+    rank = int(strong.any(0).any(0).sum())
+    values, vectors, strong = values[..., :rank], vectors[..., :rank], strong[..., :rank]
+    direction = vectors.transpose(-1, -2)  # (F, T, rank, 3)
+    safe = torch.where(strong, values, 1.0)
+    offset = (direction * x[:, touched, None]).sum(-1)
+    flat = lambda t: t.reshape(frames, -1, *t.shape[3:])  # noqa: E731
+    active = flat(strong).numpy()
+    used = np.flatnonzero(active.any(0))
+    held = replace(
+        conditions,
+        node=np.repeat(touched.numpy(), rank)[used],
+        direction=flat(direction)[:, used].contiguous(),
+        offset=flat(offset)[:, used],
+        compliance=flat(1 / safe)[:, used],
+        active=active[:, used],
+    )
+    return held, load

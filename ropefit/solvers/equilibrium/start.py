@@ -1,0 +1,156 @@
+"""Where a solve starts: the catenary through the ends, or a straight rope where an end is free."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.rod.quaternion import transport
+from ropefit.solvers.arrays import as_numpy, in_threads
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.kernels.entries import hang_rope, start_ropes
+from ropefit.solvers.equilibrium.problem import Problem
+from ropefit.solvers.equilibrium.solution import Solution, States, same_supports
+from ropefit.solvers.equilibrium.turns import rolled
+from ropefit.solvers.shapes import check_shapes
+
+
+def hanging_shape(
+    length: float, nodes: int, gravity: np.ndarray, ends: np.ndarray, tangents: np.ndarray
+) -> np.ndarray:
+    """Return the centreline (K, 3) [m] that a rope without stiffness would have at rest, evenly
+    spaced in arc length.
+
+    ends, tangents: (2, 3), NaN where free or unclamped. Both ends: catenary (straight when taut; an
+    arbitrary plane when one end hangs exactly above the other). One end: straight along its
+    tangent, or down. Raises ValueError when both are free.
+    """
+    held = np.isfinite(ends).all(axis=1)
+    if not held.any():
+        raise ValueError("a rope with two free ends has no place to start from")
+    shape = np.empty((nodes, 3))
+    end = np.ascontiguousarray(ends, dtype=np.float64)
+    tangent = np.ascontiguousarray(tangents, dtype=np.float64)
+    arc = np.linspace(0.0, length, nodes)
+    hang_rope(arc, np.ascontiguousarray(gravity, dtype=np.float64), end, tangent, shape)
+    return shape
+
+
+def frames_along(x: Tensor, first: Tensor | None = None, last: Tensor | None = None) -> Tensor:
+    """Return twist-free frames (..., K-1, 4) of a centreline x (..., K, 3), clamps in their places.
+
+    first, last: (..., 4) held frames of the first and last segment, NaN where not held. The frames
+    run from the first clamp if there is one, so that their arbitrary turn about the tangent is the
+    clamp's.
+    """
+    edges = x[..., 1:, :] - x[..., :-1, :]
+    norm = torch.sqrt((edges * edges).sum(-1, keepdim=True) + 1e-24)
+    tangents = edges / norm
+    fallback = torch.zeros_like(tangents)
+    fallback[..., 2] = 1.0
+    tangents = torch.where(norm > 1e-11, tangents, fallback)
+    q = transport(tangents)
+    for index, held in ((0, first), (-1, last)):
+        if held is not None:
+            given = torch.isfinite(held).all(-1, keepdim=True)
+            near = q[..., index, :]
+            held = torch.where(given, held, near)
+            sign = torch.where((held * near).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+            place = torch.zeros(q.shape[-2], 1, dtype=torch.bool)
+            place[index] = True
+            q = torch.where(place, (sign * held)[..., None, :], q)
+    return q
+
+
+def starting(
+    problem: Problem,
+    conditions: Conditions,
+    start: States | None = None,
+    turns: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where a solve begins: frames q (F, N, 4), reactions (F, S) [N], base (F, 3) [m].
+
+    Catenaries, or copies of `start`. Reactions of supports other than the far end's are known from
+    a solution with the same supports only, else zero.
+    """
+    frames, segments = len(conditions.ends), problem.rods.length.shape[1]
+    if start is None:
+        with np.errstate(invalid="ignore"):  # NaN and infinite loads: the status will say so
+            q, reaction, base = _catenaries(problem, conditions, turns)
+    else:
+        check_shapes(start=(start.q, (frames, segments, 4)))
+        q, base = start.q.copy(), start.base.copy()
+        reaction = np.zeros((frames, problem.held.node.size))
+        known = conditions.far_supports
+        if isinstance(start, Solution) and same_supports(start.conditions, conditions):
+            known = min(start.reaction.shape[1], reaction.shape[1])
+        known = min(known, start.reaction.shape[1])
+        reaction[:, :known] = start.reaction[:, :known]
+    if not conditions.free:
+        base = as_numpy(conditions.ends[:, 0]).copy()
+    return q, reaction, base
+
+
+def _catenaries(
+    problem: Problem, conditions: Conditions, turns: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return catenaries, with the tension they have at the far end."""
+    rods, of, held = problem
+    frames, segments = len(conditions.ends), rods.length.shape[1]
+    arc = np.zeros((len(rods.length), segments + 1))
+    np.cumsum(rods.length, axis=1, out=arc[:, 1:])
+    weight = rods.load.sum(axis=1)
+    ends, clamp = as_numpy(conditions.ends), held.clamp
+    q, x, pull = (
+        np.empty((frames, segments, 4)),
+        np.empty((frames, segments + 1, 3)),
+        np.empty(frames),
+    )
+    turns = np.zeros(frames) if turns is None else np.asarray(turns, dtype=np.float64)
+    check_shapes(
+        arc=(arc, (len(weight), segments + 1)), weight=(weight, (len(arc), 3)),
+        ends=(ends, (frames, 2, 3)), clamp=(clamp, (frames, 2, 4)), turns=(turns, (frames,)),
+    )  # fmt: skip
+
+    def work(index: slice) -> None:
+        start_ropes(
+            arc, of[index], weight, ends[index], clamp[index], turns[index], q[index],
+            x[index], pull[index],
+        )  # fmt: skip
+
+    in_threads(work, frames)
+    if np.isnan(as_numpy(conditions.clamp)).any(-1).all():
+        q = _rolled(q, rods.rest[of])
+    reaction = np.zeros((frames, held.node.size))
+    if conditions.far_held:
+        last = x[:, -1] - x[:, -2]
+        size = np.linalg.norm(last, axis=1, keepdims=True)
+        last = last / np.maximum(size, 1e-300)
+        w = weight[of]
+        per_length = np.linalg.norm(w, axis=1, keepdims=True) / arc[of, -1:]
+        down = w / np.maximum(np.linalg.norm(w, axis=1, keepdims=True), 1e-300)
+        along = (last * down).sum(1, keepdims=True)
+        across = np.sqrt(np.maximum(1 - along**2, 1e-6))
+        # The tension in the last segment, and the load on the node beyond it.
+        reaction[:, :3] = per_length * pull[:, None] / across * last - rods.load[of, -1]
+        if not conditions.free:
+            reaction[:, :3] = np.clip(reaction[:, :3], -1e6, 1e6)
+    return q, reaction, x[:, 0].copy()
+
+
+def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Frames q (F, N, 4) of ropes that no clamp keeps from rolling about themselves, rolled until
+    they bend, on the whole, as they are bent at rest (F, N+1, 4)."""
+    wanted = np.nan_to_num(rest[:, 1:-1, 1:3].sum(1, keepdims=True), posinf=0.0, neginf=0.0)
+    if not wanted.any():
+        return q
+    w, x, y, z = np.ascontiguousarray(q.transpose(2, 0, 1))
+    (w1, x1, y1, z1), (w2, x2, y2, z2) = (
+        [v[:, k : v.shape[1] - 1 + k] for v in (w, x, y, z)] for k in (0, 1)
+    )
+    bent = [
+        (w1 * x2 - x1 * w2 - y1 * z2 + z1 * y2).sum(1),
+        (w1 * y2 - y1 * w2 - z1 * x2 + x1 * z2).sum(1),
+    ]
+    return rolled(q, np.stack(bent, axis=-1)[:, None], wanted)

@@ -1,0 +1,58 @@
+"""How the compiled loops are compiled and kept: numba's options and cache.
+
+numba caches an entry point on disk by its arguments' types, its bytecode and what it closes over,
+and drops the cache when the file that holds it changes. Changes of the functions that it calls, in
+other files, go unnoticed: an entry point therefore closes over `source_key` of all of them.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numba
+from numba import njit
+
+FUSED = {"contract"}  # a multiplication and an addition may be one instruction
+SHARED = Path(__file__).parent
+
+helper = njit(error_model="numpy", fastmath=FUSED)
+# Merged into its callers: a call costs as much as ten segments where it hands over a whole record.
+inlined = njit(error_model="numpy", inline="always", fastmath=FUSED)
+exact_helper = njit(error_model="numpy")  # division by zero gives inf or NaN, as in torch
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile an entry point, kept on disk."""
+    return _cached(function, fastmath=FUSED)
+
+
+def exact_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile an entry point, kept on disk, with every operation rounded by itself."""
+    return _cached(function)
+
+
+def _cached(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Compile with numba's cache, or a temporary one where none can be written.
+
+    numba keeps compiled code beside the source or in the user's cache folder. Where neither can be
+    written it is compiled anew in every process, or set NUMBA_CACHE_DIR.
+    """
+    compile_it = njit(cache=True, nogil=True, error_model="numpy", **options)
+    try:
+        return compile_it(function)
+    except RuntimeError:
+        numba.config.CACHE_DIR = tempfile.mkdtemp(prefix="ropefit-numba-")  # type: ignore[attr-defined]
+        return compile_it(function)
+
+
+def source_key(*paths: Path) -> int:
+    """Return a hash of source files and of all those in folders: names and contents."""
+    key = 0
+    for path in paths:
+        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+            key = crc32(file.read_bytes(), crc32(file.name.encode(), key))
+    return key or 1

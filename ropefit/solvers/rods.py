@@ -1,0 +1,47 @@
+"""Ropes as compiled code takes them: the fields of a table as arrays with one row a rope."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from ropefit.rod.fields import Field, shapes
+from ropefit.solvers.arrays import as_numpy
+from ropefit.solvers.shapes import check_shapes
+
+
+def rod_arrays(rod: Mapping[str, Tensor], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
+    """Return the fields as arrays (R, ...); what has no dimension of ropes is the same for all."""
+    arrays = {}
+    for field in fields:
+        value = rod[field.name]
+        arrays[field.name] = as_numpy(value if value.ndim > len(field.shape) else value[None])
+    ropes = max(len(array) for array in arrays.values())
+    return {
+        name: array if len(array) == ropes else np.repeat(array, ropes, axis=0)
+        for name, array in arrays.items()
+    }
+
+
+def whole_rest(rest: np.ndarray) -> np.ndarray:
+    """Return the rest Darboux quaternions (R, N+1, 4) of vector parts (R, N+1, 3)."""
+    real = np.sqrt(np.maximum(1 - (rest**2).sum(-1, keepdims=True), 0.0))
+    return np.concatenate([real, rest], -1)
+
+
+def free_to_spin(stiff: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return (R,) bool: no twist held, no rest curvature, no direction of easier bending."""
+    spins = (stiff[:, 0, 2] == 0) & (stiff[:, -1, 2] == 0) & (rest[:, :, :2] == 0).all((1, 2))
+    return spins & (stiff[:, :, 0] == stiff[:, :, 1]).all(1)
+
+
+def check_rods(rods: Any, fields: tuple[Field, ...]) -> None:
+    """Check a record of R ropes, its rest the whole quaternion. Raises ShapeError."""
+    ropes, segments = rods.length.shape
+    wanted = shapes(fields, segments) | {"rest": (segments + 1, 4), "gauge": ()}
+    check_shapes(**{
+        name: (getattr(rods, name), (ropes, *shape)) for name, shape in wanted.items()
+    })  # fmt: skip

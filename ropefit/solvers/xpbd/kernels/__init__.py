@@ -1,0 +1,1 @@
+"""Algorithm 1 in compiled loops, and its adjoint."""
