@@ -31,7 +31,9 @@ def equilibrium_residual(rod: Rod, c: Conditions, solution: Solution) -> np.ndar
     q = torch.from_numpy(solution.q)
     clamp = torch.nan_to_num(c.clamp, nan=0.5)
     reaction = torch.from_numpy(solution.reaction[:, :3])
-    finite = rod._replace(supple=torch.ones_like(rod.supple))  # costs nothing where strain is 0
+    finite = rod._replace(
+        flexibility=torch.ones_like(rod.flexibility)
+    )  # costs nothing where strain is 0
 
     def nodes(frames: Tensor) -> Tensor:
         along = (rod.length[..., None] * director(frames)).cumsum(-2)
@@ -45,7 +47,7 @@ def equilibrium_residual(rod: Rod, c: Conditions, solution: Solution) -> np.ndar
     free = q.clone().requires_grad_()
     slope = 0.5 * torch.autograd.grad(value(free), free)[0].norm(dim=-1).amax(-1)
     force = torch.from_numpy(solution.force).norm(dim=-1)
-    moment = (rod.length * force).amax(-1).maximum(1e-4 * rod.stiff.amax((-1, -2)))
+    moment = (rod.length * force).amax(-1).maximum(1e-4 * rod.stiffness.amax((-1, -2)))
     miss = (nodes(q)[:, -1] - c.ends[:, 1]).norm(dim=-1) / rod.length.sum(-1)
     return torch.maximum(slope / moment, miss).numpy()
 
@@ -81,9 +83,9 @@ def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -
     force times a segment; lengths and places, over the length. 0 at time 0, NaN without a state.
     """
     rod = type(rope.rod)(*(t[:, None] for t in rope.rod))
-    rigid = bool((rod.supple == 0).all())
+    rigid = bool((rod.flexibility == 0).all())
     if rigid:  # costs nothing where the strain is 0
-        rod = rod._replace(supple=torch.ones_like(rod.supple))
+        rod = rod._replace(flexibility=torch.ones_like(rod.flexibility))
     x = torch.from_numpy(found.x).clone().requires_grad_()
     q = torch.from_numpy(found.q).clone().requires_grad_()
     force = torch.from_numpy(found.force)
@@ -100,7 +102,7 @@ def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -
         value = value + (force * (edge - rod.length[..., None] * director(frames))).sum((-1, -2))
     else:
         strain = own(frames, edge / rod.length[..., None])
-        slow = rates(drive.time, strain.detach()) * rope.viscous[:, None]
+        slow = rates(drive.time, strain.detach()) * rope.strain_viscosity[:, None]
         value = value + (rod.length[..., None] * slow * strain).sum((-1, -2))
     by_x, by_q = torch.autograd.grad(value.nansum(), (x, q))
     largest = force.norm(dim=-1).amax(-1).maximum(rope.rod.load.norm(dim=-1).sum(-1)[:, None])
@@ -110,7 +112,9 @@ def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -
         if not bool(torch.isnan(drive.ends[:, :, end]).any()):
             by_x[:, :, node] = 0.0
     left = by_x.norm(dim=-1).amax(-1) / largest
-    lever = (rod.length.amax(-1) * largest).maximum(1e-4 * rope.rod.stiff.amax((-1, -2))[:, None])
+    lever = (rod.length.amax(-1) * largest).maximum(
+        1e-4 * rope.rod.stiffness.amax((-1, -2))[:, None]
+    )
     turning = 0.5 * by_q.norm(dim=-1).amax(-1) / lever
     miss = torch.nan_to_num(ends).norm(dim=-1).amax(-1)
     if rigid:
@@ -135,8 +139,8 @@ def energy_gain(
     Dimensionless: over the weight times the length plus the largest kinetic energy.
     """
     rod = type(rope.rod)(*(t[:, None] for t in rope.rod))
-    if bool((rod.supple == 0).all()):
-        rod = rod._replace(supple=torch.full_like(rod.supple, 1e9))
+    if bool((rod.flexibility == 0).all()):
+        rod = rod._replace(flexibility=torch.full_like(rod.flexibility, 1e9))
     x, q = torch.from_numpy(found.x), torch.from_numpy(found.q)
     speed = rates(drive.time, x, start.v)
     kinetic = 0.5 * (rope.mass[:, None] * (speed**2).sum(-1)).sum(-1)

@@ -61,7 +61,7 @@ def base_setup(o: Observations, segments: int) -> Setup:
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
         give = torch.zeros(2, 2, dtype=torch.float64)
         give[:, 1] = torch.inf
-        setup = setup._replace(give=give)
+        setup = setup._replace(clamp_compliance=give)
     return setup
 
 

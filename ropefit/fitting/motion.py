@@ -138,7 +138,7 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
                 raise WrongUsage(f"unknown parameter {name}; one of {offered(IN_MOTION)}")
         return sorted(set(asked), key=IN_MOTION.index)
     names = ["EI", "bend_damping", "air_damping"]
-    if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
+    if all(setup.clamped) and bool(torch.isfinite(setup.clamp_compliance).all()):
         names.insert(1, "GJ")
     return names + (["length"] if o.length_source == "estimated" else [])
 

@@ -31,7 +31,7 @@ class Rubbing:
     def drawn(self, t: int, moved: np.ndarray) -> np.ndarray:
         """(P, N+1, 3) [N] further force in frame t where the places have moved so far."""
         place = np.einsum("nab,pnb->pna", self.by_place[t], moved)
-        return self.force[:, t] + self.stiff[:, None] * place
+        return self.force[:, t] + self.stiffness[:, None] * place
 
     def then(self, t: int, moved: np.ndarray, dx: np.ndarray) -> np.ndarray:
         """The places' moves after frame t, whose nodes move by dx (P, N+1, 3)."""
