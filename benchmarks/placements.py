@@ -54,7 +54,9 @@ def imbalance(p: Placements, solution: Solution) -> np.ndarray:
     q = torch.from_numpy(solution.q)
     clamp = torch.nan_to_num(c.clamp, nan=0.5)
     reaction = torch.from_numpy(solution.reaction[:, :3])
-    finite = rod._replace(supple=torch.ones_like(rod.supple))  # costs nothing where strain is 0
+    finite = rod._replace(
+        flexibility=torch.ones_like(rod.flexibility)
+    )  # costs nothing where strain is 0
 
     def nodes(frames: Tensor) -> Tensor:
         along = (rod.length[..., None] * director(frames)).cumsum(-2)
@@ -68,6 +70,6 @@ def imbalance(p: Placements, solution: Solution) -> np.ndarray:
     free = q.clone().requires_grad_()
     slope = 0.5 * torch.autograd.grad(value(free), free)[0].norm(dim=-1).amax(-1)
     force = torch.from_numpy(solution.force).norm(dim=-1)
-    moment = (rod.length * force).amax(-1).maximum(1e-4 * rod.stiff.amax((-1, -2)))
+    moment = (rod.length * force).amax(-1).maximum(1e-4 * rod.stiffness.amax((-1, -2)))
     miss = (nodes(q)[:, -1] - c.ends[:, 1]).norm(dim=-1) / rod.length.sum(-1)
     return torch.maximum(slope / moment, miss).numpy()

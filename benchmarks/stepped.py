@@ -115,9 +115,9 @@ def imbalance(m: Motions, found: Trajectory) -> np.ndarray:
     the length. 0 at time 0, NaN where there is no state. By autograd of `rod/energy.py`."""
     rope, drive = m.rope, m.drive
     rod = type(rope.rod)(*(t[:, None] for t in rope.rod))
-    rigid = bool((rod.supple == 0).all())
+    rigid = bool((rod.flexibility == 0).all())
     if rigid:  # costs nothing where the strain is 0
-        rod = rod._replace(supple=torch.ones_like(rod.supple))
+        rod = rod._replace(flexibility=torch.ones_like(rod.flexibility))
     x = torch.from_numpy(found.x).clone().requires_grad_()
     q = torch.from_numpy(found.q).clone().requires_grad_()
     force = torch.from_numpy(found.force)
@@ -128,13 +128,13 @@ def imbalance(m: Motions, found: Trajectory) -> np.ndarray:
     push = rates(drive.time, speed) * rope.mass[:, None, :, None]
     push = push + rope.air[:, None, :, None] * speed
     p = bends(rope, frames, clamp)
-    loss = rates(drive.time, p.detach()) * rope.loss[:, None]
+    loss = rates(drive.time, p.detach()) * rope.bend_viscosity[:, None]
     value = energy(rod, x, frames, clamp) + (loss * p).sum((-1, -2)) + (push * x).sum((-1, -2))
     if rigid:
         value = value + (force * (edge - rod.length[..., None] * director(frames))).sum((-1, -2))
     else:
         strain = own(frames, edge / rod.length[..., None])
-        slow = rates(drive.time, strain.detach()) * rope.viscous[:, None]
+        slow = rates(drive.time, strain.detach()) * rope.strain_viscosity[:, None]
         value = value + (rod.length[..., None] * slow * strain).sum((-1, -2))
     by_x, by_q = torch.autograd.grad(value.nansum(), (x, q))
     largest = force.norm(dim=-1).amax(-1).maximum(rope.rod.load.norm(dim=-1).sum(-1)[:, None])
@@ -144,7 +144,9 @@ def imbalance(m: Motions, found: Trajectory) -> np.ndarray:
         if not bool(torch.isnan(drive.ends[:, :, end]).any()):
             by_x[:, :, node] = 0.0
     left = by_x.norm(dim=-1).amax(-1) / largest
-    lever = (rod.length.amax(-1) * largest).maximum(1e-4 * rope.rod.stiff.amax((-1, -2))[:, None])
+    lever = (rod.length.amax(-1) * largest).maximum(
+        1e-4 * rope.rod.stiffness.amax((-1, -2))[:, None]
+    )
     turning = 0.5 * by_q.norm(dim=-1).amax(-1) / lever
     miss = torch.nan_to_num(ends).norm(dim=-1).amax(-1)
     if rigid:
@@ -166,8 +168,8 @@ def gain(m: Motions, found: Trajectory) -> np.ndarray:
     what it had then, over its weight times its length and its largest kinetic energy."""
     rope = m.rope
     rod = type(rope.rod)(*(t[:, None] for t in rope.rod))
-    if bool((rod.supple == 0).all()):
-        rod = rod._replace(supple=torch.full_like(rod.supple, 1e9))
+    if bool((rod.flexibility == 0).all()):
+        rod = rod._replace(flexibility=torch.full_like(rod.flexibility, 1e9))
     x, q = torch.from_numpy(found.x), torch.from_numpy(found.q)
     speed = rates(m.drive.time, x, m.start.v)
     kinetic = 0.5 * (rope.mass[:, None] * (speed**2).sum(-1)).sum(-1)

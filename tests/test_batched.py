@@ -15,8 +15,8 @@ from ropefit.losses.primary import Observed
 from ropefit.rod.energy import energy
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.rod.setup import bare
-from ropefit.solvers.batched.implicit import settle_batched, settled_batched
 from ropefit.solvers.batched import solve as batched
+from ropefit.solvers.batched.implicit import settle_batched, settled_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import settle
@@ -107,7 +107,7 @@ def test_energy_is_stationary():
 def test_what_does_not_arrive_is_marked_or_finished(handed_over, monkeypatch):
     """Ropes that cannot reach both ends are marked; slow ones are finished by the compiled path."""
     rod, conditions = hanging(torch.tensor([0.5, 0.6]), torch.tensor([1e-3, 1e-3]))
-    short = rod._replace(supple=torch.zeros_like(rod.supple))
+    short = rod._replace(flexibility=torch.zeros_like(rod.flexibility))
     conditions.ends[1, 1, 0] = 1.2
     solution = solve_batched(short, conditions, CPU)
     assert solution.converged.tolist() == [True, False]
@@ -126,7 +126,7 @@ def test_what_does_not_arrive_is_marked_or_finished(handed_over, monkeypatch):
 def test_every_tensor_is_made_on_the_device_asked_for():
     """Tensors made without a device would be meta tensors here, and using one would fail."""
     rod, conditions = CASES["clamped"].build()
-    rod = rod._replace(stiff=rod.stiff.clone().requires_grad_())
+    rod = rod._replace(stiffness=rod.stiffness.clone().requires_grad_())
     start: Solution = solve(rod, conditions)
     far = start.copy()
     far.q[:] = far.q[::-1]
@@ -137,8 +137,8 @@ def test_every_tensor_is_made_on_the_device_asked_for():
     finally:
         torch.set_default_device(None)
     assert solution.converged.all()
-    assert rod.stiff.grad is not None
-    assert rod.stiff.grad.device == CPU
+    assert rod.stiffness.grad is not None
+    assert rod.stiffness.grad.device == CPU
 
 
 def test_search_settles_its_candidates_there():

@@ -125,15 +125,34 @@ def test_tangent_is_the_adjoint_turned_round(clamped, axial):
     rope_, drive, start = changed({}, steps, clamped, axial)
     trajectory = solve(rope_, drive, start)
     fields = [
-        rope_.rod.length, rope_.rod.supple, rope_.viscous, rope_.rod.stiff, rope_.loss,
-        rope_.rod.rest, rope_.rod.load, rope_.mass, rope_.air, drive.ends, drive.clamp, start.x,
-        start.v, start.q,
+        rope_.rod.length, rope_.rod.flexibility, rope_.strain_viscosity, rope_.rod.stiffness,
+        rope_.bend_viscosity, rope_.rod.rest, rope_.rod.load, rope_.mass, rope_.air, drive.ends,
+        drive.clamp, start.x, start.v, start.q,
     ]  # fmt: skip
     leaves = [f.detach().clone().requires_grad_() for f in fields]
-    length, supple, viscous, stiff, loss, rest, load, mass, air, ends, clamp, x0, v0, q0 = leaves
-    rod = rope_.rod._replace(length=length, supple=supple, stiff=stiff, rest=rest, load=load)
+    (
+        length,
+        flexibility,
+        strain_viscosity,
+        stiffness,
+        bend_viscosity,
+        rest,
+        load,
+        mass,
+        air,
+        ends,
+        clamp,
+        x0,
+        v0,
+        q0,
+    ) = leaves
+    rod = rope_.rod._replace(
+        length=length, flexibility=flexibility, stiffness=stiffness, rest=rest, load=load
+    )
     x, _, _ = simulate(
-        Moving(rod, viscous, loss, mass, air), Drive(drive.time, ends, clamp), Start(x0, q0, v0)
+        Moving(rod, strain_viscosity, bend_viscosity, mass, air),
+        Drive(drive.time, ends, clamp),
+        Start(x0, q0, v0),
     )
     weights = random.normal(size=x.shape)
     gradients = torch.autograd.grad((torch.from_numpy(weights) * x).sum(), leaves)
@@ -144,7 +163,7 @@ def test_tangent_is_the_adjoint_turned_round(clamped, axial):
         turn = name in ("clamp", "q0")
         shape = (*leaf.shape[:-1], 3) if turn else leaf.shape
         step = random.normal(size=shape)
-        if name in ("stiff", "loss"):
+        if name in ("stiffness", "bend_viscosity"):
             step = step * (leaf.detach().numpy() != 0)
         wide = step[:, None] if by_clip else step[None, None]
         dx, _ = tangent(trajectory, Directions(**{name: wide}))

@@ -176,7 +176,7 @@ def test_states_a_turn_of_twist_away_are_told():
         assert wound(turned, plain.solution).all()
         assert not wound(turned, turned).any()
     rod, held = plain.solution.rod, plain.solution.conditions
-    soft = rod._replace(stiff=rod.stiff * torch.tensor([0.7, 0.7, 0.3]))
+    soft = rod._replace(stiffness=rod.stiffness * torch.tensor([0.7, 0.7, 0.3]))
     near = solve(soft, held, plain.solution)
     assert not wound(near, plain.solution).any()
 

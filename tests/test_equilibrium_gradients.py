@@ -19,7 +19,7 @@ from tests.rods import DOWN, solved
 
 SEGMENTS = 12
 FRAMES = 3
-BY_ROD = ("length", "supple", "stiff", "rest", "load", "moment")
+BY_ROD = ("length", "flexibility", "stiffness", "rest", "load", "moment")
 BY_FRAME = ("ends", "clamp", "direction", "offset", "compliance")
 
 
@@ -112,7 +112,7 @@ def direction_of(name: str, value: Tensor, seed: int = 5) -> Tensor:
     random = torch.Generator().manual_seed(seed)
     change = torch.randn(value.shape, generator=random, dtype=torch.float64)
     typical = {
-        "supple": 0.03,
+        "flexibility": 0.03,
         "rest": 0.05,
         "load": 0.05,
         "moment": 0.02,
@@ -120,7 +120,7 @@ def direction_of(name: str, value: Tensor, seed: int = 5) -> Tensor:
         "ends": 0.2,
     }
     change = change * typical.get(name, float(torch.nanmean(value.abs())))
-    if name == "stiff":
+    if name == "stiffness":
         return torch.where(value == 0, 0.0, change)
     if name == "clamp":  # along the unit sphere
         change = change - (change * value).sum(-1, keepdim=True) * value
@@ -182,7 +182,7 @@ def test_near_buckling():
     conditions = Conditions(ends, clamp)
     start = solved(rod, conditions, tolerance=1e-13)
     assert np.abs(start.x[0, -1, :2]).max() > 100 * 2e-4 / 3  # unpushed: F L³/(3 EI)
-    for name in ("length", "stiff", "rest", "load", "clamp"):
+    for name in ("length", "stiffness", "rest", "load", "clamp"):
         change = direction_of(name, inputs_of(rod, conditions)[name])
         expected = difference(rod, conditions, name, change, start, 2e-5)
         assert slope(rod, conditions, name, change, start) == pytest.approx(expected, rel=1e-6)
@@ -219,14 +219,16 @@ def test_several_ropes():
     rod, conditions = CASES["clamped"].build()
     both = Rod(*(torch.stack([item, 1.1 * item]) for item in rod))
     member = np.array([0, 1, 0])
-    value = both.stiff.clone().requires_grad_()
-    state, s = settle(both._replace(stiff=value), conditions, member=member)
+    value = both.stiffness.clone().requires_grad_()
+    state, s = settle(both._replace(stiffness=value), conditions, member=member)
     (found,) = torch.autograd.grad(loss_of(*state), value)
     expected = torch.zeros_like(value)
     for t, k in enumerate(member):
         one = Rod(*(item[k] for item in both))
         alone, again = settle(
-            one._replace(stiff=value[k]), conditions.frames(np.array([t])), start=s.frames(t * ONE)
+            one._replace(stiffness=value[k]),
+            conditions.frames(np.array([t])),
+            start=s.frames(t * ONE),
         )
         whole = [torch.zeros_like(item) for item in state]
         x, q = whole[0].index_copy(0, torch.tensor([t]), alone.x), whole[1]

@@ -95,7 +95,7 @@ def test_nearly_closed_and_nearly_taut(apart):
     assert np.linalg.norm(solution.x[0, -1] - [apart, 0, 0]) < 1e-9
 
 
-@pytest.mark.parametrize("where", ["load", "stiff", "length", "supple", "rest", "moment"])
+@pytest.mark.parametrize("where", ["load", "stiffness", "length", "flexibility", "rest", "moment"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_rods_that_are_no_numbers(where, value):
     """Only the frames that show such a rope are marked."""

@@ -168,7 +168,7 @@ def bent_cable(angle: float, segments: int = 40):
     rod, conditions = planar(
         Planar(1.0, 0.05, 1.0, first=math.radians(angle), curvature=1.0), segments
     )
-    return rod._replace(stiff=rod.stiff * torch.tensor([1.0, 1.0, 3.0])), conditions
+    return rod._replace(stiffness=rod.stiffness * torch.tensor([1.0, 1.0, 3.0])), conditions
 
 
 def swept(angles: np.ndarray) -> Solution:

@@ -33,9 +33,9 @@ def test_same_state():
     case = Planar(1.0, bend, density, axial=axial, shear=axial, far=(0.6, 0.1), first=0.3, last=0.5)
     rod, conditions = planar(case, SEGMENTS)
     # A frame that is held is a clamp without the compliance of half a segment.
-    stiff = rod.stiff * torch.tensor([1.0, 1.0, 1.5])
-    stiff[HELD] *= 1e8
-    solution = solved(rod._replace(stiff=stiff), conditions)
+    stiffness = rod.stiffness * torch.tensor([1.0, 1.0, 1.5])
+    stiffness[HELD] *= 1e8
+    solution = solved(rod._replace(stiffness=stiffness), conditions)
 
     mask, mask_q = (
         torch.zeros(SEGMENTS + 1, dtype=torch.bool),

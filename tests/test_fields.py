@@ -36,5 +36,5 @@ def test_shapes_are_those_of_a_rope() -> None:
         assert array.shape[0] == 3
         assert not array.any()
         assert array.shape[1:] == shapes(CLIP, 7, T=5)[name]
-    assert zeros(ROD, (2, 4), 7)["stiff"].shape == (2, 4, 8, 3)
+    assert zeros(ROD, (2, 4), 7)["stiffness"].shape == (2, 4, 8, 3)
     assert all(isinstance(array, np.ndarray) for array in zeros(ROD, (), 7).values())

@@ -21,7 +21,7 @@ from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import Potential, bare
 from ropefit.solvers.dynamics import derivatives, problem
 from ropefit.solvers.dynamics import solve as dynamics
-from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
 from ropefit.solvers.equilibrium.implicit import Directions, settled, tangent
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States, unsettled
@@ -63,7 +63,7 @@ def random_problem(draw) -> tuple:
         }
     if draw(st.booleans()):
         count = draw(st.integers(1, 2))
-        more["sliders"] = Sliders(
+        more["friction_elements"] = FrictionElements(
             rng.random((frames, count, segments + 1)),
             0.1 * rng.normal(size=(frames, count, segments + 1, 2)),
             0.1 * rng.random((frames, count, segments + 1)),

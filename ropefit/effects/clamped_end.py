@@ -42,7 +42,7 @@ class ClampedEnd(Effect):
         clamped = tuple(True if e == self.end else c for e, c in enumerate(setup.clamped))
         return setup._replace(
             clamp=clamp,
-            give=setup.give + torch.stack([bend, loose], dim=-1),
+            clamp_compliance=setup.clamp_compliance + torch.stack([bend, loose], dim=-1),
             clamped=clamped,  # type: ignore[arg-type]
         )
 

@@ -18,7 +18,7 @@ class EndTwist(Effect):
     quantities = (Quantity("angle", "rad", 0.5),)
 
     def applies(self, setup: Setup) -> bool:
-        held = bool(torch.isfinite(setup.give[:, 1]).all())
+        held = bool(torch.isfinite(setup.clamp_compliance[:, 1]).all())
         return self.end == 1 and all(setup.clamped) and held
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:

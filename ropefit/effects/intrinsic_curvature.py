@@ -63,5 +63,6 @@ class FreeCurvature(IntrinsicCurvature):
 def twist_held(setup: Setup) -> bool:
     """Whether some end keeps the rope from spinning about its tangent."""
     return any(
-        held and bool(torch.isfinite(setup.give[end, 1])) for end, held in enumerate(setup.clamped)
+        held and bool(torch.isfinite(setup.clamp_compliance[end, 1]))
+        for end, held in enumerate(setup.clamped)
     )

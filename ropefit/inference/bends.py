@@ -9,7 +9,7 @@ import torch
 
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
-from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
 from ropefit.solvers.equilibrium.turns import rolled
 
@@ -31,9 +31,9 @@ def _darboux(rod: Rod, held: Conditions, states: States) -> np.ndarray:
     rest = rod.rest.reshape(len(p), 3).numpy()
     real = np.sqrt(np.maximum(1 - (rest**2).sum(-1), 0.0))
     nearer = p[:, 0] * real + (p[:, 1:] * rest).sum(-1)
-    stiff = rod.stiff.reshape(len(p), 3).numpy()
+    stiffness = rod.stiffness.reshape(len(p), 3).numpy()
     sign = np.where(nearer < 0, -1.0, 1.0)
-    return p * np.where(np.any(stiff > 0, axis=-1), sign, 0.0)[:, None]
+    return p * np.where(np.any(stiffness > 0, axis=-1), sign, 0.0)[:, None]
 
 
 def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) -> np.ndarray:
@@ -57,7 +57,9 @@ def merged(parts: list[Solution]) -> Solution:
     """Return solutions of one frame each as one: a support is there in all where it is in any."""
     rods = Rod(*(torch.cat(f) for f in zip(*(s.rod.each(1) for s in parts), strict=True)))
     held = [s.conditions for s in parts]
-    sliders = Sliders(*(np.concatenate(f) for f in zip(*(c.sliders for c in held), strict=True)))
+    friction_elements = FrictionElements(
+        *(np.concatenate(f) for f in zip(*(c.friction_elements for c in held), strict=True))
+    )
     ends, clamp = (torch.cat([getattr(c, n) for c in held]) for n in ("ends", "clamp"))
     far = held[0].far_supports
     keys = [_numbered(c.node) for c in held]
@@ -81,11 +83,11 @@ def merged(parts: list[Solution]) -> Solution:
         compliance[t, at] = c.compliance[0]
         active[t, at] = True if c.active is None else c.active[0]
         reaction[t, [far + k for k in at]] = parts[t].reaction[0, far:]
-    conditions = Conditions(ends, clamp, sliders=sliders)
+    conditions = Conditions(ends, clamp, friction_elements=friction_elements)
     if every:
         node = np.array([key[0] for key in every])
         conditions = Conditions(
-            ends, clamp, node, direction, offset, compliance, active, sliders
+            ends, clamp, node, direction, offset, compliance, active, friction_elements
         )  # fmt: skip
     arrays = {name: np.concatenate([getattr(s, name) for s in parts])
               for name in ARRAYS if name != "reaction"}  # fmt: skip

@@ -13,7 +13,7 @@ from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.solve import solve_batched
-from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
 from ropefit.solvers.equilibrium.implicit import settled
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import Solution, States
@@ -37,9 +37,9 @@ class EquilibriumRope:
     bending rigidity at their ratio in the setup, whatever its value. recorded (F, 2, 3) [m]: the
     ends as the recording tells them, where the setup has them corrected. near: states whose branch
     is followed; else the one that a catenary leads to. plain: the rope without effects, which the
-    values describe, where the setup has effects. sliders: what each frame's past has left in a rope
-    that remembers. device: where many ropes are settled at once; the
-    compiled path, if not given. Compare `inference.rope.Rope`.
+    values describe, where the setup has effects. friction_elements: what each frame's past has left
+    in a rope that remembers. device: where many ropes are settled at once; the compiled path, if
+    not given. Compare `inference.rope.Rope`.
     """
 
     setup: Setup
@@ -50,7 +50,7 @@ class EquilibriumRope:
     near: Solution | None = None
     plain: Properties | None = None
     device: torch.device | None = None
-    sliders: Sliders | None = None
+    friction_elements: FrictionElements | None = None
 
     step: ClassVar[float] = 1e-4  # of central differences: the answer is smooth
 
@@ -75,8 +75,10 @@ class EquilibriumRope:
         setup = self.setup.frames(index)
         recorded = None if self.recorded is None else self.recorded[index]
         near = None if self.near is None else self.near.frames(index.numpy())
-        past = None if self.sliders is None else self.sliders.frames(index.numpy())
-        return replace(self, setup=setup, recorded=recorded, near=near, sliders=past)
+        past = (
+            None if self.friction_elements is None else self.friction_elements.frames(index.numpy())
+        )
+        return replace(self, setup=setup, recorded=recorded, near=near, friction_elements=past)
 
     def settle(
         self, values: Tensor, move: Tensor | None = None, frame: Tensor | None = None
@@ -121,8 +123,8 @@ class EquilibriumRope:
         )
         rod, start = s._replace(properties=rows).rod(), None
         of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
-        past = None if self.sliders is None else self.sliders.frames(of)
-        held = Conditions(ends, clamp, sliders=past)
+        past = None if self.friction_elements is None else self.friction_elements.frames(of)
+        held = Conditions(ends, clamp, friction_elements=past)
         if self.near is not None:
             start = self.near.frames(of)
         x, q = self._states(rod, held, start)
@@ -139,7 +141,7 @@ class EquilibriumRope:
     def _states(self, rod: Rod, held: Conditions, start: States | None) -> State:
         """Nodes and frames of every segment, on the CPU: from `start`, or else from catenaries."""
         device, potentials = self.device, self.setup.potentials
-        if held.sliders is not None:  # by the compiled path only, like all below
+        if held.friction_elements is not None:  # by the compiled path only, like all below
             device = None
         if potentials:  # contact and tethers: by the compiled path only
             return settled(solve_with_potentials(rod, held, potentials, start))

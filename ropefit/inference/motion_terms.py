@@ -125,4 +125,4 @@ def set_bend_damping(setup: Setup, v: Tensor) -> Setup:
 def _grip(end: int) -> Apply:
     at = torch.zeros(2, 2, dtype=torch.float64)
     at[end, 0] = 1.0
-    return lambda setup, v: setup._replace(give=setup.give + v[0] * at)
+    return lambda setup, v: setup._replace(clamp_compliance=setup.clamp_compliance + v[0] * at)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
-from ropefit.rod.setup import Seen, Setup
+from ropefit.rod.setup import SensorModel, Setup
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import force_and_stiffness
 from ropefit.solvers.equilibrium.solution import Solution, States
@@ -74,7 +74,7 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
     )
 
 
-def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: Seen) -> np.ndarray:
+def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.ndarray:
     """(P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
     dx = np.moveaxis(dx, 1, 0) * (1 - float(seen.lag))
     for moved, s in zip(dx, slopes, strict=True):
@@ -118,7 +118,14 @@ def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
 
 def _built_from(setup: Setup) -> list[Tensor]:
     """What a rod is built from."""
-    loads = (setup.gravity, setup.load, setup.moment, setup.give, setup.kinks, setup.stretch)
+    loads = (
+        setup.gravity,
+        setup.load,
+        setup.moment,
+        setup.clamp_compliance,
+        setup.kinks,
+        setup.stretch,
+    )
     return [*setup.properties, *loads]
 
 

@@ -27,7 +27,7 @@ from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Potential, Setup
-from ropefit.solvers.equilibrium.conditions import Conditions, Sliders
+from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import Solution, States, unsettled
@@ -84,7 +84,7 @@ class WalkedPoint(Point):
                 self.laws, law_slopes, t, step.first, step.before, change, p[:, 1:3]
             )
             # As a change of the rest shape: that is how the solver takes a change of moments.
-            stiff = step.solution.rod.stiff.reshape(nodes, 3)[:, :2].numpy()
+            stiff = step.solution.rod.stiffness.reshape(nodes, 3)[:, :2].numpy()
             rest[t, :, :, :2] -= answer.force / np.where(stiff > 0, stiff, np.inf)
             own = Directions(*(None if d is None else d[t : t + 1] if len(d) > 1 else d
                                for d in directions))  # fmt: skip
@@ -134,7 +134,7 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
     picked = shown.numpy()
     frames, rod = len(whole.ends), whole.rod()
     law, begins = laws_of(whole), memory.restarts(whole.clock)
-    spins = float(rod.stiff[..., 0, 2]) == 0.0 == float(rod.stiff[..., -1, 2])
+    spins = float(rod.stiffness[..., 0, 2]) == 0.0 == float(rod.stiffness[..., -1, 2])
     row = {int(t): k for k, t in enumerate(picked)}
     rough = [p for p in whole.potentials if p.friction is not None]
     steps: list[Step] = []
@@ -146,8 +146,12 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
             lost = False
             state = memory.unloaded(one.rest[:, :2].numpy(), len(law.fresh))
             grips = [loose(whole.segments + 1) for _ in rough]
-        sliders = Sliders(*(item[None] for item in memory.sliders(law, t, first, state)))
-        held = Conditions(whole.ends[t : t + 1], whole.clamp[t : t + 1], sliders=sliders)
+        friction_elements = FrictionElements(
+            *(item[None] for item in memory.friction_elements(law, t, first, state))
+        )
+        held = Conditions(
+            whole.ends[t : t + 1], whole.clamp[t : t + 1], friction_elements=friction_elements
+        )
         known = None
         if path is not None:
             known = path.frames(np.array([t]))
@@ -186,7 +190,7 @@ def _settle_one(
     """
     for start in [*(s for s in starts if s is not None and _arrived(s)), None]:
         if start is None:
-            start = solve(rod, replace(held, sliders=None), continuation=False)
+            start = solve(rod, replace(held, friction_elements=None), continuation=False)
         if toward is not None and _arrived(start):
             start = spun(rod, held, start, toward)
         if potentials:

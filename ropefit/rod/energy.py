@@ -24,13 +24,13 @@ def energy(rod: Rod, x: Tensor, q: Tensor, clamp: Tensor) -> Tensor:
     """
     edge = (x[..., 1:, :] - x[..., :-1, :]) / rod.length[..., None]
     strain = own(q, edge - 0.5 * (director_gradient(q) @ q[..., None])[..., 0])
-    stretch = 0.5 * (rod.length[..., None] * strain**2 / rod.supple).sum((-1, -2))
+    stretch = 0.5 * (rod.length[..., None] * strain**2 / rod.flexibility).sum((-1, -2))
     around = torch.cat([clamp[..., :1, :], q, clamp[..., 1:, :]], dim=-2)
     p = conjugate_product(around[..., :-1, :], around[..., 1:, :])
     real = torch.sqrt((1 - (rod.rest**2).sum(-1)).clamp_min(0.0))
     nearer = p[..., 0] * real + (p[..., 1:] * rod.rest).sum(-1)
     vector = torch.where(nearer < 0, -1.0, 1.0)[..., None] * p[..., 1:]
-    bend = 0.5 * (rod.stiff * (vector - rod.rest) ** 2).sum((-1, -2))
+    bend = 0.5 * (rod.stiffness * (vector - rod.rest) ** 2).sum((-1, -2))
     return stretch + bend - (rod.load * x).sum((-1, -2))
 
 

@@ -27,15 +27,17 @@ class Field(NamedTuple):
 
 ROD = (
     Field("length", ("N",), "m", "rest length of each segment"),
-    Field("supple", ("N", 3), "1/N", "1/GA, 1/GA, 1/EA of each segment"),
-    Field("stiff", ("N+1", 3), "N m", "of C^B at each node; of the clamps at both ends, or zero"),
+    Field("flexibility", ("N", 3), "1/N", "1/GA, 1/GA, 1/EA of each segment"),
+    Field(
+        "stiffness", ("N+1", 3), "N m", "of C^B at each node; of the clamps at both ends, or zero"
+    ),
     Field("rest", ("N+1", 3), "1", "vector part of the rest Darboux quaternion at each node"),
     Field("load", ("N+1", 3), "N", "force on each node"),
     Field("moment", (2, 3), "N m", "on the first and the last segment, fixed in space"),
 )
 MOTION = (
-    Field("viscous", ("N", 3), "N s", "of the strains of each segment"),
-    Field("loss", ("N+1", 3), "N m s", "of C^B at each node"),
+    Field("strain_viscosity", ("N", 3), "N s", "of the strains of each segment"),
+    Field("bend_viscosity", ("N+1", 3), "N m s", "of C^B at each node"),
     Field("mass", ("N+1",), "kg", "of each node"),
     Field("air", ("N+1",), "N s/m", "resistance of the air to each node"),
 )

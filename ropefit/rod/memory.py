@@ -56,13 +56,13 @@ def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> 
     A branch is shared among the elements as the rod's own rigidity is. Time that goes back is that
     of a new clip, see `restarts`.
     """
-    length, stiff = rod.length.reshape(-1, rod.length.shape[-1])[0], rod.stiff
+    length, stiffness = rod.length.reshape(-1, rod.length.shape[-1])[0], rod.stiffness
     at_node = at_nodes(length)
-    stiff = stiff.reshape(-1, *stiff.shape[-2:])[0, :, 0]
+    stiffness = stiffness.reshape(-1, *stiffness.shape[-2:])[0, :, 0]
     step = torch.diff(time, prepend=time[:1]).clamp_min(0.0)
     drag, slip, kept, given = [], [], [], []
     for b in branches:
-        drag.append(stiff * at_nodes(length * b.bend / bend) / at_node)
+        drag.append(stiffness * at_nodes(length * b.bend / bend) / at_node)
         slip.append(0.25 * at_node * b.slip)  # v = sin(turn / 2)
         share = step / b.time
         kept.append(torch.exp(-share))
@@ -91,7 +91,7 @@ def unloaded(rest: np.ndarray, branches: int) -> State:
     return State(rest, np.zeros((branches, *rest.shape)))
 
 
-def sliders(law: Laws, t: int, first: bool, before: State) -> tuple[np.ndarray, ...]:
+def friction_elements(law: Laws, t: int, first: bool, before: State) -> tuple[np.ndarray, ...]:
     """Return what stands for the branches in frame t: friction elements (Prandtl).
 
     The stiffness (B, N+1) [N m] of springs, the vector (B, N+1, 2) where each is unloaded, and the

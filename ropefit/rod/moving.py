@@ -27,14 +27,14 @@ class Damping(NamedTuple):
 class Moving(NamedTuple):
     """The discrete rod in motion, with or without a dimension of R ropes in front.
 
-    Besides the rod, the fields of `fields.MOTION`: viscous (N, 3) [N s] of the strains,
-    loss (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the nodes.
-    The segments have no spin inertia.
+    Besides the rod, the fields of `fields.MOTION`: strain_viscosity (N, 3) [N s] of the strains,
+    bend_viscosity (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the
+    nodes. The segments have no spin inertia.
     """
 
     rod: Rod
-    viscous: Tensor
-    loss: Tensor
+    strain_viscosity: Tensor
+    bend_viscosity: Tensor
     mass: Tensor
     air: Tensor
 
@@ -57,8 +57,8 @@ def moving(p: Properties, rod: Rod, damping: Damping) -> Moving:
     zero = torch.zeros_like(damping.stretch)
     return Moving(
         rod=rod,
-        viscous=torch.stack([zero, zero, damping.stretch], dim=-1),
-        loss=rod.stiff * torch.stack([bend, bend, twist], dim=-1),
+        strain_viscosity=torch.stack([zero, zero, damping.stretch], dim=-1),
+        bend_viscosity=rod.stiffness * torch.stack([bend, bend, twist], dim=-1),
         mass=at_nodes(0.5 * p.density * p.length),
         air=at_nodes(0.5 * damping.air * p.length),
     )

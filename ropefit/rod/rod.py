@@ -39,15 +39,15 @@ DIMS = tuple(len(field.shape) for field in ROD)  # without that of several ropes
 class Rod(NamedTuple):
     """The discrete rod; N segments between N+1 nodes, with or without a dimension of R ropes.
 
-    length (R, N) [m]; supple (R, N, 3) [1/N]: 1/GA, 1/GA, 1/EA; stiff (R, N+1, 3) [N m]
+    length (R, N) [m]; flexibility (R, N, 3) [1/N]: 1/GA, 1/GA, 1/EA; stiffness (R, N+1, 3) [N m]
     of C^B at each node (the first and last are those of clamps, zero without); rest (R, N+1, 3):
     vector part of the rest Darboux quaternion; load (R, N+1, 3) [N] on the nodes; moment (R, 2, 3)
     [N m] on the first and last segment, in space. See `fields.ROD`.
     """
 
     length: Tensor
-    supple: Tensor
-    stiff: Tensor
+    flexibility: Tensor
+    stiffness: Tensor
     rest: Tensor
     load: Tensor
     moment: Tensor
@@ -110,21 +110,21 @@ def build(
     p: Properties,
     gravity: Float[Tensor, " 3"],
     clamped: tuple[bool, bool],
-    give: Float[Tensor, "*batch 2 2"] | None = None,
+    clamp_compliance: Float[Tensor, "*batch 2 2"] | None = None,
     kinks: Float[Tensor, "*batch nodes 3"] | None = None,
 ) -> Rod:
     """Return the discrete rod of a rope under gravity (3,) [m/s²].
 
     A clamp holds a frame at the very end of the rope: half a segment lies between it and the first
-    frame. give (..., 2, 2) [rad/(N m)]: how far the clamps themselves yield to
+    frame. clamp_compliance (..., 2, 2) [rad/(N m)]: how far the clamps themselves yield to
     bending and to twist, 0 if not given; infinity lets go. kinks (..., N+1, 3) [rad]: turns of the
     rest shape at the nodes, besides its curvature. Each segment's l/EI is shared by the two nodes
     beside it, so properties may jump.
     """
     half_bend, half_twist = 0.5 * p.length / p.bend, 0.5 * p.length / p.twist
     soft = torch.stack([at_nodes(half_bend), at_nodes(half_bend), at_nodes(half_twist)], dim=-1)
-    if give is not None:
-        soft = _with_give(soft, give)
+    if clamp_compliance is not None:
+        soft = _with_clamp_compliance(soft, clamp_compliance)
     ends = torch.ones(soft.shape[-2], 1, dtype=soft.dtype, device=soft.device)
     ends[0], ends[-1] = float(clamped[0]), float(clamped[1])
     turn = at_nodes(0.5 * p.length[..., None] * p.curvature, -2)
@@ -134,8 +134,8 @@ def build(
     load = mass[..., None] * gravity
     return Rod(
         length=p.length,
-        supple=1 / torch.stack([p.shear, p.shear, p.axial], dim=-1),
-        stiff=4 / soft * ends,
+        flexibility=1 / torch.stack([p.shear, p.shear, p.axial], dim=-1),
+        stiffness=4 / soft * ends,
         rest=half_turn(turn),
         load=load,
         moment=load.new_zeros(*load.shape[:-2], 2, 3),
@@ -155,9 +155,9 @@ def at_nodes(value: Tensor, dim: int = -1) -> Tensor:
     return torch.cat([value, zero], dim) + torch.cat([zero, value], dim)
 
 
-def _with_give(soft: Tensor, give: Tensor) -> Tensor:
+def _with_clamp_compliance(soft: Tensor, clamp_compliance: Tensor) -> Tensor:
     """Return the compliances of the bends (..., N+1, 3) with those of the clamps at both ends."""
-    bend, twist = give.unbind(-1)
+    bend, twist = clamp_compliance.unbind(-1)
     extra = torch.stack([bend, bend, twist], dim=-1)  # (..., 2, 3)
     shape = np.broadcast_shapes(soft.shape[:-2], extra.shape[:-2])
     soft, extra = soft.expand(*shape, *soft.shape[-2:]), extra.expand(*shape, 2, 3)

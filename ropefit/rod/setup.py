@@ -16,7 +16,7 @@ from ropefit.rod.moving import Damping
 from ropefit.rod.rod import Properties, Rod, build
 
 
-class Seen(NamedTuple):
+class SensorModel(NamedTuple):
     """How the sensor reports points: small errors of its own, and what a projection took away.
 
     rotation (3,) [rad] and gain about its place (3,), shift (3,) [m], depth [m] along its rays: a
@@ -48,7 +48,7 @@ class Seen(NamedTuple):
         off = ((seen - self.origin) * self.normal).sum(-1, keepdim=True)
         return seen - self.flat * off * self.normal
 
-    def frames(self, index: Tensor) -> Seen:
+    def frames(self, index: Tensor) -> SensorModel:
         """Return the model of some of the frames."""
         few = {name: getattr(self, name)[index] for name in ("origin", "normal")}
         for name in ("drift", "toward"):
@@ -102,7 +102,7 @@ class Setup(NamedTuple):
     """F frames of one rope of N segments.
 
     properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) or (F, N+1, 3) [N]; moment
-    (2, 3) [N m]; give (2, 2) [rad/(N m)]: rows of both ends, to bending and to twist;
+    (2, 3) [N m]; clamp_compliance (2, 2) [rad/(N m)]: rows of both ends, to bending and to twist;
     kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial compliance besides 1/EA; ends (F, 2, 3) [m],
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
     points; potentials. time (F,) [s]; memory: what remembers earlier frames, and past: those of
@@ -113,13 +113,13 @@ class Setup(NamedTuple):
     gravity: Tensor
     load: Tensor
     moment: Tensor
-    give: Tensor
+    clamp_compliance: Tensor
     kinks: Tensor
     stretch: Tensor
     ends: Tensor
     clamp: Tensor
     clamped: tuple[bool, bool]
-    seen: Seen
+    seen: SensorModel
     potentials: tuple[Potential, ...] = ()
     damping: Damping | None = None  # of a rope that is simulated in motion
     motion: Motion | None = None  # None: a recording too slow or too sparse to show any
@@ -183,12 +183,12 @@ class Setup(NamedTuple):
 
     def rod(self) -> Rod:
         """Return the discrete rod with all its loads."""
-        rod = build(self.properties, self.gravity, self.clamped, self.give, self.kinks)
+        rod = build(self.properties, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
         axial = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
         return rod._replace(
             load=rod.load + self.load,
             moment=rod.moment + self.moment,
-            supple=rod.supple + self.stretch[..., None] * axial,
+            flexibility=rod.flexibility + self.stretch[..., None] * axial,
         )
 
 
@@ -208,13 +208,13 @@ def bare(
         gravity=gravity,
         load=torch.zeros(segments + 1, 3, dtype=torch.float64),
         moment=torch.zeros(2, 3, dtype=torch.float64),
-        give=torch.zeros(2, 2, dtype=torch.float64),
+        clamp_compliance=torch.zeros(2, 2, dtype=torch.float64),
         kinks=torch.zeros(segments + 1, 3, dtype=torch.float64),
         stretch=torch.zeros(segments, dtype=torch.float64),
         ends=ends,
         clamp=clamp,
         clamped=(bool(held[0]), bool(held[1])),
-        seen=Seen(
+        seen=SensorModel(
             viewpoint,
             zero,
             zero[0],

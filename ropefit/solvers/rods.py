@@ -32,10 +32,12 @@ def whole_rest(rest: np.ndarray) -> np.ndarray:
     return np.concatenate([real, rest], -1)
 
 
-def free_to_spin(stiff: np.ndarray, rest: np.ndarray) -> np.ndarray:
+def free_to_spin(stiffness: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """Return (R,) bool: no twist held, no rest curvature, no direction of easier bending."""
-    spins = (stiff[:, 0, 2] == 0) & (stiff[:, -1, 2] == 0) & (rest[:, :, :2] == 0).all((1, 2))
-    return spins & (stiff[:, :, 0] == stiff[:, :, 1]).all(1)
+    spins = (
+        (stiffness[:, 0, 2] == 0) & (stiffness[:, -1, 2] == 0) & (rest[:, :, :2] == 0).all((1, 2))
+    )
+    return spins & (stiffness[:, :, 0] == stiffness[:, :, 1]).all(1)
 
 
 def check_rods(rods: Any, fields: tuple[Field, ...]) -> None:

@@ -139,7 +139,7 @@ def nominal_terms(
     curve = {name: values.pop(name) for name in rest_curve.NAMES if name in values}
     setup = started_setup(setup, values, scale)
     names = ["EI"]
-    if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
+    if all(setup.clamped) and bool(torch.isfinite(setup.clamp_compliance).all()):
         names.append("GJ")
     if o.length_source == "estimated":
         names.append("length")

@@ -167,10 +167,10 @@ def _description(
     return RopeDescription(
         length=float(rest.sum()),
         rest_lengths=rest.copy(),
-        EA=(1 / rod.supple[:, 2]).numpy(),  # infinite where it does not stretch
-        GA=(1 / rod.supple[:, 0]).numpy(),
-        EI=rod.stiff[1:-1, 0].numpy() * at_nodes / 4,
-        GJ=rod.stiff[1:-1, 2].numpy() * at_nodes / 4,
+        EA=(1 / rod.flexibility[:, 2]).numpy(),  # infinite where it does not stretch
+        GA=(1 / rod.flexibility[:, 0]).numpy(),
+        EI=rod.stiffness[1:-1, 0].numpy() * at_nodes / 4,
+        GJ=rod.stiffness[1:-1, 2].numpy() * at_nodes / 4,
         rest_curvature=curvature[:, :2].copy(),
         rest_twist=curvature[:, 2].copy(),
         masses=np.pad(half, (0, 1)) + np.pad(half, (1, 0)),

@@ -139,7 +139,7 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
                 )
         return sorted(set(asked), key=list(allowed).index)
     names = ["EI", "bend_damping", "air_damping"]
-    if all(setup.clamped) and bool(torch.isfinite(setup.give).all()):
+    if all(setup.clamped) and bool(torch.isfinite(setup.clamp_compliance).all()):
         names.insert(1, "GJ")
     return names + (["length"] if o.length_source == "estimated" else [])
 

@@ -73,11 +73,11 @@ def restored_rope(
     if setup.memory:
         # A rope that remembers comes into every frame as the recorded ends have brought it there.
         walked = Forward(setup, []).at(np.empty(0))
-        near, past = walked.solution, walked.solution.conditions.sliders
+        near, past = walked.solution, walked.solution.conditions.friction_elements
         setup = setup._replace(memory=())
     rope = EquilibriumRope(
         setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
-        sliders=past,
+        friction_elements=past,
     )  # fmt: skip
     if not found and np.isfinite(model.balance.other).any():
         rope = _on_its_branch(rope, values, model)

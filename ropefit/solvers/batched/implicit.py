@@ -102,9 +102,9 @@ def _differentiable(
         value = getattr(rod, name).to(device, torch.float64)
         value = value if value.ndim == dim + 1 else value[None]
         fields[name] = value[index] if len(value) > 1 else value.expand(frames, *value.shape[1:])
-    stiff = fields["stiff"]
-    clamped = (stiff != 0).any(-1, keepdim=True)  # no clamp, no derivative
-    fields["stiff"] = stiff * clamped
+    stiffness = fields["stiffness"]
+    clamped = (stiffness != 0).any(-1, keepdim=True)  # no clamp, no derivative
+    fields["stiffness"] = stiffness * clamped
     clamp = c.clamp.to(device, torch.float64)
     clamp = torch.where(torch.isnan(clamp), ropes.clamp, clamp)
     fields["clamp"] = clamp / torch.linalg.norm(clamp, dim=-1, keepdim=True)

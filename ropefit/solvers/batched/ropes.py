@@ -27,8 +27,8 @@ class Ropes(NamedTuple):
     """
 
     length: Tensor
-    supple: Tensor
-    stiff: Tensor
+    flexibility: Tensor
+    stiffness: Tensor
     rest: Tensor
     load: Tensor
     moment: Tensor
@@ -123,19 +123,19 @@ def bent(r: Ropes, q: Tensor, lam: Tensor, x0: Tensor) -> Bent:
     force = r.load[:, 1:].flip(1).cumsum(1).flip(1)
     force = force + (r.reach * lam[..., None]).mT @ r.direction
     u = (frame.mT @ force[..., None])[..., 0]
-    g = r.length[..., None] * (r.supple * u + identity[2])
+    g = r.length[..., None] * (r.flexibility * u + identity[2])
     x = torch.cat([x0[:, None], x0[:, None] + (frame @ g[..., None])[..., 0].cumsum(1)], 1)
     around = torch.cat([r.clamp[:, :1], q, r.clamp[:, 1:]], 1)
     p = conjugate_product(around[:, :-1], around[:, 1:])
     real = torch.sqrt((1 - (r.rest**2).sum(-1)).clamp_min(0.0))
     nearer = p[..., 0] * real + (p[..., 1:] * r.rest).sum(-1)
     p = torch.where(nearer < 0, -1.0, 1.0)[..., None] * p
-    return Bent(frame, force, u, g, p, r.stiff * (p[..., 1:] - r.rest), x)
+    return Bent(frame, force, u, g, p, r.stiffness * (p[..., 1:] - r.rest), x)
 
 
 def lagrangian(r: Ropes, lam: Tensor, x0: Tensor, s: Bent) -> Tensor:
     """(B,) [J] L, whose saddle point is the equilibrium."""
-    stretch = (r.length * (s.u[..., 2] + 0.5 * (r.supple * s.u**2).sum(-1))).sum(-1)
+    stretch = (r.length * (s.u[..., 2] + 0.5 * (r.flexibility * s.u**2).sum(-1))).sum(-1)
     bend = 0.5 * (s.m * (s.p[..., 1:] - r.rest)).sum((-1, -2))
     gap = r.offset - (r.direction * x0[:, None]).sum(-1) - 0.5 * r.compliance * lam
     loose = torch.where(r.free, (x0[:, None] * r.load).sum((-1, -2)), 0.0)
@@ -167,18 +167,18 @@ def _given_moments(r: Ropes, s: Bent) -> Tensor:
 def hessian(r: Ropes, s: Bent) -> tuple[Hessian, Tensor]:
     """The Hessian of L, and (B,) [N m] the largest moment that is balanced."""
     identity = torch.eye(3, dtype=s.u.dtype, device=s.u.device)
-    give = r.length[..., None] * r.supple
+    segment_compliance = r.length[..., None] * r.flexibility
     gu = s.g[..., :, None] * s.u[..., None, :]
     cross_u = skew(s.u)
     diagonal = (s.g * s.u).sum(-1)[..., None, None] * identity - 0.5 * (gu + gu.mT)
-    diagonal = diagonal - cross_u.mT @ (give[..., None] * cross_u)
-    h, v, stiff = 0.5 * s.p[..., :1, None], skew(0.5 * s.p[..., 1:]), r.stiff[..., None]
+    diagonal = diagonal - cross_u.mT @ (segment_compliance[..., None] * cross_u)
+    h, v, stiffness = 0.5 * s.p[..., :1, None], skew(0.5 * s.p[..., 1:]), r.stiffness[..., None]
     after, before = v + h * identity, v - h * identity
     pm = s.p[..., 1:, None] * s.m[..., None, :]
     along = 0.25 * (s.m * s.p[..., 1:]).sum(-1)[..., None, None] * identity
-    diagonal = diagonal + (after.mT @ (stiff * after) - along)[:, :-1]
-    diagonal = diagonal + (before.mT @ (stiff * before) - along)[:, 1:]
-    off = before.mT @ (stiff * after) - along + 0.25 * (pm + pm.mT) + 0.5 * h * skew(s.m)
+    diagonal = diagonal + (after.mT @ (stiffness * after) - along)[:, :-1]
+    diagonal = diagonal + (before.mT @ (stiffness * before) - along)[:, 1:]
+    off = before.mT @ (stiffness * after) - along + 0.25 * (pm + pm.mT) + 0.5 * h * skew(s.m)
     given = _given_moments(r, s)
     # Moments that keep their direction in space have no potential: not symmetric.
     diagonal[:, 0] -= 0.5 * skew(given[:, 0])
@@ -186,7 +186,7 @@ def hessian(r: Ropes, s: Bent) -> tuple[Hessian, Tensor]:
     diagonal[:, 0, 2, 2] += r.gauge
 
     seen = torch.einsum("bnij,bsi->bsnj", s.frame, r.direction) * r.reach[..., None]
-    strain = give[:, None] * seen
+    strain = segment_compliance[:, None] * seen
     border = torch.linalg.cross(strain, s.u[:, None].expand_as(strain))
     border = -(border + torch.linalg.cross(s.g[:, None].expand_as(seen), seen))
     count = r.offset.shape[1]
@@ -200,7 +200,7 @@ def hessian(r: Ropes, s: Bent) -> tuple[Hessian, Tensor]:
     scale = [
         (s.g * s.g).sum(-1) * (s.u * s.u).sum(-1),
         (s.m * s.m).sum(-1),
-        1e-8 * r.stiff.amax(-1) ** 2,  # rounding in a frame costs this much
+        1e-8 * r.stiffness.amax(-1) ** 2,  # rounding in a frame costs this much
         (given * given).sum(-1),
     ]
     largest = torch.cat(scale, 1).amax(1).sqrt()

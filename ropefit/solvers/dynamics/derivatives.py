@@ -87,10 +87,10 @@ class Directions(NamedTuple):
     """
 
     length: np.ndarray | None = None
-    supple: np.ndarray | None = None
-    viscous: np.ndarray | None = None
-    stiff: np.ndarray | None = None
-    loss: np.ndarray | None = None
+    flexibility: np.ndarray | None = None
+    strain_viscosity: np.ndarray | None = None
+    stiffness: np.ndarray | None = None
+    bend_viscosity: np.ndarray | None = None
     rest: np.ndarray | None = None
     load: np.ndarray | None = None
     mass: np.ndarray | None = None

@@ -59,16 +59,16 @@ def problem_of(rope: Moving, drive: Drive, member: np.ndarray | None) -> Problem
         raise ValueError("moments at the ends have no place in the dynamics")
     clips = len(drive.time)
     arrays = rod_arrays(rope.rod._asdict() | rope._asdict(), MOVING_ROD)
-    ropes, stiff = len(arrays["length"]), arrays["stiff"]
+    ropes, stiffness = len(arrays["length"]), arrays["stiffness"]
     if member is None:
         if ropes not in (1, clips):
             raise ValueError(f"{ropes} ropes for {clips} clips: say which clip shows which")
         member = np.zeros(clips, np.int64) if ropes == 1 else np.arange(clips)
     # Where bending is damped, spinning is not quite free, and the matrix must be that of it; where
     # it is free, rounding must not turn the rope by more than an iteration may.
-    small = np.where(arrays["loss"].any((1, 2)), GAUGE, FREE_GAUGE)
-    largest = stiff.max(axis=(1, 2), initial=1e-9)
-    gauge = np.where(free_to_spin(stiff, arrays["rest"]), small * largest, 0.0)
+    small = np.where(arrays["bend_viscosity"].any((1, 2)), GAUGE, FREE_GAUGE)
+    largest = stiffness.max(axis=(1, 2), initial=1e-9)
+    gauge = np.where(free_to_spin(stiffness, arrays["rest"]), small * largest, 0.0)
     rods = RodArrays(**(arrays | {"rest": whole_rest(arrays["rest"])}), gauge=gauge)
     ends = as_numpy(drive.ends)
     held = np.array([not np.isnan(ends[:, :, end]).any() for end in range(2)])

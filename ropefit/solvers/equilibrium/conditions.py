@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 
-class Sliders(NamedTuple):
+class FrictionElements(NamedTuple):
     """B friction elements (Prandtl) at every bend element of F frames.
 
     Each is a spring between the vector part of the element's Darboux quaternion, about the first
@@ -22,9 +22,9 @@ class Sliders(NamedTuple):
     centre: np.ndarray
     slip: np.ndarray
 
-    def frames(self, index: np.ndarray) -> Sliders:
+    def frames(self, index: np.ndarray) -> FrictionElements:
         """Return those of some of the frames."""
-        return Sliders(*(item[index] for item in self))
+        return FrictionElements(*(item[index] for item in self))
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Conditions:
     ends (F, 2, 3) [m] and clamp (F, 2, 4), NaN where not held. More supports: node (S,),
     direction (F, S, 3), offset (F, S) [m], compliance (F, S) [m/N], active (F, S): the force λ on
     the node along the direction obeys direction · x + compliance λ = offset.
-    sliders: what the past of a rope that remembers has left in it.
+    friction_elements: what the past of a rope that remembers has left in it.
     """
 
     ends: Tensor
@@ -44,7 +44,7 @@ class Conditions:
     offset: Tensor | None = None
     compliance: Tensor | None = None
     active: np.ndarray | None = None
-    sliders: Sliders | None = None
+    friction_elements: FrictionElements | None = None
 
     @property
     def free(self) -> bool:
@@ -75,5 +75,7 @@ class Conditions:
             if (value := getattr(self, name)) is not None
         }
         active = None if self.active is None else self.active[index.numpy()]
-        past = None if self.sliders is None else self.sliders.frames(index.numpy())
-        return replace(self, active=active, sliders=past, **few)
+        past = (
+            None if self.friction_elements is None else self.friction_elements.frames(index.numpy())
+        )
+        return replace(self, active=active, friction_elements=past, **few)

@@ -120,8 +120,8 @@ class Directions(NamedTuple):
     """
 
     length: np.ndarray | None = None
-    supple: np.ndarray | None = None
-    stiff: np.ndarray | None = None
+    flexibility: np.ndarray | None = None
+    stiffness: np.ndarray | None = None
     rest: np.ndarray | None = None
     load: np.ndarray | None = None
     moment: np.ndarray | None = None

@@ -29,23 +29,23 @@ STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arriv
 
 
 def force_and_stiffness(
-    potentials: tuple[Potential, ...], x: Tensor, stiff: bool = True
+    potentials: tuple[Potential, ...], x: Tensor, with_stiffness: bool = True
 ) -> tuple[Tensor, Tensor]:
     """-dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3); the second
     only where it is asked for."""
     x = x.detach()
-    force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if stiff else 0)
+    force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if with_stiffness else 0)
     for p in potentials:
         share = p.share.detach()[:, None].expand_as(x[..., :1])
         if p.cornered:  # friction knows every node's past
-            slope, rows = _slopes(p, x, share, stiff)
+            slope, rows = _slopes(p, x, share, with_stiffness)
             force -= slope
             stiffness += rows
             continue
         acting = _acting(p, x)
-        slope, rows = _slopes(p, x[acting], share[acting], stiff)
+        slope, rows = _slopes(p, x[acting], share[acting], with_stiffness)
         force[acting] -= slope
-        if stiff:
+        if with_stiffness:
             stiffness[acting] += rows
     return force, stiffness
 
@@ -57,13 +57,13 @@ def _acting(p: Potential, x: Tensor) -> Tensor:
 
 
 @torch.enable_grad()  # also where a caller wants no gradients of its own
-def _slopes(p: Potential, x: Tensor, share: Tensor, stiff: bool) -> tuple[Tensor, Tensor]:
+def _slopes(p: Potential, x: Tensor, share: Tensor, with_stiffness: bool) -> tuple[Tensor, Tensor]:
     """First (..., 3) and, if asked for, second derivatives (..., 3, 3) of a potential at nodes of
     these shares (..., 1)."""
     x = x.detach().requires_grad_()
     total = (share[..., 0] * p.energy(x)).sum()
-    (slope,) = torch.autograd.grad(total, x, create_graph=stiff)
-    if not stiff:
+    (slope,) = torch.autograd.grad(total, x, create_graph=with_stiffness)
+    if not with_stiffness:
         return slope, x.new_zeros(0)
     rows = []
     for a in range(3):
@@ -235,7 +235,7 @@ def _share(
     """
     at = torch.linspace(0.0, 1.0, SHARES, dtype=torch.float64)
     places = torch.from_numpy(x) + at[:, None, None, None] * torch.from_numpy(step)
-    force = force_and_stiffness(potentials, places, stiff=False)[0].numpy()
+    force = force_and_stiffness(potentials, places, with_stiffness=False)[0].numpy()
     along = np.einsum("sfna,fna->sf", force, step)
     first, last = (np.einsum("fna,fna->f", own, step) for own in (old, new))
     along += first + at.numpy()[:, None] * (last - first)

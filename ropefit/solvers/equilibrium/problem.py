@@ -50,14 +50,14 @@ def problem_of(rod: Rod, conditions: Conditions, member: np.ndarray | None) -> P
 
 def _gauge(arrays: dict[str, np.ndarray], conditions: Conditions) -> np.ndarray:
     """Return (R,) [N m] what holds the spin of segment 0, or 0 where something else does."""
-    stiff, rest, moment = arrays["stiff"], arrays["rest"], arrays["moment"]
+    stiffness, rest, moment = arrays["stiffness"], arrays["rest"], arrays["moment"]
     # Free to spin: no twist held, no rest curvature, no direction of easier bending, no moment.
-    spins = free_to_spin(stiff, rest) & (moment == 0).all((1, 2))
-    sliders = conditions.sliders
-    if sliders is not None:
-        turned = (sliders.drag[..., None] * sliders.centre != 0).any((1, 2, 3))
-        spins &= ~turned if len(stiff) == len(conditions.ends) else ~turned.any()
-    return np.where(spins, stiff[:, 1:-1, 2].max(axis=1, initial=0.0), 0.0)
+    spins = free_to_spin(stiffness, rest) & (moment == 0).all((1, 2))
+    friction_elements = conditions.friction_elements
+    if friction_elements is not None:
+        turned = (friction_elements.drag[..., None] * friction_elements.centre != 0).any((1, 2, 3))
+        spins &= ~turned if len(stiffness) == len(conditions.ends) else ~turned.any()
+    return np.where(spins, stiffness[:, 1:-1, 2].max(axis=1, initial=0.0), 0.0)
 
 
 def _held(conditions: Conditions, segments: int) -> HeldArrays:
@@ -81,7 +81,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
         more = np.ones((frames, len(c.node)), bool) if c.active is None else c.active
         active = np.concatenate([active, more], axis=1)
     none = [np.zeros((frames, 0, segments + 1, *last)) for last in ((), (2,), ())]
-    drag, centre, slip = c.sliders or none
+    drag, centre, slip = c.friction_elements or none
     clamp = as_numpy(c.clamp)
     unheld = np.isnan(clamp).any(-1)
     if unheld.any():

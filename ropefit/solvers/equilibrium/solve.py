@@ -79,8 +79,8 @@ def _continue(
     lost: np.ndarray,
 ) -> None:
     """Put equilibria that continuation in stiffness reaches into the `lost` frames (F,)."""
-    stiff = rod.stiff if rod.stiff.ndim == 3 else rod.stiff[None]
-    owner = of if len(stiff) > 1 else np.zeros_like(of)
+    stiffness = rod.stiffness if rod.stiffness.ndim == 3 else rod.stiffness[None]
+    owner = of if len(stiffness) > 1 else np.zeros_like(of)
     fixed = Rod(*(t if t.ndim == d else t[of] for t, d in zip(rod, DIMS, strict=True)))
 
     def at(factor: np.ndarray, index: np.ndarray, start: States | None) -> Solution:
@@ -88,7 +88,7 @@ def _continue(
         few = Rod(*(t if t.ndim == d else t[index] for t, d in zip(fixed, DIMS, strict=True)))
         times = torch.from_numpy(factor)[:, None, None]
         return solve(
-            few._replace(stiff=stiff[owner[index]] * times),
+            few._replace(stiffness=stiffness[owner[index]] * times),
             conditions.frames(index), start,
             turns=None if turns is None else turns[index], tolerance=tolerance, limit=limit,
             continuation=False,

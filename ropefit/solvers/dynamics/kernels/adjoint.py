@@ -75,7 +75,7 @@ def _pull_darboux(rod, t, p, gp, gq, out):
     """Pull the gradient in the Darboux vectors of one time back to its frames and clamps."""
     n = rod.length.shape[0]
     for j in range(n + 1):
-        if jointed(rod.stiff, rod.loss, j):
+        if jointed(rod.stiffness, rod.bend_viscosity, j):
             before = out.clamp[t, 0] if j == 0 else gq[j - 1]
             after = out.clamp[t, 1] if j == n else gq[j]
             across_back(p[j], gp[j], -1.0, before)
@@ -124,15 +124,15 @@ def _pull_segments(rod, t, c, b, gs, out, w):
         for a in range(3):
             pull = (p0, p1, p2)[a]
             pull += r[0, a] * b[i, 3] + r[1, a] * b[i, 4] + r[2, a] * b[i, 5]
-            supple, vis = rod.supple[i, a], rod.viscous[i, a]
-            even = 1 + supple * vis * c[0]
+            flexibility, vis = rod.flexibility[i, a], rod.strain_viscosity[i, a]
+            even = 1 + flexibility * vis * c[0]
             rate = c[0] * (w.g[i, a] / l - (a == 2)) + w.old_strain[i, a]
             g = -l * pull
             out.length[i] -= w.g[i, a] / l * pull
-            out.supple[i, a] += g * (u[a] - vis * w.old_strain[i, a]) / (even * even)
-            out.viscous[i, a] -= g * supple / even * rate
-            gs[t - 1, i, a] -= c[1] * g * supple / even * vis
-            gs[two, i, a] -= c[2] * g * supple / even * vis
+            out.flexibility[i, a] += g * (u[a] - vis * w.old_strain[i, a]) / (even * even)
+            out.strain_viscosity[i, a] -= g * flexibility / even * rate
+            gs[t - 1, i, a] -= c[1] * g * flexibility / even * vis
+            gs[two, i, a] -= c[2] * g * flexibility / even * vis
 
 
 @inlined
@@ -141,7 +141,7 @@ def _pull_bends(rod, t, c, b, gp, out, mu, block, w):
     the Darboux vectors of the past."""
     n, two = rod.length.shape[0], max(t - 2, 0)
     for j in range(n + 1):
-        if not jointed(rod.stiff, rod.loss, j):
+        if not jointed(rod.stiffness, rod.bend_viscosity, j):
             continue
         pj = w.p[j]
         mu[:] = 0.0
@@ -150,11 +150,11 @@ def _pull_bends(rod, t, c, b, gp, out, mu, block, w):
         if j < n:
             across(pj, b[j, :3], 1.0, mu)
         for a in range(3):
-            out.stiff[j, a] += mu[a] * (pj[a + 1] - rod.rest[j, a + 1])
-            out.loss[j, a] += mu[a] * (c[0] * pj[a + 1] + w.old_p[j, a])
-            out.rest[j, a] -= mu[a] * rod.stiff[j, a]
-            gp[t - 1, j, a] += c[1] * rod.loss[j, a] * mu[a]
-            gp[two, j, a] += c[2] * rod.loss[j, a] * mu[a]
+            out.stiffness[j, a] += mu[a] * (pj[a + 1] - rod.rest[j, a + 1])
+            out.bend_viscosity[j, a] += mu[a] * (c[0] * pj[a + 1] + w.old_p[j, a])
+            out.rest[j, a] -= mu[a] * rod.stiffness[j, a]
+            gp[t - 1, j, a] += c[1] * rod.bend_viscosity[j, a] * mu[a]
+            gp[two, j, a] += c[2] * rod.bend_viscosity[j, a] * mu[a]
         if j == 0 or j == n:
             cross_block(pj, w.m[j], w.firm[j], block)
             for a in range(3):

@@ -19,15 +19,15 @@ def rates(time, t):
 
 
 @helper
-def jointed(stiff, loss, j):
+def jointed(stiffness, bend_viscosity, j):
     """Whether there is a bend at node j: not at the ends of a rope that is not clamped."""
     return (
-        stiff[j, 0] != 0.0
-        or stiff[j, 1] != 0.0
-        or stiff[j, 2] != 0.0
-        or loss[j, 0] != 0.0
-        or loss[j, 1] != 0.0
-        or loss[j, 2] != 0.0
+        stiffness[j, 0] != 0.0
+        or stiffness[j, 1] != 0.0
+        or stiffness[j, 2] != 0.0
+        or bend_viscosity[j, 0] != 0.0
+        or bend_viscosity[j, 1] != 0.0
+        or bend_viscosity[j, 2] != 0.0
     )
 
 
@@ -36,7 +36,7 @@ def set_bends(rod, clamp, q, p):
     """Darboux quaternions p (N+1, 4) of a state."""
     n = rod.length.shape[0]
     for j in range(n + 1):
-        if jointed(rod.stiff, rod.loss, j):
+        if jointed(rod.stiffness, rod.bend_viscosity, j):
             before = clamp[0] if j == 0 else q[j - 1]
             after = clamp[1] if j == n else q[j]
             darboux(before, after, rod.rest[j], p[j])

@@ -77,8 +77,8 @@ def make_work(n):
 def rod_of(rods, k):
     """Return rope k of R."""
     return Rod(
-        rods.length[k], rods.supple[k], rods.stiff[k], rods.rest[k], rods.load[k],
-        rods.viscous[k], rods.loss[k], rods.mass[k], rods.air[k],
+        rods.length[k], rods.flexibility[k], rods.stiffness[k], rods.rest[k], rods.load[k],
+        rods.strain_viscosity[k], rods.bend_viscosity[k], rods.mass[k], rods.air[k],
         rods.gauge[k],
     )  # fmt: skip
 
@@ -93,7 +93,7 @@ def drive_of(drives, k):
 def change_of(c, k, of):
     """Return the change of clip k that shows rope `of`."""
     return Change(
-        c.length[of], c.supple[of], c.stiff[of], c.rest[of], c.load[of],
-        c.viscous[of], c.loss[of], c.mass[of], c.air[of], c.ends[k], c.clamp[k],
+        c.length[of], c.flexibility[of], c.stiffness[of], c.rest[of], c.load[of],
+        c.strain_viscosity[of], c.bend_viscosity[of], c.mass[of], c.air[of], c.ends[k], c.clamp[k],
         c.x0[k], c.v0[k], c.q0[k],
     )  # fmt: skip

@@ -46,7 +46,7 @@ def _predict(qs, forces, t, q, force):
 def newton_step(rod, drive, t, c0, q, force, w, half, limit):
     """Newton's method on one step, from q and force on. Returns (status, iterations)."""
     n = rod.length.shape[0]
-    free = rod.gauge > 0.0 and not rod.loss.any()
+    free = rod.gauge > 0.0 and not rod.bend_viscosity.any()
     for iteration in range(limit):
         assemble(rod, drive, t, c0, q, force, w)
         factor(w, half)

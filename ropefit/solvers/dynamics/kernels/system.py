@@ -27,7 +27,7 @@ def prepare(rod, drive, t, c0, w):
             w.y[k, a] = w.inverse_mass[k] * known
     for j in range(n + 1):
         for a in range(3):
-            w.firm[j, a] = rod.stiff[j, a] + c0 * rod.loss[j, a]
+            w.firm[j, a] = rod.stiffness[j, a] + c0 * rod.bend_viscosity[j, a]
 
 
 @helper
@@ -62,9 +62,11 @@ def _add_segments(rod, q, force, c0, w):
         rotation(q[i], r)
         for a in range(3):
             w.u[i, a] = r[0, a] * force[i, 0] + r[1, a] * force[i, 1] + r[2, a] * force[i, 2]
-            share = rod.supple[i, a] / (1 + rod.supple[i, a] * rod.viscous[i, a] * c0)
+            share = rod.flexibility[i, a] / (
+                1 + rod.flexibility[i, a] * rod.strain_viscosity[i, a] * c0
+            )
             w.yields[i, a] = l * share
-            w.g[i, a] = l * share * (w.u[i, a] - rod.viscous[i, a] * w.old_strain[i, a])
+            w.g[i, a] = l * share * (w.u[i, a] - rod.strain_viscosity[i, a] * w.old_strain[i, a])
         w.g[i, 2] += l
         g, u, e = w.g[i], w.u[i], w.yields[i]
         b = w.right[i]
@@ -96,12 +98,15 @@ def _add_bends(rod, c0, w):
     """Add what the bend elements give."""
     n = rod.length.shape[0]
     for j in range(n + 1):
-        if not jointed(rod.stiff, rod.loss, j):
+        if not jointed(rod.stiffness, rod.bend_viscosity, j):
             continue
         p, m, k = w.p[j], w.m[j], w.firm[j]
         for a in range(3):
             rate = c0 * p[a + 1] + w.old_p[j, a]
-            m[a] = rod.stiff[j, a] * (p[a + 1] - rod.rest[j, a + 1]) + rod.loss[j, a] * rate
+            m[a] = (
+                rod.stiffness[j, a] * (p[a + 1] - rod.rest[j, a + 1])
+                + rod.bend_viscosity[j, a] * rate
+            )
         c_0 = 0.5 * (p[2] * m[2] - p[3] * m[1])
         c_1 = 0.5 * (p[3] * m[0] - p[1] * m[2])
         c_2 = 0.5 * (p[1] * m[1] - p[2] * m[0])

@@ -84,12 +84,12 @@ def _change_segments(rod, d, s, c0, old_s, dy, b, edge, w):
     for i in range(rod.length.shape[0]):
         r, u, l = w.frame[i], w.u[i], rod.length[i]
         for a in range(3):
-            supple, vis = rod.supple[i, a], rod.viscous[i, a]
-            even = 1 + supple * vis * c0
+            flexibility, vis = rod.flexibility[i, a], rod.strain_viscosity[i, a]
+            even = 1 + flexibility * vis * c0
             rate = c0 * (w.g[i, a] / l - (a == 2)) + w.old_strain[i, a]
             stretch = (
-                d.supple[s, i, a] * (u[a] - vis * w.old_strain[i, a]) / (even * even)
-                - supple / even * (d.viscous[s, i, a] * rate + vis * old_s[i, a])
+                d.flexibility[s, i, a] * (u[a] - vis * w.old_strain[i, a]) / (even * even)
+                - flexibility / even * (d.strain_viscosity[s, i, a] * rate + vis * old_s[i, a])
             )  # fmt: skip
             edge[a] = d.length[s, i] * w.g[i, a] / l + l * stretch
         b[i, 0] = -(edge[1] * u[2] - edge[2] * u[1])
@@ -106,16 +106,16 @@ def _change_bends(rod, d, s, t, c0, old_p, b, moment, block, w):
     """Add the residual of the bends and clamps in direction s; moment and block are scratch."""
     n = rod.length.shape[0]
     for j in range(n + 1):
-        if not jointed(rod.stiff, rod.loss, j):
+        if not jointed(rod.stiffness, rod.bend_viscosity, j):
             continue
         pj = w.p[j]
         for a in range(3):
             rate = c0 * pj[a + 1] + w.old_p[j, a]
             moment[a] = (
-                d.stiff[s, j, a] * (pj[a + 1] - rod.rest[j, a + 1])
-                - rod.stiff[j, a] * d.rest[s, j, a]
-                + d.loss[s, j, a] * rate
-                + rod.loss[j, a] * old_p[j, a]
+                d.stiffness[s, j, a] * (pj[a + 1] - rod.rest[j, a + 1])
+                - rod.stiffness[j, a] * d.rest[s, j, a]
+                + d.bend_viscosity[s, j, a] * rate
+                + rod.bend_viscosity[j, a] * old_p[j, a]
             )
         if j < n:
             across_back(pj, moment, 1.0, b[j, :3])
@@ -157,7 +157,7 @@ def _change_darboux(rod, d, s, t, p, turn, dp):
     for j in range(n + 1):
         out = dp[j]
         out[:] = 0.0
-        if jointed(rod.stiff, rod.loss, j):
+        if jointed(rod.stiffness, rod.bend_viscosity, j):
             before = d.clamp[s, t, 0] if j == 0 else turn[j - 1]
             after = d.clamp[s, t, 1] if j == n else turn[j]
             across(p[j], before, -1.0, out)

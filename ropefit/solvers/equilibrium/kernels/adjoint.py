@@ -72,8 +72,8 @@ def _load_columns(rod, held, q, gx, gq, w, right, suffix):
         v0 = r[0, 0] * t0 + r[1, 0] * t1 + r[2, 0] * t2
         v1 = r[0, 1] * t0 + r[1, 1] * t1 + r[2, 1] * t2
         v2 = r[0, 2] * t0 + r[1, 2] * t1 + r[2, 2] * t2
-        e0, e1 = l * rod.supple[i, 0] * v0, l * rod.supple[i, 1] * v1
-        e2 = l * rod.supple[i, 2] * v2
+        e0, e1 = l * rod.flexibility[i, 0] * v0, l * rod.flexibility[i, 1] * v1
+        e2 = l * rod.flexibility[i, 2] * v2
         p, h = q[i], gq[i]
         b[i, 0, count] = (
             g[1] * v2
@@ -111,10 +111,10 @@ def _pull_bends(rod, w, y, out):
     n = rod.length.shape[0]
     for j in range(n + 1):
         p = w.p[j]
-        k = rod.stiff[j]
+        k = rod.stiffness[j]
         h, x1, x2, x3 = 0.5 * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
         for a in range(3):
-            out.stiff[j, a], out.rest[j, a] = 0.0, 0.0
+            out.stiffness[j, a], out.rest[j, a] = 0.0, 0.0
         if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
             continue
         for side in range(2):
@@ -127,7 +127,7 @@ def _pull_bends(rod, w, y, out):
             z2 = f * y[i, 2] + x1 * y[i, 1] - x2 * y[i, 0]
             for a in range(3):
                 z = (z0, z1, z2)[a]
-                out.stiff[j, a] -= (p[a + 1] - rod.rest[j, a + 1]) * z
+                out.stiffness[j, a] -= (p[a + 1] - rod.rest[j, a + 1]) * z
                 out.rest[j, a] += k[a] * z
 
 
@@ -138,7 +138,7 @@ def _pull_ends(rod, w, y, out):
     block = np.empty((3, 3))
     for end in range(2):
         j, i = (0, 0) if end == 0 else (n, n - 1)
-        k = rod.stiff[j]
+        k = rod.stiffness[j]
         held_turn = not (k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0)
         if held_turn:
             cross(w, j, block)
@@ -180,14 +180,14 @@ def _pull_segments(rod, held, w, y, right, suffix, out):
         h0 = r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2] + c0
         h1 = r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2] + c1
         h2 = r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2] + c2
-        out.supple[i, 0], out.supple[i, 1], out.supple[i, 2] = (
+        out.flexibility[i, 0], out.flexibility[i, 1], out.flexibility[i, 2] = (
             l * u[0] * h0, l * u[1] * h1, l * u[2] * h2,
         )  # fmt: skip
         # g/l · (Rᵀ v) + y · (g/l x u) = g/l · (Rᵀ v + u x y)
         out.length[i] = (g[0] * h0 + g[1] * h1 + g[2] * h2) / l
-        e0 = l * rod.supple[i, 0] * h0 + y[i, 1] * g[2] - y[i, 2] * g[1]
-        e1 = l * rod.supple[i, 1] * h1 + y[i, 2] * g[0] - y[i, 0] * g[2]
-        e2 = l * rod.supple[i, 2] * h2 + y[i, 0] * g[1] - y[i, 1] * g[0]
+        e0 = l * rod.flexibility[i, 0] * h0 + y[i, 1] * g[2] - y[i, 2] * g[1]
+        e1 = l * rod.flexibility[i, 1] * h1 + y[i, 2] * g[0] - y[i, 0] * g[2]
+        e2 = l * rod.flexibility[i, 2] * h2 + y[i, 0] * g[1] - y[i, 1] * g[0]
         s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
         s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
         s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2

@@ -44,7 +44,7 @@ def _add_segments(rod, held, w):
     for i in range(n):
         u, g = w.u[i], w.g[i]
         l = rod.length[i]
-        d0, d1, d2 = l * rod.supple[i, 0], l * rod.supple[i, 1], l * rod.supple[i, 2]
+        d0, d1, d2 = l * rod.flexibility[i, 0], l * rod.flexibility[i, 1], l * rod.flexibility[i, 2]
         b = w.border[i]
         b[0, last] = -(g[1] * u[2] - g[2] * u[1])
         b[1, last] = -(g[2] * u[0] - g[0] * u[2])
@@ -72,10 +72,10 @@ def _add_segments(rod, held, w):
 def _add_bends(rod, held, w):
     """Add what bend and friction elements give; returns the largest square of a moment."""
     n, last = rod.length.shape[0], held.node.shape[0]
-    sliding = held.drag.shape[0] > 0
+    with_friction = held.drag.shape[0] > 0
     scale = 0.0
     for j in range(n + 1):
-        k = rod.stiff[j]
+        k = rod.stiffness[j]
         if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
             continue
         p, m = w.p[j], w.m[j]
@@ -96,7 +96,7 @@ def _add_bends(rod, held, w):
             b[1, last] += h * m[1] - c1
             b[2, last] += h * m[2] - c2
             add_square(w.diagonal[j], now, h, x, y, z, bend)
-            if sliding:
+            if with_friction:
                 couple(w.coupling[j], p, 1.0, 1.0, w.diagonal[j])
         if j > 0:
             b = w.border[j - 1]
@@ -104,11 +104,11 @@ def _add_bends(rod, held, w):
             b[1, last] += -h * m[1] - c1
             b[2, last] += -h * m[2] - c2
             add_square(w.diagonal[j - 1], now, -h, x, y, z, bend)
-            if sliding:
+            if with_friction:
                 couple(w.coupling[j], p, -1.0, -1.0, w.diagonal[j - 1])
         if 0 < j < n:
             cross_block(p, m, now, w.off[j - 1])
-            if sliding:
+            if with_friction:
                 couple(w.coupling[j], p, -1.0, 1.0, w.off[j - 1])
     return scale
 
@@ -179,10 +179,10 @@ def set_corner(rod, held, w):
             for i in range(min(held.node[s], held.node[t])):
                 r = w.frame[i]
                 for a in range(3):
-                    if rod.supple[i, a] != 0.0:
+                    if rod.flexibility[i, a] != 0.0:
                         vs = r[0, a] * ds[0] + r[1, a] * ds[1] + r[2, a] * ds[2]
                         vt = r[0, a] * dt[0] + r[1, a] * dt[1] + r[2, a] * dt[2]
-                        total += rod.length[i] * rod.supple[i, a] * vs * vt
+                        total += rod.length[i] * rod.flexibility[i, a] * vs * vt
             c[s, t] = -total
             c[t, s] = -total
         c[s, s] -= held.compliance[s]

@@ -80,7 +80,7 @@ def make_work(n, s, extra):
 def rod_of(rods, k):
     """Return rope k of R."""
     return Rod(
-        rods.length[k], rods.supple[k], rods.stiff[k], rods.rest[k], rods.load[k],
+        rods.length[k], rods.flexibility[k], rods.stiffness[k], rods.rest[k], rods.load[k],
         rods.moment[k], rods.gauge[k],
     )  # fmt: skip
 
@@ -89,7 +89,7 @@ def rod_of(rods, k):
 def change_of(changes, k):
     """Return the directions of rope k of R."""
     return Change(
-        changes.length[k], changes.supple[k], changes.stiff[k], changes.rest[k],
+        changes.length[k], changes.flexibility[k], changes.stiffness[k], changes.rest[k],
         changes.load[k], changes.moment[k],
     )  # fmt: skip
 
@@ -107,7 +107,7 @@ def held_in(held, t):
 def pull_in(pulls, t):
     """Return the gradients of frame t of F."""
     return Pull(
-        pulls.length[t], pulls.supple[t], pulls.stiff[t], pulls.rest[t], pulls.load[t],
+        pulls.length[t], pulls.flexibility[t], pulls.stiffness[t], pulls.rest[t], pulls.load[t],
         pulls.moment[t], pulls.clamp[t], pulls.anchor[t], pulls.direction[t], pulls.offset[t],
         pulls.compliance[t],
     )  # fmt: skip

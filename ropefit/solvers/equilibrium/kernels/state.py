@@ -23,8 +23,8 @@ def set_state(rod, held, q, lam, x0, w):
         for a in range(3):
             u = r[0, a] * w.force[i, 0] + r[1, a] * w.force[i, 1] + r[2, a] * w.force[i, 2]
             w.u[i, a] = u
-            w.g[i, a] = l * rod.supple[i, a] * u
-            total -= 0.5 * l * rod.supple[i, a] * u * u
+            w.g[i, a] = l * rod.flexibility[i, a] * u
+            total -= 0.5 * l * rod.flexibility[i, a] * u * u
         w.g[i, 2] += l
         total -= l * w.u[i, 2]
         for a in range(3):
@@ -65,7 +65,7 @@ def _set_bends(rod, held, q, w, total):
     """Write Darboux quaternions, moments and stiffnesses; returns total plus their energy [J]."""
     n = rod.length.shape[0]
     for j in range(n + 1):
-        k = rod.stiff[j]
+        k = rod.stiffness[j]
         if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
             w.m[j, 0], w.m[j, 1], w.m[j, 2] = 0.0, 0.0, 0.0
             continue
@@ -80,12 +80,12 @@ def _set_bends(rod, held, q, w, total):
         if held.drag.shape[0] > 0:
             w.coupling[j] = 0.0
             for b in range(held.drag.shape[0]):
-                total += _slide(held, b, j, w)
+                total += _add_friction(held, b, j, w)
     return total
 
 
 @helper
-def _slide(held, b, j, w):
+def _add_friction(held, b, j, w):
     """Add moment and stiffness of friction element b to bend element j; returns its energy [J].
 
     Its force is drag times its length, and no longer grows where that exceeds slip.

@@ -37,7 +37,7 @@ def _add_clamps(rod, held, w, turns, res, c):
     block = np.empty((3, 3))
     for end in range(2):
         j = 0 if end == 0 else n
-        k = rod.stiff[j]
+        k = rod.stiffness[j]
         if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
             continue
         cross(w, j, block)
@@ -86,7 +86,7 @@ def _add_bends(rod, change, w, c, b, k, dm):
     for j in range(n + 1):
         for a in range(3):
             strain = w.p[j, a + 1] - rod.rest[j, a + 1]
-            dm[a] = change.stiff[c, j, a] * strain - rod.stiff[j, a] * change.rest[c, j, a]
+            dm[a] = change.stiffness[c, j, a] * strain - rod.stiffness[j, a] * change.rest[c, j, a]
         _turn_moments(w.p[j], dm, n, j, b, k)
 
 
@@ -104,12 +104,12 @@ def _add_segments(rod, change, w, c, b, k, dx):
         v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2
         v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2
         v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2
-        e0, e1 = l * rod.supple[i, 0] * v0, l * rod.supple[i, 1] * v1
-        e2 = l * rod.supple[i, 2] * v2
+        e0, e1 = l * rod.flexibility[i, 0] * v0, l * rod.flexibility[i, 1] * v1
+        e2 = l * rod.flexibility[i, 2] * v2
         dl = change.length[c, i] / l
-        h0 = e0 + dl * g[0] + l * change.supple[c, i, 0] * u[0]
-        h1 = e1 + dl * g[1] + l * change.supple[c, i, 1] * u[1]
-        h2 = e2 + dl * g[2] + l * change.supple[c, i, 2] * u[2]
+        h0 = e0 + dl * g[0] + l * change.flexibility[c, i, 0] * u[0]
+        h1 = e1 + dl * g[1] + l * change.flexibility[c, i, 1] * u[1]
+        h2 = e2 + dl * g[2] + l * change.flexibility[c, i, 2] * u[2]
         b[i, 0, k] -= h1 * u[2] - h2 * u[1] + g[1] * v2 - g[2] * v1
         b[i, 1, k] -= h2 * u[0] - h0 * u[2] + g[2] * v0 - g[0] * v2
         b[i, 2, k] -= h0 * u[1] - h1 * u[0] + g[0] * v1 - g[1] * v0
@@ -166,9 +166,9 @@ def _add_response(rod, held, w, right, c, dx, turn):
         v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2 + u[1] * t2 - u[2] * t1
         v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2 + u[2] * t0 - u[0] * t2
         v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2 + u[0] * t1 - u[1] * t0
-        e0 = t1 * g[2] - t2 * g[1] + l * rod.supple[i, 0] * v0
-        e1 = t2 * g[0] - t0 * g[2] + l * rod.supple[i, 1] * v1
-        e2 = t0 * g[1] - t1 * g[0] + l * rod.supple[i, 2] * v2
+        e0 = t1 * g[2] - t2 * g[1] + l * rod.flexibility[i, 0] * v0
+        e1 = t2 * g[0] - t0 * g[2] + l * rod.flexibility[i, 1] * v1
+        e2 = t0 * g[1] - t1 * g[0] + l * rod.flexibility[i, 2] * v2
         s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
         s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
         s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2
