@@ -13,7 +13,7 @@ COMPILING = (
 
 
 def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
-    """Meanwhile the first compilation by numba is said, once; loading its cache is not.
+    """Say the first compilation by numba meanwhile, once; loading its cache is not said.
 
     Costs nothing where numba is not in use.
     """
