@@ -11,9 +11,10 @@ from torch import Tensor
 
 from ropefit.rod.quaternion import from_rotation_vector, multiply, transport
 from ropefit.rod.strains import Rest, straight_rest
+from ropefit.solvers.xpbd import compiled
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.compiled import simulate_compiled
-from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, compiled, simulate
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 
 GRAVITY = torch.tensor([0.3, -0.2, -9.81], dtype=torch.float64)
 LENGTH = 1.2
