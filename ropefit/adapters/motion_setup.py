@@ -55,15 +55,15 @@ def span_of(o: Observations) -> Span:
     part = o.model_copy(update={"length": last - first, "end_position": held})
     setup = base_setup(part, SEGMENTS)
     clips, clamp = clips_of(o.time), continuous(setup.clamp.numpy())
-    give = setup.clamp_compliance
+    clamp_compliance = setup.clamp_compliance
     if not o.end_twist_known and all(setup.clamped):
-        clamp, give = carried(clamp, lines, clips), torch.zeros_like(give)
+        clamp, clamp_compliance = carried(clamp, lines, clips), torch.zeros_like(clamp_compliance)
     zero = torch.zeros_like(setup.properties.length)
     setup = setup._replace(
         damping=Damping(zero, zero, zero, zero),
         motion=None,
         clamp=torch.from_numpy(clamp),
-        clamp_compliance=give,
+        clamp_compliance=clamp_compliance,
     )
     data = data_in_space(o)
     share = (data.share * o.length - first) / (last - first)

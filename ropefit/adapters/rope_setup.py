@@ -59,9 +59,9 @@ def base_setup(o: Observations, segments: int) -> Setup:
         seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time)
     )
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
-        give = torch.zeros(2, 2, dtype=torch.float64)
-        give[:, 1] = torch.inf
-        setup = setup._replace(clamp_compliance=give)
+        clamp_compliance = torch.zeros(2, 2, dtype=torch.float64)
+        clamp_compliance[:, 1] = torch.inf
+        setup = setup._replace(clamp_compliance=clamp_compliance)
     return setup
 
 

@@ -31,9 +31,9 @@ def _darboux(rod: Rod, held: Conditions, states: States) -> np.ndarray:
     rest = rod.rest.reshape(len(p), 3).numpy()
     real = np.sqrt(np.maximum(1 - (rest**2).sum(-1), 0.0))
     nearer = p[:, 0] * real + (p[:, 1:] * rest).sum(-1)
-    stiff = rod.stiffness.reshape(len(p), 3).numpy()
+    stiffness = rod.stiffness.reshape(len(p), 3).numpy()
     sign = np.where(nearer < 0, -1.0, 1.0)
-    return p * np.where(np.any(stiff > 0, axis=-1), sign, 0.0)[:, None]
+    return p * np.where(np.any(stiffness > 0, axis=-1), sign, 0.0)[:, None]
 
 
 def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) -> np.ndarray:

@@ -225,6 +225,6 @@ def fields(rope: Moving) -> list[torch.Tensor]:
     """In the order of `Directions`."""
     rod = rope.rod
     return [
-        rod.length, rod.flexibility, rope.strain_viscosity, rod.stiffness, rope.loss, rod.rest, rod.load, rope.mass,
-        rope.air,
+        rod.length, rod.flexibility, rope.strain_viscosity, rod.stiffness, rope.bend_viscosity,
+        rod.rest, rod.load, rope.mass, rope.air,
     ]  # fmt: skip

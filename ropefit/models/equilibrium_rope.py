@@ -31,9 +31,9 @@ class EquilibriumRope:
     bending rigidity at their ratio in the setup, whatever its value. recorded (F, 2, 3) [m]: the
     ends as the recording tells them, where the setup has them corrected. near: states whose branch
     is followed; else the one that a catenary leads to. plain: the rope without effects, which the
-    values describe, where the setup has effects. friction_elements: what each frame's past has left in a rope
-    that remembers. device: where many ropes are settled at once; the
-    compiled path, if not given. Compare `models.xpbd.Rope`.
+    values describe, where the setup has effects. friction_elements: what each frame's past has left
+    in a rope that remembers. device: where many ropes are settled at once; the compiled path, if
+    not given. Compare `models.xpbd.Rope`.
     """
 
     setup: Setup

@@ -16,12 +16,12 @@ from ropefit.solvers.equilibrium.potentials import force_and_stiffness
 
 @dataclass(frozen=True)
 class Rubbing:
-    """One contact in H frames: stiff (N+1,) [N/m] of the springs that hold the nodes; by_node and
-    by_place (H, N+1, 3, 3): derivatives of where they are held once a frame has settled; missed
+    """One contact in H frames: stiffness (N+1,) [N/m] of the springs that hold the nodes; by_node
+    and by_place (H, N+1, 3, 3): derivatives of where they are held once a frame has settled; missed
     (H, N+1, 3, 3) [N/m]: stiffness that the solver's supports have too much; of P changes, at nodes
     and places that stay: force, held (P, H, N+1, 3)."""
 
-    stiff: np.ndarray
+    stiffness: np.ndarray
     by_node: np.ndarray
     by_place: np.ndarray
     missed: np.ndarray
@@ -66,11 +66,11 @@ def _of(
 ) -> Rubbing:
     assert contact.hardness is not None
     assert contact.rubbing is not None
-    stiff = (contact.hardness * contact.rubbing).numpy()
+    stiffness = (contact.hardness * contact.rubbing).numpy()
     by_node, by_place = (d.numpy() for d in friction.slopes(contact, grip, x))
     _, supports = force_and_stiffness((friction.potential(contact, grip),), x)
     # dragged moves with a node that nothing holds: no force changes there.
-    true = stiff[:, None, None] * (np.eye(3) - by_node)
+    true = stiffness[:, None, None] * (np.eye(3) - by_node)
     force, held = [], []
     for a, b in sides:
         same = torch.equal(a.energy(x), b.energy(x)) and a.friction == b.friction
@@ -78,5 +78,5 @@ def _of(
             low, high = (law(p, grip, x).detach() for p in (a, b))
             into.append(np.zeros(tuple(x.shape)) if same else slope(low, high))
     return Rubbing(
-        stiff, by_node, by_place, supports.numpy() - true, np.stack(force), np.stack(held)
+        stiffness, by_node, by_place, supports.numpy() - true, np.stack(force), np.stack(held)
     )

@@ -28,8 +28,8 @@ class Moving(NamedTuple):
     """The discrete rod in motion, with or without a dimension of R ropes in front.
 
     Besides the rod, the fields of `fields.MOTION`: strain_viscosity (N, 3) [N s] of the strains,
-    bend_viscosity (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the nodes.
-    The segments have no spin inertia.
+    bend_viscosity (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the
+    nodes. The segments have no spin inertia.
     """
 
     rod: Rod

@@ -22,7 +22,7 @@ MARK = ".ropefit-compiling-"  # a file of this name beside numba's cache: it has
 
 
 def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
-    """Meanwhile the first compilation by numba is said; loading its cache is not.
+    """Say the first compilation by numba meanwhile; loading its cache is not said.
 
     Nothing is said where it was said before on this machine, for the same source. Costs nothing
     where numba is not in use.

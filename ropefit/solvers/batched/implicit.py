@@ -31,8 +31,7 @@ def settle_batched(
     start: States | None = None,
     member: np.ndarray | None = None,
 ) -> tuple[State, Solution]:
-    """Solve, as a differentiable function, like `implicit.settle`, with the work done on `device`,
-    where the states stay."""
+    """Solve on `device`, where the states stay, as a differentiable function: `implicit.settle`."""
     solution = solve_batched(rod, conditions, device, start, member)
     return settled_batched(solution, device), solution
 
@@ -69,7 +68,7 @@ def settled_batched(solution: Solution, device: torch.device | str) -> State:
 
 
 def _spread(item: Tensor, good: Tensor, frames: int) -> Tensor:
-    """(F, ...) the rows `good` of a tensor whose others are NaN."""
+    """Return (F, ...) the rows `good` of a tensor whose other rows are NaN."""
     shape = (frames, *item.shape[1:])
     return torch.full(shape, torch.nan, dtype=item.dtype, device=item.device).index_put(
         (good,), item
@@ -93,8 +92,10 @@ class _Saddle(torch.autograd.Function):
 def _differentiable(
     ropes: Ropes, rod: Rod, c: Conditions, of: np.ndarray
 ) -> tuple[Ropes, Tensor | None]:
-    """The ropes as functions of the rod's and the conditions' own tensors, and node 0 (F, 3) where
-    it is held."""
+    """Return the ropes as functions of the rod's and the conditions' own tensors.
+
+    Also node 0 (F, 3) [m] where it is held, else None.
+    """
     device, frames = ropes.length.device, len(of)
     index = torch.from_numpy(of).to(device)
     fields = {}

@@ -78,7 +78,7 @@ class Factor(NamedTuple):
 
 
 def ropes_of(problem: Problem, device: torch.device) -> Ropes:
-    """The ropes that the frames of a problem show, on a device."""
+    """Return the ropes that the frames of a problem show, on a device."""
     rods, of, held = problem
     frames, segments = len(held.clamp), rods.length.shape[1]
 
@@ -97,7 +97,7 @@ def ropes_of(problem: Problem, device: torch.device) -> Ropes:
 
 
 def skew(v: Tensor) -> Tensor:
-    """(..., 3, 3) [v]x."""
+    """Return (..., 3, 3) [v]x of v (..., 3)."""
     x, y, z = v.unbind(-1)
     o = torch.zeros_like(x)
     rows = [torch.stack(row, -1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))]
@@ -105,7 +105,7 @@ def skew(v: Tensor) -> Tensor:
 
 
 def turned(q: Tensor, turn: Tensor) -> Tensor:
-    """(..., 4) q exp(turn / 2), normalised; turn (..., 3) [rad] about the frame's own axes."""
+    """Return (..., 4) q exp(turn / 2), normalised; turn (..., 3) [rad] about q's own axes."""
     half = 0.5 * torch.sqrt((turn * turn).sum(-1, keepdim=True) + 1e-40)
     w, v = torch.cos(half), 0.5 * torch.sinc(half / torch.pi) * turn
     a, b = q[..., :1], q[..., 1:]
@@ -115,7 +115,7 @@ def turned(q: Tensor, turn: Tensor) -> Tensor:
 
 
 def bent(r: Ropes, q: Tensor, lam: Tensor, x0: Tensor) -> Bent:
-    """The state of frames q (B, N, 4), supports' forces lam (B, S) [N], node 0 at x0 (B, 3) [m]."""
+    """Return the state of frames q (B, N, 4), forces lam (B, S) [N], node 0 at x0 (B, 3) [m]."""
     w, v = q[..., 0, None, None], q[..., 1:]
     identity = torch.eye(3, dtype=q.dtype, device=q.device)
     square = (v * v).sum(-1)[..., None, None]
@@ -134,7 +134,7 @@ def bent(r: Ropes, q: Tensor, lam: Tensor, x0: Tensor) -> Bent:
 
 
 def lagrangian(r: Ropes, lam: Tensor, x0: Tensor, s: Bent) -> Tensor:
-    """(B,) [J] L, whose saddle point is the equilibrium."""
+    """Return (B,) [J] L, whose saddle point is the equilibrium."""
     stretch = (r.length * (s.u[..., 2] + 0.5 * (r.flexibility * s.u**2).sum(-1))).sum(-1)
     bend = 0.5 * (s.m * (s.p[..., 1:] - r.rest)).sum((-1, -2))
     gap = r.offset - (r.direction * x0[:, None]).sum(-1) - 0.5 * r.compliance * lam
@@ -143,7 +143,7 @@ def lagrangian(r: Ropes, lam: Tensor, x0: Tensor, s: Bent) -> Tensor:
 
 
 def imbalance(r: Ropes, lam: Tensor, x0: Tensor, s: Bent) -> tuple[Tensor, Tensor]:
-    """Derivative of L in the turns (B, N, 3) [N m], and in λ [m] and x_0 [N] (B, S+3)."""
+    """Return the derivative of L in the turns (B, N, 3) [N m], in λ [m] and x_0 [N] (B, S+3)."""
     h, v = 0.5 * s.p[..., :1], 0.5 * s.p[..., 1:]
     around, along = torch.linalg.cross(v, s.m), h * s.m
     moments = along[:, :-1] - along[:, 1:] - around[:, :-1] - around[:, 1:]
@@ -158,14 +158,14 @@ def imbalance(r: Ropes, lam: Tensor, x0: Tensor, s: Bent) -> tuple[Tensor, Tenso
 
 
 def _given_moments(r: Ropes, s: Bent) -> Tensor:
-    """(B, 2, 3) [N m] given end moments in the frames of the first and last segment."""
+    """Return (B, 2, 3) [N m] the end moments in the frames of the first and last segment."""
     return torch.stack([
         (s.frame[:, end].mT @ r.moment[:, end, :, None])[..., 0] for end in (0, -1)
     ], 1)  # fmt: skip
 
 
 def hessian(r: Ropes, s: Bent) -> tuple[Hessian, Tensor]:
-    """The Hessian of L, and (B,) [N m] the largest moment that is balanced."""
+    """Return the Hessian of L, and (B,) [N m] the largest moment that is balanced."""
     identity = torch.eye(3, dtype=s.u.dtype, device=s.u.device)
     segment_compliance = r.length[..., None] * r.flexibility
     gu = s.g[..., :, None] * s.u[..., None, :]
@@ -208,7 +208,7 @@ def hessian(r: Ropes, s: Bent) -> tuple[Hessian, Tensor]:
 
 
 def factor(h: Hessian, shift: Tensor) -> Factor:
-    """Block elimination of the Hessian, shift (B,) [N m] added to its diagonal."""
+    """Return the block elimination of the Hessian, shift (B,) [N m] added to its diagonal."""
     add = shift[:, None, None] * torch.eye(3, dtype=shift.dtype, device=shift.device)
     negative = torch.zeros(len(shift), dtype=torch.int64, device=shift.device)
     inverses: list[Tensor] = []
@@ -236,7 +236,7 @@ def factor(h: Hessian, shift: Tensor) -> Factor:
 
 
 def _eliminate(inverse: Tensor, off: Tensor, right: Tensor) -> Tensor:
-    """(B, N, 3, C) solution of the block tridiagonal system for right (B, N, 3, C)."""
+    """Return (B, N, 3, C) the solution of the block tridiagonal system for right (B, N, 3, C)."""
     z = [inverse[:, 0] @ right[:, 0]]
     for i in range(1, inverse.shape[1]):
         z.append(inverse[:, i] @ (right[:, i] - off[:, i - 1].mT @ z[-1]))
@@ -246,8 +246,8 @@ def _eliminate(inverse: Tensor, off: Tensor, right: Tensor) -> Tensor:
 
 
 def saddle(f: Factor, moments: Tensor, gaps: Tensor) -> tuple[Tensor, Tensor]:
-    """Turns (B, N, 3) and (B, S+3) changes of λ and x_0 that the Hessian maps to the arguments;
-    not finite where it is singular."""
+    """Return turns (B, N, 3) and (B, S+3) changes of λ and x_0 that the Hessian maps to the
+    arguments; not finite where it is singular."""
     count = f.border.shape[-1]
     z = _eliminate(f.inverse, f.off, moments[..., None])
     right = gaps.clone()
@@ -257,7 +257,7 @@ def saddle(f: Factor, moments: Tensor, gaps: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def transposed(f: Factor) -> Factor:
-    """The factor of the transposed Hessian."""
+    """Return the factor of the transposed Hessian."""
     inverse = f.inverse.mT
     return f._replace(
         inverse=inverse, solved=_eliminate(inverse, f.off, f.border), schur=f.schur.mT
@@ -265,7 +265,7 @@ def transposed(f: Factor) -> Factor:
 
 
 def descents(r: Ropes, f: Factor) -> Tensor:
-    """(B,) how many directions that the supports allow lower the energy; 1 where not finite."""
+    """Return (B,) how many directions that the supports allow descend; 1 where not finite."""
     finite = torch.isfinite(f.schur).all(-1).all(-1)
     expected = (~r.active | (r.compliance >= 0)).sum(-1) + torch.where(r.free, 0, 3)
     # Convex already, before the supports: no need to count the others.

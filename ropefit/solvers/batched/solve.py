@@ -49,7 +49,7 @@ def solve_batched(
     member: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
 ) -> Solution:
-    """As `equilibrium.solve`, with the work done on `device`."""
+    """Find equilibria like `equilibrium.solve`, with the work done on `device`."""
     problem = problem_of(rod, conditions, member)
     ropes = ropes_of(problem, torch.device(device))
     first = starting(problem, conditions, start)
@@ -68,7 +68,7 @@ def solve_batched(
 
 
 def some(fields: Fields, index: Tensor) -> Fields:
-    """Some of the ropes."""
+    """Return some of the ropes."""
     return type(fields)(*(item[index] for item in fields))
 
 
@@ -124,8 +124,10 @@ def _newton(
 def _factor_near(
     r: Ropes, h: Hessian, worst: Tensor, size: Tensor
 ) -> tuple[Factor, Tensor, Tensor]:
-    """The factor, what was added to the diagonal (B,) and how many directions of descent are left:
-    near an equilibrium, what is neutral may have either sign in rounding."""
+    """Return the factor, what was added to the diagonal (B,) and the directions of descent left.
+
+    Near an equilibrium, what is neutral may have either sign in rounding.
+    """
     used = torch.zeros_like(worst)
     f = factor(h, used)
     descent = descents(r, f)

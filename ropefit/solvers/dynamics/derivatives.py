@@ -27,7 +27,7 @@ OF_ROD = frozenset(names(MOVING_ROD))
 def simulate(
     rope: Moving, drive: Drive, start: Start, member: np.ndarray | None = None
 ) -> tuple[Tensor, Tensor, Trajectory]:
-    """`solve` as a differentiable function: x (C, T, N+1, 3) [m], q (C, T, N, 4), how it went.
+    """Run `solve` as a differentiable function: x (C, T, N+1, 3) [m], q (C, T, N, 4), how it went.
 
     Gradients reach every tensor of the rope, the drive (not its times) and the start. Raises
     ArithmeticError when a step fails.

@@ -19,8 +19,7 @@ HALVINGS = 4  # of a step from frame to frame
 
 
 def other_states(solution: Solution) -> tuple[Solution, np.ndarray]:
-    """A second stable equilibrium of each frame, and how far it is (F,) [m], NaN where none was
-    found.
+    """Return a second stable equilibrium of each frame, and how far it is (F,) [m] or NaN.
 
     Looked for from the catenary and from the state turned half way about the clamp's tangent (a
     cantilever that may fall to either side). A rope that is wound by whole turns is another rope.
@@ -43,8 +42,10 @@ def other_states(solution: Solution) -> tuple[Solution, np.ndarray]:
 
 
 def wound(solution: Solution, before: States) -> np.ndarray:
-    """(F,) bool: frames between two clamps that are a whole turn of twist or more from `before`. No
-    small change of anything does that: such a state was jumped to."""
+    """Return (F,) bool: frames between two clamps a whole turn of twist or more from `before`.
+
+    No small change of anything does that: such a state was jumped to.
+    """
     clamp = solution.conditions.clamp
     if bool(torch.isnan(clamp).any()):
         return np.zeros(len(solution.q), dtype=bool)
@@ -52,7 +53,7 @@ def wound(solution: Solution, before: States) -> np.ndarray:
 
 
 def _twist(clamp: torch.Tensor, q: np.ndarray) -> np.ndarray:
-    """(F,) [rad] by which the frames turn about their tangents from one clamp to the other."""
+    """Return (F,) [rad] by which the frames turn about their tangents from clamp to clamp."""
     every = torch.cat([clamp[:, :1], torch.from_numpy(q), clamp[:, 1:]], dim=1)
     step = conjugate_product(every[:, :-1], every[:, 1:])
     # Of the two quaternions of a turn the one of the smaller angle.
@@ -61,7 +62,7 @@ def _twist(clamp: torch.Tensor, q: np.ndarray) -> np.ndarray:
 
 
 def _turned(solution: Solution, end: int) -> States:
-    """The states turned by half a turn about the tangent of a clamp, its frame left as it is."""
+    """Return the states turned by half a turn about a clamp's tangent, its frame left as it is."""
     clamp = solution.conditions.clamp[:, end : end + 1]
     spin = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
     inside = conjugate_product(clamp, torch.from_numpy(solution.q))
@@ -73,7 +74,7 @@ def _turned(solution: Solution, end: int) -> States:
 
 
 def follow(rod: Rod, conditions: Conditions) -> Solution:
-    """Equilibria of F frames in which each state follows from the one before.
+    """Find equilibria of F frames in which each state follows from the one before.
 
     Where a step from frame to frame fails or winds the rope by a turn it is taken in halves. Where
     following fails the state is found anew from the catenary.
@@ -90,7 +91,7 @@ def follow(rod: Rod, conditions: Conditions) -> Solution:
 def _led(
     rod: Rod, here: Conditions, there: Conditions, before: Solution, halvings: int
 ) -> Solution:
-    """The state of one frame led from `before`, which is `here`, to `there`."""
+    """Return the state of one frame led from `before`, which is `here`, to `there`."""
     found = solve(rod, there, before)
     if found.converged[0] and not turned_over(here, before, there, found)[0]:
         return found
@@ -113,10 +114,12 @@ def _led(
 def turned_over(
     here: Conditions, before: Solution, there: Conditions, after: Solution
 ) -> np.ndarray:
-    """(F,) bool: frames between two clamps that are wound by an odd number of whole turns from
-    `before`, whose conditions were `here`. Exact whatever the clamps and the shape did meanwhile,
-    as long as no joint is bent by half a turn: along the rope quaternions go on, or are the
-    negative of that."""
+    """Return (F,) bool: frames wound by an odd number of whole turns from `before`.
+
+    Between two clamps; `before` was under the conditions `here`. Exact whatever the clamps and the
+    shape did meanwhile, as long as no joint is bent by half a turn: along the rope quaternions go
+    on, or are the negative of that.
+    """
     if bool(torch.isnan(here.clamp).any()):
         return np.zeros(len(after.q), dtype=bool)
     moved = torch.sign((here.clamp * there.clamp).sum(-1)).prod(-1)
@@ -124,6 +127,6 @@ def turned_over(
 
 
 def _sheet(clamp: torch.Tensor, q: np.ndarray) -> torch.Tensor:
-    """(F,) 1 or -1: whether the quaternions go on from one clamp to the other."""
+    """Return (F,) 1 or -1: whether the quaternions go on from one clamp to the other."""
     every = torch.cat([clamp[:, :1], torch.from_numpy(q), clamp[:, 1:]], dim=1)
     return torch.sign((every[:, 1:] * every[:, :-1]).sum(-1)).prod(-1)

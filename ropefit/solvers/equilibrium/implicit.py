@@ -85,7 +85,7 @@ class _Settle(torch.autograd.Function):
 
 
 def _sum_of_ropes(item: np.ndarray, of: np.ndarray, ropes: int) -> np.ndarray:
-    """(R, ...) sums of an array (F, ...) over the frames that show each rope."""
+    """Return (R, ...) sums of an array (F, ...) over the frames that show each rope."""
     if ropes == 1:
         return item.sum(axis=0, keepdims=True)
     total = np.zeros((ropes, *item.shape[1:]))

@@ -31,8 +31,10 @@ STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arriv
 def force_and_stiffness(
     potentials: tuple[Potential, ...], x: Tensor, with_stiffness: bool = True
 ) -> tuple[Tensor, Tensor]:
-    """-dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3); the second
-    only where it is asked for."""
+    """Return -dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3).
+
+    The second only where it is asked for.
+    """
     x = x.detach()
     force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if with_stiffness else 0)
     for p in potentials:
@@ -51,15 +53,17 @@ def force_and_stiffness(
 
 
 def _acting(p: Potential, x: Tensor) -> Tensor:
-    """(..., K) nodes that a potential acts on: most ropes touch something with few of them."""
+    """Return (..., K) the nodes that a potential acts on: most ropes touch something with few."""
     acting = (p.share != 0).expand(x.shape[:-1])
     return acting if p.hardness is None else acting & (p.energy(x).detach() > 0)
 
 
 @torch.enable_grad()  # also where a caller wants no gradients of its own
 def _slopes(p: Potential, x: Tensor, share: Tensor, with_stiffness: bool) -> tuple[Tensor, Tensor]:
-    """First (..., 3) and, if asked for, second derivatives (..., 3, 3) of a potential at nodes of
-    these shares (..., 1)."""
+    """Return first (..., 3) and, if asked for, second derivatives (..., 3, 3) of a potential.
+
+    At nodes x (..., 3) of shares (..., 1).
+    """
     x = x.detach().requires_grad_()
     total = (share[..., 0] * p.energy(x)).sum()
     (slope,) = torch.autograd.grad(total, x, create_graph=with_stiffness)
@@ -114,7 +118,7 @@ def solve_with_potentials(
 
 
 def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
-    """[m] how deep nodes x (F, K, 3) are in what they touch: E = hardness depth² / 2 of each."""
+    """Return [m] how deep nodes x (F, K, 3) are in what they touch, of E = hardness depth² / 2."""
     deepest = 0.0
     for p in potentials:
         if p.hardness is not None:
@@ -214,7 +218,10 @@ def _replaced(
 
 
 def _pulling_back(stiffness: Tensor) -> Tensor:
-    """Stiffness (F, K, 3, 3) without what pushes away: from afar, a rope would slide off a bar."""
+    """Return stiffness (F, K, 3, 3) [N/m] without what pushes away.
+
+    From afar, a rope would slide off a bar.
+    """
     some = (stiffness != 0).any(-1).any(-1)
     values, vectors = torch.linalg.eigh(stiffness[some])
     pulling = stiffness.clone()
@@ -229,7 +236,7 @@ def _share(
     old: np.ndarray,
     new: np.ndarray,
 ) -> np.ndarray:
-    """(F,) of a step (F, K, 3) [m] from nodes x, at which nothing drives further along it.
+    """Return (F,) of a step (F, K, 3) [m] from nodes x, at which nothing drives further along it.
 
     old, new (F, K, 3) [N]: the rod's own force at its ends.
     """
@@ -252,10 +259,10 @@ def _share(
 def _supports(
     conditions: Conditions, x: Tensor, force: Tensor, stiffness: Tensor
 ) -> tuple[Conditions, Tensor | None]:
-    """Elastic supports with the potentials' stiffness that are at rest at x; the force at x is a
-    load. (As one, a force and a stiffness near zero would be a support from far away.)
+    """Return elastic supports with the potentials' stiffness that are at rest at x, and a load.
 
-    A support along an eigenvector d of the stiffness κ pushes with κ (offset - d · x).
+    The load is the force at x. (As one, a force and a stiffness near zero would be a support from
+    far away.) A support along an eigenvector d of the stiffness κ pushes with κ (offset - d · x).
     """
     touched = torch.nonzero((stiffness != 0).any(-1).any(-1).any(0))[:, 0]
     frames = len(x)

@@ -140,8 +140,10 @@ def _catenaries(
 
 
 def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Frames q (F, N, 4) of ropes that no clamp keeps from rolling about themselves, rolled until
-    they bend, on the whole, as they are bent at rest (F, N+1, 4)."""
+    """Return frames q (F, N, 4) rolled until they bend as they are bent at rest (F, N+1, 4).
+
+    Of ropes that no clamp keeps from rolling about themselves; on the whole of each.
+    """
     wanted = np.nan_to_num(rest[:, 1:-1, 1:3].sum(1, keepdims=True), posinf=0.0, neginf=0.0)
     if not wanted.any():
         return q

@@ -28,7 +28,10 @@ class Chain:
 
     @staticmethod
     def build(held: Tensor, held_q: Tensor, weight: float = 1.0, weight_q: float = 1.0) -> Chain:
-        """held (K,) bool: particles that do not move; held_q (K-1,) bool: frames that do not."""
+        """Return the chain of held particles and frames, which do not move.
+
+        held (K,) bool, held_q (K-1,) bool.
+        """
         nodes = held.numel()
         w = torch.where(held, 0.0, weight).to(torch.float64)
         wq = torch.where(held_q, 0.0, weight_q).to(torch.float64)

@@ -58,7 +58,10 @@ def simulate_compiled(
 def build_rod(
     rest: Rest, chain: Chain, solver: DistanceSolver, gravity: Tensor, settings: Settings
 ) -> tuple[np.ndarray, tables.Options]:
-    """The constants of the compiled loops: (K, ROD_COLUMNS), and the scalars."""
+    """Return the constants of the compiled loops: (K, ROD_COLUMNS), and the scalars.
+
+    Raises ValueError for a solver that is not compiled.
+    """
     if solver.name not in ("jacobi", "thomas"):
         raise ValueError(f"no compiled version of the solver {solver.name!r}")
     thomas = solver.name == "thomas"
@@ -97,19 +100,19 @@ def build_rod(
 
 
 def _touching(n: int) -> np.ndarray:
-    """(n,) how many of the n-1 links of a chain touch each of its n items."""
+    """Return (n,) how many of the n-1 links of a chain touch each of its n items."""
     links = np.full(n, 2.0)
     links[0] = links[-1] = 1.0
     return links
 
 
 def _array(t: Tensor) -> np.ndarray:
-    """A writable copy in one piece, which is what the kernels are compiled for."""
+    """Return a writable copy in one piece, which is what the kernels are compiled for."""
     return t.detach().to(torch.float64).clone(memory_format=torch.contiguous_format).numpy()
 
 
 def _pack(x: Tensor, q: Tensor) -> np.ndarray:
-    """(B, K, STATE_COLUMNS) from x (B, K, 3) and q (B, K-1, 4); the multipliers are zero."""
+    """Return (B, K, STATE_COLUMNS) of x (B, K, 3) and q (B, K-1, 4), the multipliers zero."""
     state = np.zeros((*x.shape[:-1], tables.STATE_COLUMNS))
     state[:, :, tables.X : tables.X + 3] = x.detach().numpy()
     state[:, :-1, tables.Q : tables.Q + 4] = q.detach().numpy()

@@ -13,9 +13,9 @@ class Jacobi:
     name = "jacobi"
 
     def multipliers(self, chain: Chain, value: Tensor, direction: Tensor, alpha: float) -> Tensor:
-        """Change of the multipliers, eq. (3), one constraint at a time. Shapes (..., K-1)."""
+        """Return the change of the multipliers (..., K-1), eq. (3), each constraint alone."""
         return -value / (chain.weight_sum + alpha).clamp_min(1e-30)
 
     def displacement(self, chain: Chain, impulse: Tensor) -> Tensor:
-        """(..., K, 3) move of the particles: mean over the constraints that touch each."""
+        """Return (..., K, 3) the particles' move: the mean over the constraints that touch each."""
         return chain.mean_scatter @ impulse

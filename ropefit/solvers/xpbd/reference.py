@@ -91,7 +91,7 @@ class _Loop(NamedTuple):
 
 
 def _iterate(s: _Loop, chain: Chain, rest: Rest, eta: Eta, solver: DistanceSolver, c: Settings):
-    """One pass of the constraint loop (Algorithm 1, lines 4-9)."""
+    """Run one pass of the constraint loop (Algorithm 1, lines 4-9)."""
     edges = chain.difference @ s.x
     per_length = 1.0 / rest.length[:, None]
 
@@ -122,7 +122,7 @@ def _iterate(s: _Loop, chain: Chain, rest: Rest, eta: Eta, solver: DistanceSolve
 
 
 def _fresh(state: State) -> _Loop:
-    """A new step: multipliers start from zero."""
+    """Return the state of a new step: multipliers start from zero."""
     x, q = state
     return _Loop(
         x,

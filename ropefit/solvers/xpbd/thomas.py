@@ -19,11 +19,11 @@ class Thomas:
     name = "thomas"
 
     def multipliers(self, chain: Chain, value: Tensor, direction: Tensor, alpha: float) -> Tensor:
-        """Change of the multipliers, eq. (3), for the whole chain. Shapes (..., K-1)."""
+        """Return the change of the multipliers (..., K-1), eq. (3), of the whole chain at once."""
         diagonal = (chain.weight_sum + alpha) * (1.0 + RIDGE) + RIDGE
         cosine = (direction[..., 1:, :] * direction[..., :-1, :]).sum(-1)
         return solve_tridiagonal(diagonal, -chain.weight[1:-1] * cosine, -value)
 
     def displacement(self, chain: Chain, impulse: Tensor) -> Tensor:
-        """(..., K, 3) move of the particles: the sum, since the solve saw all constraints."""
+        """Return (..., K, 3) the particles' move: the sum, since the solve saw all constraints."""
         return chain.scatter @ impulse
