@@ -96,7 +96,7 @@ def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -
     push = rates(drive.time, speed) * rope.mass[:, None, :, None]
     push = push + rope.air[:, None, :, None] * speed
     p = bends(rope, frames, clamp)
-    loss = rates(drive.time, p.detach()) * rope.loss[:, None]
+    loss = rates(drive.time, p.detach()) * rope.bend_viscosity[:, None]
     value = energy(rod, x, frames, clamp) + (loss * p).sum((-1, -2)) + (push * x).sum((-1, -2))
     if rigid:
         value = value + (force * (edge - rod.length[..., None] * director(frames))).sum((-1, -2))

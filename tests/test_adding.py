@@ -77,7 +77,7 @@ def test_adding_an_exporter(tmp_path: Path) -> None:
     (tmp_path / "use.py").write_text(
         "from reference_simulators.as_ropefit import describe\n"
         "from ropefit.exporters import export\n"
-        "from ropefit.exporters.effects import PointMass\n"
+        "from ropefit.attachments import PointMass\n"
         "rope = describe('pinned', 1e-2, 11, effects=(PointMass(3, 0.1),))\n"
         "result = export(rope, 'table')\n"
         "assert result.not_expressed == ('PointMass is left out',)\n"

@@ -32,7 +32,7 @@ FLOORS = [
     {"recordings"},
     {"runs"},
     {"artifacts"},
-    {"plugins"},
+    {"plugins", "attachments"},
     {"errors"},
     {"system"},
 ]
@@ -211,4 +211,4 @@ def test_special_cases_are_noticed():
     ):
         assert len(special_cases(source)) == 1, source
     assert not special_cases("from ropefit.effects import CATALOGUE, Effect")
-    assert not special_cases("from ropefit.exporters.effects import Tether\nisinstance(x, Tether)")
+    assert not special_cases("from ropefit.attachments import Tether\nisinstance(x, Tether)")

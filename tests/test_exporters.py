@@ -11,9 +11,9 @@ import pytest
 
 from benchmarks.accuracy.exporters import NotInstalled, deviation, python_for, settle
 from reference_simulators.as_ropefit import describe
+from ropefit.attachments import Cylinder, EndTwist, Plane, PointMass, Sphere, Tether
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.exporters import export, exporters
-from ropefit.exporters.effects import Cylinder, EndTwist, Plane, PointMass, Sphere, Tether
 from ropefit.exporters.layout import lay_out
 from ropefit.exporters.rotation import from_vector, multiply, rotate
 

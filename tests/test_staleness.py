@@ -27,7 +27,7 @@ EDITS = {
     "exporters/mujoco.py": {"export"},
     "perception/trace.py": {"preprocess"},
     "recordings/ply.py": {"preprocess", "control"},  # control reads targets as recordings are read
-    "solvers/newton_kernels.py": FITTED,
+    "solvers/equilibrium/kernels/newton.py": FITTED,
     "effects/kink.py": FITTED,
     "fitting/weights.py": {"identify"},
     "artifacts/base.py": {"preprocess", *FITTED},

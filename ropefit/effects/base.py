@@ -85,7 +85,7 @@ class Exported(NamedTuple):
     """How an effect goes into a simulator.
 
     beside: everything beside the rope so far, with what this effect adds (records of
-    `exporters.effects`). settles: `apply` changes the rope that ropefit settles for comparison;
+    `attachments`). settles: `apply` changes the rope that ropefit settles for comparison;
     in_rope: it changes the exported rope, too. note: what the export cannot express.
     """
 

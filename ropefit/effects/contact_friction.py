@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.contact import has_free_end, touching
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.revisit import FEWEST
-from ropefit.exporters import effects as records
 from ropefit.rod.setup import Setup
 
 START = 0.3  # coefficient: a small one does not show what a large one does

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.contact import NO_SPREAD, Contact, has_free_end, up_of, with_contact
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.effects.support_plane import SupportPlane, bearing_point
-from ropefit.exporters import effects as records
 from ropefit.rod.setup import Setup
 
 EXCESS_SD = 3.0  # standard errors by which a frame must be worse than usual to show a bar

@@ -6,9 +6,9 @@ from typing import Any
 
 from torch import Tensor
 
+from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.place import at_point, nearest_node
-from ropefit.exporters import effects as records
 from ropefit.rod.setup import Setup
 
 

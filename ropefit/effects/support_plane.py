@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit import attachments as records
 from ropefit.effects.base import Exported, Quantity
 from ropefit.effects.contact import (
     NO_SPREAD,
@@ -20,7 +21,6 @@ from ropefit.effects.contact import (
 )
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
-from ropefit.exporters import effects as records
 from ropefit.rod.setup import Setup
 
 PENETRATION_SD = 2.0  # noise sd by which the fitted rope must sink below the lowest data

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.place import at_point, middle_of, nearest_node
-from ropefit.exporters import effects as records
 from ropefit.rod.setup import Potential, Setup
 
 

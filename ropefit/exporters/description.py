@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from ropefit.attachments import Cylinder, Effect, EndTwist, Plane, PointMass, Sphere, Tether
 from ropefit.errors import BadInput
-from ropefit.exporters.effects import Cylinder, Effect, EndTwist, Plane, PointMass, Sphere, Tether
 
 EndKind = Literal["free", "pinned", "clamped"]
 KINDS = ("free", "pinned", "clamped")

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ropefit.attachments import PointMass
 from ropefit.exporters.description import RopeDescription
-from ropefit.exporters.effects import PointMass
 
 
 @dataclass(frozen=True)

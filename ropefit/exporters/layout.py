@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ropefit.attachments import EndTwist
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.divide import Divided, divide
-from ropefit.exporters.effects import EndTwist
 from ropefit.exporters.rotation import from_vector, multiply, rotate, transport
 
 FINENESS = 5.0  # vertices within the length in which the rope turns beside a clamp

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.attachments import Cylinder, EndTwist, Plane, Sphere, Tether
 from ropefit.exporters.base import numbers
 from ropefit.exporters.description import RopeDescription
-from ropefit.exporters.effects import Cylinder, EndTwist, Plane, Sphere, Tether
 from ropefit.exporters.layout import E3, Layout
 from ropefit.exporters.rotation import between
 

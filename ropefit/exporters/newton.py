@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ropefit.attachments import Cylinder, Plane, Sphere, Tether
 from ropefit.exporters.base import Exporter, ExportResult, Simulator, diameter_of
 from ropefit.exporters.description import RopeDescription
-from ropefit.exporters.effects import Cylinder, Plane, Sphere, Tether
 from ropefit.exporters.layout import Layout, lay_out
 from ropefit.exporters.script import assign, title
 from ropefit.exporters.usd import curves

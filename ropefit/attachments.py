@@ -1,4 +1,4 @@
-"""What may go along with a rope into a simulator: one small record an effect, SI units."""
+"""What is attached to a rope besides its own matter, as simulators take it: records in SI units."""
 
 from __future__ import annotations
 
