@@ -113,7 +113,7 @@ def test_a_rope_that_is_free_to_spin_does_not():
     itself, though it may turn across."""
     m = motions(150, "pinned", False, 20, 30, 1)
     found = dynamics.solve(m.rope, m.drive, m.start)
-    free = found.converged & ~(m.rope.loss != 0).any(-1).any(-1).numpy()
+    free = found.converged & ~(m.rope.bend_viscosity != 0).any(-1).any(-1).numpy()
     assert free.sum() > 15
     q = torch.from_numpy(found.q[free])
     turn = conjugate_product(q[:, :-1], q[:, 1:])

@@ -100,7 +100,7 @@ def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
         iterations[t] = count
         if status != CONVERGED:
             return status, t
-        set_nodes(forces[t], w, xs[t])
+        set_nodes(forces[t], w.y, w.inverse_mass, xs[t])
         for k in range(n + 1):
             for a in range(3):
                 v[now, k, a] = c0 * xs[t, k, a] + w.old_x[k, a]

@@ -33,16 +33,19 @@ def prepare(rod, drive, t, c0, w):
 @helper
 def assemble(rod, drive, t, c0, q, force, w):
     """Write the residual into `right`, the matrix into `pivot` (diagonal blocks) and `off`."""
-    set_nodes(force, w, w.x)
+    set_nodes(force, w.y, w.inverse_mass, w.x)
     _add_segments(rod, q, force, c0, w)
     set_bends(rod, drive.clamp[t], q, w.p)
     _add_bends(rod, c0, w)
     w.pivot[0, 2, 2] += rod.gauge
 
 
-@inlined
-def set_nodes(force, w, x):
-    """Write the nodes x (N+1, 3) that follow from the forces in the segments (N, 3)."""
+@helper
+def set_nodes(force, y, inverse_mass, x):
+    """Write the nodes x (N+1, 3) that follow from the forces in the segments (N, 3).
+
+    y (N+1, 3) [m]: where they would be without; inverse_mass (N+1,) [m/N].
+    """
     n = force.shape[0]
     for k in range(n + 1):
         for a in range(3):
@@ -51,7 +54,7 @@ def set_nodes(force, w, x):
                 pull += force[k, a]
             if k > 0:
                 pull -= force[k - 1, a]
-            x[k, a] = w.y[k, a] + w.inverse_mass[k] * pull
+            x[k, a] = y[k, a] + inverse_mass[k] * pull
 
 
 @inlined

@@ -12,7 +12,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
 from ropefit.solvers.equilibrium.kernels.state import set_state
-from ropefit.solvers.kernels.jit import helper, inlined
+from ropefit.solvers.kernels.jit import helper
 
 
 @helper
@@ -59,11 +59,11 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur,
     b = w.border
     b[:, :, count:] = 0.0
     right, dm = np.zeros((count + 3, many)), np.empty(3)
+    _add_bends(rod, change, w, dm)
     for c in range(many):
-        _add_bends(rod, change, w, c, b, count + c, dm)
         _add_clamps(rod, held, w, clamp[c], b, count + c)
-        _add_segments(rod, change, w, c, b, count + c, dx[c])
-        _add_conditions(held, change, anchor, offset, c, dx[c], right)
+    _add_segments(rod, change, w, dx)
+    _add_conditions(held, change, anchor, offset, dx, right)
     factor(w, 0.0, 0.0, rod.length)
     solve_columns(w, count + many, False)
     set_schur(w, count, schur)
@@ -75,103 +75,112 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur,
     if not solve_border(schur, right):
         dx[:] = np.nan
         return
+    _add_response(rod, held, w, right, dx, turn)
+
+
+@helper
+def _add_bends(rod, change, w, dm):
+    """Add each direction's residual when stiffness and rest shape change; dm (3,) is scratch."""
+    n, many, b = rod.length.shape[0], change.length.shape[0], w.border
+    first = b.shape[2] - many
     for c in range(many):
-        _add_response(rod, held, w, right, c, dx[c], turn[c])
+        for j in range(n + 1):
+            for a in range(3):
+                strain = w.p[j, a + 1] - rod.rest[j, a + 1]
+                dm[a] = (
+                    change.stiffness[c, j, a] * strain - rod.stiffness[j, a] * change.rest[c, j, a]
+                )
+            _turn_moments(w.p[j], dm, n, j, b, first + c)
 
 
-@inlined
-def _add_bends(rod, change, w, c, b, k, dm):
-    """Add the residual in column k when stiffness and rest shape change; dm (3,) is scratch."""
-    n = rod.length.shape[0]
-    for j in range(n + 1):
-        for a in range(3):
-            strain = w.p[j, a + 1] - rod.rest[j, a + 1]
-            dm[a] = change.stiffness[c, j, a] * strain - rod.stiffness[j, a] * change.rest[c, j, a]
-        _turn_moments(w.p[j], dm, n, j, b, k)
+@helper
+def _add_segments(rod, change, w, dx):
+    """Add each direction's residual when loads, lengths, flexibilities and end moments change.
 
-
-@inlined
-def _add_segments(rod, change, w, c, b, k, dx):
-    """Add the residual in column k when loads, lengths, flexibilities and end moments change; write
-    the change of each edge, its frame held, into dx (N+1, 3)."""
-    n = rod.length.shape[0]
-    f0, f1, f2 = 0.0, 0.0, 0.0
-    for i in range(n - 1, -1, -1):
-        f0 += change.load[c, i + 1, 0]
-        f1 += change.load[c, i + 1, 1]
-        f2 += change.load[c, i + 1, 2]
-        r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
-        v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2
-        v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2
-        v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2
-        e0, e1 = l * rod.flexibility[i, 0] * v0, l * rod.flexibility[i, 1] * v1
-        e2 = l * rod.flexibility[i, 2] * v2
-        dl = change.length[c, i] / l
-        h0 = e0 + dl * g[0] + l * change.flexibility[c, i, 0] * u[0]
-        h1 = e1 + dl * g[1] + l * change.flexibility[c, i, 1] * u[1]
-        h2 = e2 + dl * g[2] + l * change.flexibility[c, i, 2] * u[2]
-        b[i, 0, k] -= h1 * u[2] - h2 * u[1] + g[1] * v2 - g[2] * v1
-        b[i, 1, k] -= h2 * u[0] - h0 * u[2] + g[2] * v0 - g[0] * v2
-        b[i, 2, k] -= h0 * u[1] - h1 * u[0] + g[0] * v1 - g[1] * v0
-        for a in range(3):
-            dx[i + 1, a] = r[a, 0] * h0 + r[a, 1] * h1 + r[a, 2] * h2
-    for end in range(2):
-        i = 0 if end == 0 else n - 1
-        r, m = w.frame[i], change.moment[c, end]
-        for a in range(3):
-            b[i, a, k] -= r[0, a] * m[0] + r[1, a] * m[1] + r[2, a] * m[2]
-
-
-@inlined
-def _add_conditions(held, change, anchor, offset, c, dx, right):
-    """Sum the changes of the edges to those of the nodes, and write the supports' residual."""
-    nodes, count = dx.shape[0], held.node.shape[0]
-    for a in range(3):
-        dx[0, a] = 0.0 if held.free else anchor[c, a]
-        for i in range(nodes - 1):
-            dx[i + 1, a] += dx[i, a]
-        if held.free:
-            for i in range(nodes):
-                right[count + a, c] += change.load[c, i, a]
-    for s in range(count):
-        if held.active[s]:
-            d, x = held.direction[s], dx[held.node[s]]
-            right[s, c] = -(offset[c, s] - d[0] * x[0] - d[1] * x[1] - d[2] * x[2])
-
-
-@inlined
-def _add_response(rod, held, w, right, c, dx, turn):
-    """Write the turns (N, 3) of column c, and add what they and the reactions move to dx."""
-    n, count = rod.length.shape[0], held.node.shape[0]
-    s0, s1, s2 = 0.0, 0.0, 0.0
-    if held.free:
-        s0, s1, s2 = right[count, c], right[count + 1, c], right[count + 2, c]
-    for a in range(3):
-        dx[0, a] += (s0, s1, s2)[a]
-    for i in range(n):
-        r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+    Also writes the change of each edge, its frame held, into dx (P, N+1, 3).
+    """
+    n, many, b = rod.length.shape[0], change.length.shape[0], w.border
+    first = b.shape[2] - many
+    for c in range(many):
         f0, f1, f2 = 0.0, 0.0, 0.0
-        t0, t1 = -w.solved[i, 0, count + c], -w.solved[i, 1, count + c]
-        t2 = -w.solved[i, 2, count + c]
+        for i in range(n - 1, -1, -1):
+            f0 += change.load[c, i + 1, 0]
+            f1 += change.load[c, i + 1, 1]
+            f2 += change.load[c, i + 1, 2]
+            r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+            v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2
+            v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2
+            v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2
+            e0, e1 = l * rod.flexibility[i, 0] * v0, l * rod.flexibility[i, 1] * v1
+            e2 = l * rod.flexibility[i, 2] * v2
+            dl = change.length[c, i] / l
+            h0 = e0 + dl * g[0] + l * change.flexibility[c, i, 0] * u[0]
+            h1 = e1 + dl * g[1] + l * change.flexibility[c, i, 1] * u[1]
+            h2 = e2 + dl * g[2] + l * change.flexibility[c, i, 2] * u[2]
+            b[i, 0, first + c] -= h1 * u[2] - h2 * u[1] + g[1] * v2 - g[2] * v1
+            b[i, 1, first + c] -= h2 * u[0] - h0 * u[2] + g[2] * v0 - g[0] * v2
+            b[i, 2, first + c] -= h0 * u[1] - h1 * u[0] + g[0] * v1 - g[1] * v0
+            for a in range(3):
+                dx[c, i + 1, a] = r[a, 0] * h0 + r[a, 1] * h1 + r[a, 2] * h2
+        for end in range(2):
+            i = 0 if end == 0 else n - 1
+            r, m = w.frame[i], change.moment[c, end]
+            for a in range(3):
+                b[i, a, first + c] -= r[0, a] * m[0] + r[1, a] * m[1] + r[2, a] * m[2]
+
+
+@helper
+def _add_conditions(held, change, anchor, offset, dx, right):
+    """Sum the changes of the edges to those of the nodes, and write the supports' residual."""
+    many, nodes, count = dx.shape[0], dx.shape[1], held.node.shape[0]
+    for c in range(many):
+        for a in range(3):
+            dx[c, 0, a] = 0.0 if held.free else anchor[c, a]
+            for i in range(nodes - 1):
+                dx[c, i + 1, a] += dx[c, i, a]
+            if held.free:
+                for i in range(nodes):
+                    right[count + a, c] += change.load[c, i, a]
         for s in range(count):
-            y = right[s, c]
-            t0 -= w.solved[i, 0, s] * y
-            t1 -= w.solved[i, 1, s] * y
-            t2 -= w.solved[i, 2, s] * y
-            if held.active[s] and held.node[s] > i:
-                f0 += y * held.direction[s, 0]
-                f1 += y * held.direction[s, 1]
-                f2 += y * held.direction[s, 2]
-        turn[i, 0], turn[i, 1], turn[i, 2] = t0, t1, t2
-        v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2 + u[1] * t2 - u[2] * t1
-        v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2 + u[2] * t0 - u[0] * t2
-        v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2 + u[0] * t1 - u[1] * t0
-        e0 = t1 * g[2] - t2 * g[1] + l * rod.flexibility[i, 0] * v0
-        e1 = t2 * g[0] - t0 * g[2] + l * rod.flexibility[i, 1] * v1
-        e2 = t0 * g[1] - t1 * g[0] + l * rod.flexibility[i, 2] * v2
-        s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
-        s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
-        s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2
-        dx[i + 1, 0] += s0
-        dx[i + 1, 1] += s1
-        dx[i + 1, 2] += s2
+            if held.active[s]:
+                d, x = held.direction[s], dx[c, held.node[s]]
+                right[s, c] = -(offset[c, s] - d[0] * x[0] - d[1] * x[1] - d[2] * x[2])
+
+
+@helper
+def _add_response(rod, held, w, right, dx, turn):
+    """Write the turns (P, N, 3), and add what they and the reactions move to dx (P, N+1, 3)."""
+    n, many, count = rod.length.shape[0], dx.shape[0], held.node.shape[0]
+    for c in range(many):
+        s0, s1, s2 = 0.0, 0.0, 0.0
+        if held.free:
+            s0, s1, s2 = right[count, c], right[count + 1, c], right[count + 2, c]
+        for a in range(3):
+            dx[c, 0, a] += (s0, s1, s2)[a]
+        for i in range(n):
+            r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+            f0, f1, f2 = 0.0, 0.0, 0.0
+            t0, t1 = -w.solved[i, 0, count + c], -w.solved[i, 1, count + c]
+            t2 = -w.solved[i, 2, count + c]
+            for s in range(count):
+                y = right[s, c]
+                t0 -= w.solved[i, 0, s] * y
+                t1 -= w.solved[i, 1, s] * y
+                t2 -= w.solved[i, 2, s] * y
+                if held.active[s] and held.node[s] > i:
+                    f0 += y * held.direction[s, 0]
+                    f1 += y * held.direction[s, 1]
+                    f2 += y * held.direction[s, 2]
+            turn[c, i, 0], turn[c, i, 1], turn[c, i, 2] = t0, t1, t2
+            v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2 + u[1] * t2 - u[2] * t1
+            v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2 + u[2] * t0 - u[0] * t2
+            v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2 + u[0] * t1 - u[1] * t0
+            e0 = t1 * g[2] - t2 * g[1] + l * rod.flexibility[i, 0] * v0
+            e1 = t2 * g[0] - t0 * g[2] + l * rod.flexibility[i, 1] * v1
+            e2 = t0 * g[1] - t1 * g[0] + l * rod.flexibility[i, 2] * v2
+            s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
+            s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
+            s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2
+            dx[c, i + 1, 0] += s0
+            dx[c, i + 1, 1] += s1
+            dx[c, i + 1, 2] += s2
