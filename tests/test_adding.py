@@ -165,6 +165,7 @@ from ropefit.diagnosis.held_out import by_stretches
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.proposals import proposals
 from ropefit.models.equilibrium import Forward
+from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.bins import Data
@@ -188,7 +189,7 @@ share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
 points = point.seen + 0.0005 * np.random.default_rng(0).normal(size=point.seen.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
 noise = Noise(marker=0.0005)
-nominal = fit(Forward(setup, [rope_term("EI", "", 3e-4, 1e-6, 1e-2, ROPE["EI"])]), data, noise, 40)
+nominal = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), data, noise, 40)
 slow = proposals(nominal, slow=True, names=("post",))
 found = fit_candidates(nominal, [], [], slow, data, noise, 40, 6.0, ("post",))
 best = first_acceptable(found, 6.0, nominal, [])

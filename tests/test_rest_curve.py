@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 import torch
@@ -86,6 +88,18 @@ def test_identify_finds_a_rest_curvature(ropefit, tmp_path):
         "identify", "--run", "run", "--search", "grid", "--free", "EI,rest_curve", code=2
     )
     assert "grid fits EI" in wrong.stderr
+
+    # Without the mass the fit is of ratios to the weight; a curvature is none of them.
+    recording = tmp_path / "recording.toml"
+    recording.write_text(recording.read_text().replace(f"mass = {MASS}\n", ""))
+    ropefit("preprocess", tmp_path, "--run", "unweighed")
+    told = ropefit.json("identify", "--run", "unweighed", "--free", "EI,curvature_1,curvature_2")
+    p = told["groups"]["group_0"]["parameters"]
+    out = ["--run", "unweighed", "--to", "json", "--out", "rope.json", "--mass", str(MASS)]
+    ropefit("export", *out)
+    exported = json.loads((tmp_path / "rope.json").read_text())
+    assert np.allclose(np.array(exported["rest_curvature"])[:, 1], p["curvature_2"]["value"])
+    assert np.mean(exported["EI"]) == pytest.approx(EI, rel=0.03)
 
 
 def test_a_model_at_rest_is_fitted_to_the_calmest_frames():
