@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from functools import partial
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from torch import Tensor
 from ropefit.effects.base import Effect
 from ropefit.models.history import WalkedPoint, walk
 from ropefit.models.response import Change, Point
+from ropefit.models.watched import Done, differing, done
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.runs.arrays import as_arrays, from_arrays
@@ -190,23 +192,37 @@ class Forward:
 
     def changes(self, u: np.ndarray) -> list[Change]:
         """One for each search variable, at u (P,)."""
-        changes, setup, parts = [], self.base, self.split(u)
-        for number, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
-            for k in range(term.size):
-                changes.append(self._change(setup, parts, number, k))
-            setup = _applied(setup, term, torch.from_numpy(term.value(part)))
-        return changes
+        parts = self.split(u)
+        setup, made = self.base._replace(past=None), []
+        for term, part in zip(self.terms, parts, strict=True):
+            value = torch.from_numpy(term.value(part))
+            made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
+            setup = made[-1].after
+        change = self._past_change if setup.remembers else partial(self._change, made)
+        return [
+            partial(change, parts, number, k)
+            for number, term in enumerate(self.terms)
+            for k in range(term.size)
+        ]
 
-    def _change(self, before: Setup, parts: list[np.ndarray], number: int, k: int) -> Change:
-        """One term's k-th value changes; before: the setup on which that term acts."""
+    def _change(
+        self, made: list[Done], parts: list[np.ndarray], number: int, k: int, step: float
+    ) -> Setup:
+        """Return the setup where one term's k-th value has moved by a step; made: by all terms."""
+        term = self.terms[number]
+        before = made[number - 1].after if number else self.base._replace(past=None)
+        setup = term.apply(before, _value(term, parts[number], k, step))
+        moved = differing(setup, made[number].after)
+        for later in made[number + 1 :]:
+            setup, moved = later.again(setup, moved)
+        return setup
 
-        def changed(step: float) -> Setup:
-            setup = _moved(before, self.terms[number], parts[number], k, step)
-            for term, part in zip(self.terms[number + 1 :], parts[number + 1 :], strict=True):
-                setup = _applied(setup, term, torch.from_numpy(term.value(part)))
-            return setup
-
-        return changed
+    def _past_change(self, parts: list[np.ndarray], number: int, k: int, step: float) -> Setup:
+        """The same of a rope that remembers, with the frames of its past."""
+        setup = self.base
+        for n, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
+            setup = _applied(setup, term, _value(term, part, k, step if n == number else 0.0))
+        return setup
 
 
 def _rod_of(setup: Setup) -> Rod:
@@ -238,10 +254,12 @@ def _applied(setup: Setup, term: Term, value: Tensor) -> Setup:
     return setup.after(lambda s: term.apply(s, value))
 
 
-def _moved(setup: Setup, term: Term, u: np.ndarray, k: int, step: float) -> Setup:
-    return _applied(setup, term, torch.from_numpy(term.value(u + step * np.eye(term.size)[k])))
+def _value(term: Term, u: np.ndarray, k: int, step: float) -> Tensor:
+    """Return a term's values in SI where the k-th of its search variables u (n,) has moved."""
+    return torch.from_numpy(term.value(u + step * (np.arange(term.size) == k)))
 
 
 def change_by(setup: Setup, term: Term, k: int) -> Change:
     """A further term's k-th value on top of a setup, from the term's start."""
-    return lambda step: _moved(setup, term, np.zeros(term.size), k, step)
+    start = np.zeros(term.size)
+    return lambda step: _applied(setup, term, _value(term, start, k, step))

@@ -97,18 +97,19 @@ class Slopes:
 
 def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> Slopes:
     """still: the rod's fields' derivatives where nothing that it is built from changes."""
-    a, b = changed(-STEP), changed(STEP)
+    a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
     rod = still
     if not _equal(_built_from(a), _built_from(b)):
         rod = [slope(p, q) for p, q in zip(a.rod(), b.rod(), strict=True)]
     force = None
-    if not _equal(_energies(a, x), _energies(b, x)):
+    if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
         force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
     clamp = np.zeros((*now.clamp.shape[:-1], 3))
-    if not torch.equal(torch.nan_to_num(a.clamp), torch.nan_to_num(b.clamp)):
+    if a.clamp is not b.clamp and not _equal([a.clamp.nan_to_num()], [b.clamp.nan_to_num()]):
         clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     seen = np.zeros(1) if _equal(a.seen, b.seen) else slope(a.seen(x), b.seen(x))
-    return Slopes(rod, force, slope(a.ends, b.ends), clamp, seen)
+    ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
+    return Slopes(rod, force, ends, clamp, seen)
 
 
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
@@ -130,7 +131,7 @@ def _built_from(setup: Setup) -> list[Tensor]:
 
 
 def _equal(first: Iterable[Tensor], second: Iterable[Tensor]) -> bool:
-    return all(torch.equal(p, q) for p, q in zip(first, second, strict=True))
+    return all(p is q or torch.equal(p, q) for p, q in zip(first, second, strict=True))
 
 
 def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
