@@ -29,6 +29,8 @@ from ropefit.solvers.equilibrium.solve import solve
 
 DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
 
+NEXT_TO_NOTHING = 1e-12  # of a saturating value's search variable, from where it is infinite
+
 Apply = Callable[[Setup, Tensor], Setup]
 
 
@@ -37,7 +39,8 @@ class Term:
     """A part of a model: `apply` takes values in SI; a value is scale * (search variable).
 
     start, lower, upper (n,) in SI; prior (n,) one-sigma in SI, inf for none; log: the search
-    variable is the logarithm of the value over its start. effect: that the term stands for, if any.
+    variable is the logarithm of the value over its start. saturating (n,) bool: values that may be
+    infinite, searched as value / (value + scale). effect: that the term stands for, if any.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Term:
     log: bool = False
     nuisance: bool = False
     effect: Effect | None = None
+    saturating: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -59,15 +63,34 @@ class Term:
 
     def value(self, u: np.ndarray) -> np.ndarray:
         """(n,) in SI from search variables (n,)."""
-        return self.start * np.exp(u) if self.log else self.start + self.scale * u
+        if self.log:
+            return self.start * np.exp(u)
+        value = self.start + self.scale * u
+        if self.saturating is None:
+            return value
+        rest = 1 - self._share(self.start) - u
+        rest = np.where(rest == 0, NEXT_TO_NOTHING, rest)
+        return np.where(self.saturating, self.scale * (1 / rest - 1), value)
 
     def search(self, value: np.ndarray) -> np.ndarray:
         """(n,) search variables of values in SI."""
-        return np.log(value / self.start) if self.log else (value - self.start) / self.scale
+        if self.log:
+            return np.log(value / self.start)
+        u = (value - self.start) / self.scale
+        if self.saturating is None:
+            return u
+        return np.where(self.saturating, self._share(value) - self._share(self.start), u)
+
+    def _share(self, value: np.ndarray) -> np.ndarray:
+        """(n,) value / (value + scale), 1 at infinity."""
+        return 1 - self.scale / (value + self.scale)
 
     def slope(self, u: np.ndarray) -> np.ndarray:
         """(n,) derivative of the values in the search variables."""
-        return self.value(u) if self.log else self.scale
+        if self.log or self.saturating is None:
+            return self.value(u) if self.log else self.scale
+        stretched = (self.value(u) + self.scale) ** 2 / self.scale
+        return np.where(self.saturating, stretched, self.scale)
 
     def interval(
         self, u: np.ndarray, covariance: np.ndarray, width: float
