@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,6 +131,13 @@ def fit_candidate(
     if len(fitted.z) != len(smaller.z):  # a frame did not settle at the start: no comparison
         return None
     return compared(hypothesis, term, smaller, fitted)
+
+
+def fit_on(
+    smaller: Fit, data: Data, noise: Noise, bins: int
+) -> Callable[[Hypothesis, np.ndarray], Candidate | None]:
+    """Return what fits a hypothesis, from values (k + p,), on top of a model."""
+    return lambda hypothesis, start: fit_candidate(smaller, hypothesis, start, data, noise, bins)
 
 
 def _continued(before: float, fitted: Fit, data: Data, noise: Noise, bins: int) -> Fit:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept
-from ropefit.diagnosis.candidate import Candidate, compared, fit_candidate
+from ropefit.diagnosis.candidate import Candidate, compared, fit_candidate, fit_on
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, attempted
@@ -63,7 +63,7 @@ def reassessed(
             continue
         # Even where it keeps its place, others may explain as much beside the rest.
         best = first_acceptable(better, threshold, without, []) or held
-        now = accept(best, candidates, without, tried)
+        now = accept(best, candidates, without, fit_on(without, data, noise, bins), tried)
         out = [now if f is one else f for f in out]
         current, changed = now.candidate.fit, changed or now.candidate is not held
     return current, out

@@ -10,7 +10,7 @@ import numpy as np
 
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidate import fit_candidate, fit_on
 from ropefit.diagnosis.candidates import fit_candidates, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
@@ -123,7 +123,9 @@ def search(
         if best is None:
             break
         tried = len(scan.sensitivities)
-        accepted.append(accept(best, candidates, current, tried))
+        accepted.append(
+            accept(best, candidates, current, fit_on(current, data, noise, bins), tried)
+        )
         best = accepted[-1].candidate
         most += not best.hypothesis.effect.counted
         data = every.settled(best.fit.point.seen)

@@ -83,6 +83,19 @@ class Calibration:
     own_sensor: bool = False
 
 
+class SpecialCase(NamedTuple):
+    """What an effect is where some of its values are not significantly different from zero (those
+    with a lower bound above zero: from that bound).
+
+    effect: the special one; vanishing: names of those values; values: its values (SI) from those
+    of the general one, None where it cannot have them.
+    """
+
+    effect: type[Effect]
+    vanishing: tuple[str, ...]
+    values: Callable[[Setup, np.ndarray], np.ndarray | None]
+
+
 class Exported(NamedTuple):
     """How an effect goes into a simulator.
 
@@ -119,6 +132,9 @@ class Effect(ABC):
 
     # Names of quantities that are components of a direction: their common size changes nothing.
     direction: ClassVar[tuple[str, ...]] = ()
+
+    # Simpler effects that this one contains: one of them is named where it explains as much.
+    special_cases: ClassVar[tuple[SpecialCase, ...]] = ()
 
     # The scan looks for it at small sizes; if not, only its own `starts` do.
     scanned: ClassVar[bool] = True

@@ -8,9 +8,8 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.intrinsic_curvature import twist_held
 from ropefit.effects.place import at_point
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import Setup, twist_held
 
 
 class Kink(Effect):
