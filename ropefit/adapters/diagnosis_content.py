@@ -192,6 +192,7 @@ def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[s
     if effect.vector:
         name, unit = effect.vector
         size, spread = candidate.magnitude()
+        spread = float(np.hypot(spread, size * max(q.inexact for q in effect.quantities)))
         out[name] = Size(value=size, unit=unit, ci95=(max(size - t * spread, 0), size + t * spread))
     searched = zip(*candidate.interval(t), strict=True)
     for q, v, s, ends in zip(effect.quantities, values, sd, searched, strict=False):

@@ -41,7 +41,7 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
         c for c in same
         if best.evidence - c.evidence < TIE_NATS or is_special_case(c.hypothesis.effect, general)
     ]  # fmt: skip
-    first = min(tied, key=lambda c: (c.term.size, -c.evidence))
+    first = min(tied, key=lambda c: (c.term.size, c is best, -c.evidence))
     return first, [c for c in (best, *same) if c is not first]
 
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity, SpecialCase
-from ropefit.effects.kink import FreeKink, Kink
+from ropefit.effects.kink import FreeKink, Kink, log_width
 from ropefit.effects.place import over_interval
 from ropefit.rod.setup import Setup, twist_held
 
@@ -15,9 +15,9 @@ WHOLE = 0.9  # of the length: what is wider has no edges that could move
 
 
 def sharp_bend(setup: Setup, values: np.ndarray) -> np.ndarray:
-    """Return angles and place of a bend of no width that turns the rope by as much."""
+    """Return angles and place of a sharp bend that turns the rope by as much."""
     *curvature, centre, width = values
-    return np.array([*(width * c for c in curvature), centre])
+    return np.array([*(width * c for c in curvature), log_width(setup), centre])
 
 
 class IntrinsicCurvature(Effect):
