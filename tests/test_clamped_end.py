@@ -11,9 +11,9 @@ from ropefit.diagnosis.rules import RULES, Selection
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities, loads_to_nodes
 from ropefit.effects import ClampedEnd
-from ropefit.inference.bins import match
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Forward
 from tests.concealed import BINS, nominal_fit, recorded, rope, with_effect
 
@@ -34,27 +34,25 @@ def test_the_scan_sees_what_a_soft_clamp_does(end):
 
 
 def compared(data):
-    """The data that all fits have in common, their white noise, and the nominal fit."""
+    """The nominal fit to the data that all further fits have in common, with their white noise."""
     nominal = nominal_fit(data)
-    data = data.settled(nominal.point.seen)
-    white = match(data, nominal.point.seen, BINS).scatter[0]
-    noise = Noise(white=(float(white[0]), float(white[1])))
-    return data, noise, fit(nominal.forward, data, noise, BINS, nominal.point.u)
+    problem = FitProblem(data.settled(nominal.point.seen), Noise(), BINS)
+    white = problem.match(nominal.point.seen).scatter[0]
+    problem = problem.under(Noise(white=(float(white[0]), float(white[1]))))
+    return fit(nominal.forward, problem, nominal.point.u)
 
 
 @pytest.mark.parametrize("stiffness", [0.004, 0.02, 1e6])
 def test_soft_and_rigid_clamps_are_found(stiffness):
-    data, noise, nominal = compared(
-        recorded(with_effect(ClampedEnd(1), [stiffness, *DIRECTION]), 101)
-    )
+    nominal = compared(recorded(with_effect(ClampedEnd(1), [stiffness, *DIRECTION]), 101))
     setup = nominal.point.setup
     hypothesis = next(h for h in hypotheses(setup, ("clamped_end",)) if h.effect.end == 1)
-    responses = Sensitivities(nominal, data, BINS)
+    responses = Sensitivities(nominal)
     scorer = Scorer(responses.of(hypothesis), Projection(nominal), hypothesis.scales(setup))
     score = scorer(Projection(nominal).z)
     assert score.log_factor > 20
     starts = [np.concatenate(start) for start in score.starts()]
-    fits = [fit_candidate(nominal, hypothesis, start, data, noise, BINS) for start in starts]
+    fits = [fit_candidate(nominal, hypothesis, start) for start in starts]
     fitted = max((f for f in fits if f is not None), key=lambda f: f.evidence)
     refused = []
     assert Selection().acceptable([fitted], RULES.least_evidence, nominal, refused) is fitted

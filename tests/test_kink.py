@@ -9,7 +9,7 @@ from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.effects import FreeCurvature, FreeKink
 from ropefit.effects.kink import INEXACT, log_width
 from ropefit.effects.place import around_point
-from tests.concealed import BINS, recorded, rope, with_effect
+from tests.concealed import recorded, rope, with_effect
 from tests.test_clamped_end import compared
 
 
@@ -35,10 +35,10 @@ def test_a_bend_at_an_end_stays_on_the_rope(place):
 def test_the_angle_is_within_its_interval(angle, width):
     """Of bends of a known width, made on twelve times as fine a rope."""
     made = with_effect(FreeCurvature(), [angle / width, 0.4137, width], segments=1728)
-    data, noise, nominal = compared(recorded(made, seed=105, sd=3e-4))
+    nominal = compared(recorded(made, seed=105, sd=3e-4))
     setup = nominal.forward.base
     start = np.array([0.7 * angle, log_width(setup), 0.41])
-    found = fit_candidate(nominal, Hypothesis(FreeKink(), NO_PLACE), start, data, noise, BINS)
+    found = fit_candidate(nominal, Hypothesis(FreeKink(), NO_PLACE), start)
     assert found is not None
     value, sd = found.values()[0], found.sd()[0]
     assert sd < 0.03 * angle
@@ -47,9 +47,9 @@ def test_the_angle_is_within_its_interval(angle, width):
 
 def test_the_width_is_told_where_the_data_tell_it():
     made = with_effect(FreeCurvature(), [0.6 / 0.025, 0.4137, 0.025], segments=1728)
-    data, noise, nominal = compared(recorded(made, seed=106, sd=2e-4))
+    nominal = compared(recorded(made, seed=106, sd=2e-4))
     setup = rope(20)
     start = np.array([0.5, log_width(setup), 0.41])
-    found = fit_candidate(nominal, Hypothesis(FreeKink(), NO_PLACE), start, data, noise, BINS)
+    found = fit_candidate(nominal, Hypothesis(FreeKink(), NO_PLACE), start)
     assert found is not None
     assert np.exp(found.values()[1]) == pytest.approx(0.025, rel=0.2)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from ropefit.diagnosis.accepted import accept
-from ropefit.diagnosis.candidate import fit_candidate, fit_on
+from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NARROWEST, NO_PLACE, Hypothesis
 from ropefit.diagnosis.nested import is_special_case
 from ropefit.effects import (
@@ -78,11 +78,11 @@ def test_the_special_case_is_named(kind, case):
     if case.effect is Kink:
         pytest.skip("of a clamped rope: the free kink stands for it")
     truth = SPECIAL[case.effect]
-    data, noise, nominal = compared(recorded(with_effect(case.effect(), truth), seed=103))
+    nominal = compared(recorded(with_effect(case.effect(), truth), seed=103))
     begin = np.array(GENERAL[kind])
-    general = fit_candidate(nominal, Hypothesis(kind(), NO_PLACE), begin, data, noise, 30)
+    general = fit_candidate(nominal, Hypothesis(kind(), NO_PLACE), begin)
     assert general is not None
-    named = accept(general, [general], nominal, fit_on(nominal, data, noise, 30), 20)
+    named = accept(general, [general], nominal, 20)
     assert type(named.candidate.hypothesis.effect) is case.effect
     assert kind.name in [c.hypothesis.name for c in named.equivalent]
     found, sd = named.candidate.values(), named.candidate.sd()
@@ -99,11 +99,11 @@ def test_the_special_case_is_named(kind, case):
     ],
 )
 def test_the_general_effect_stays_where_it_is_needed(effect, values):
-    data, noise, nominal = compared(recorded(with_effect(effect, values), seed=104))
+    nominal = compared(recorded(with_effect(effect, values), seed=104))
     hypothesis = Hypothesis(effect, NO_PLACE)
-    general = fit_candidate(nominal, hypothesis, np.array(values), data, noise, 30)
+    general = fit_candidate(nominal, hypothesis, np.array(values))
     assert general is not None
-    named = accept(general, [general], nominal, fit_on(nominal, data, noise, 30), 20)
+    named = accept(general, [general], nominal, 20)
     assert named.candidate is general
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import equivalents, ordered
-from ropefit.diagnosis.nested import FitFrom, with_special_cases
+from ropefit.diagnosis.nested import with_special_cases
 from ropefit.inference.least_squares import Fit
 
 CLOSE_EVIDENCE = 0.5  # of the best's: candidates with less do not win beside other effects either
@@ -28,15 +28,13 @@ class Accepted:
     beaten: list[Candidate] = field(default_factory=list)
 
 
-def accept(
-    best: Candidate, candidates: list[Candidate], without: Fit, fit_from: FitFrom, tried: int
-) -> Accepted:
+def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: int) -> Accepted:
     """Accept the best of some candidates, or the one that is named first in a tie.
 
-    without: the model without any of them; fit_from: fits a hypothesis on top of it; tried: how
-    many hypotheses were scanned, for which the p-value is corrected (Bonferroni).
+    without: the model without any of them; tried: how many hypotheses were scanned, for which the
+    p-value is corrected (Bonferroni).
     """
-    candidates = with_special_cases(best, candidates, fit_from)
+    candidates = with_special_cases(best, candidates, without)
     first, same = ordered(best, equivalents(best, candidates, without.cost))
     p = min(1.0, tried * float(np.exp(-min(first.evidence, 690.0))))
     close = [

@@ -7,25 +7,27 @@ two's evidence; `equivalence` names the simplest within reach.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
-from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.effects import Effect
 from ropefit.effects.base import SpecialCase
+from ropefit.inference.least_squares import Fit
 
 MOST_SIGNIFICANCE = 6.0  # standard errors from zero: beyond, a quantity is there
 
-FitFrom = Callable[[Hypothesis, np.ndarray], Candidate | None]
-
 
 def with_special_cases(
-    best: Candidate, candidates: list[Candidate], fit_from: FitFrom
+    best: Candidate, candidates: list[Candidate], without: Fit
 ) -> list[Candidate]:
     """Return candidates with the special cases of the best one, and theirs, as fitted from its
-    values if that is better than what is known of them; highest evidence first."""
+    values if that is better than what is known of them; highest evidence first.
+
+    without: the model without any of them.
+    """
     out = {c.hypothesis.key: c for c in (best, *candidates)}
     general = [best]
     for one in general:  # grows
@@ -35,7 +37,7 @@ def with_special_cases(
             if values is None or not special.applies(setup) or not vanishing(one, case):
                 continue
             hypothesis = Hypothesis(special, NO_PLACE)
-            fitted, known = fit_from(hypothesis, values), out.get(hypothesis.key)
+            fitted, known = fit_candidate(without, hypothesis, values), out.get(hypothesis.key)
             if fitted is not None and (known is None or fitted.evidence > known.evidence):
                 out[hypothesis.key] = fitted
             if hypothesis.key in out:
