@@ -65,7 +65,7 @@ def test_a_clean_recording_is_called_none():
     [
         (PointMass(), [0.002, 0.37], 0.37),
         (StiffSection(), [0.5, 0.5, 0.2], 0.5),
-        (FreeKink(), [0.15, 0.42], 0.42),
+        (FreeKink(), [0.15, -5.1, 0.42], 0.42),
     ],
 )
 def test_an_effect_is_found_where_it_is(effect, values, place):
@@ -82,7 +82,8 @@ def test_an_effect_is_found_where_it_is(effect, values, place):
         if r.hypothesis.name == effect.name
     )
     found, sd = candidate.values(), candidate.sd()
-    assert found[candidate.hypothesis.size] == pytest.approx(place, abs=0.03)
+    where = candidate.term.names.index(effect.place_names[0])
+    assert found[where] == pytest.approx(place, abs=0.03)
     assert abs(found[0] - values[0]) < 4 * sd[0] + 0.02 * values[0]
     assert heldout_rms(d.final)[0] < heldout_rms(d.nominal)[0]
 
@@ -323,7 +324,7 @@ def test_effects_are_weighed_again_beside_a_later_one():
     assert fitted.cost < mass.fit.cost - 10
     assert kept[1].candidate.values()[0] == pytest.approx(0.003, rel=0.2)
 
-    idle = on(stiff.fit, "kink", [0.01, 0.8])
+    idle = on(stiff.fit, "kink", [0.01, -5.1, 0.8])
     mass = on(idle.fit, "point_mass", [0.003, 0.25])
     named = [Accepted(one, [], one.evidence, 0.0) for one in (stiff, idle, mass)]
     fitted, kept = reassessed(mass.fit, named, 5.0, 20)

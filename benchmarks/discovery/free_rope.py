@@ -12,10 +12,9 @@ from ropefit.diagnosis.candidate import SIZE_PRIOR_SD, Candidate, fit_candidate,
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.sensitivities import PROBE
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.intrinsic_curvature import twist_held
 from ropefit.inference.least_squares import Fit
 from ropefit.models.terms import Term
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import Setup, twist_held
 
 KNOTS = 8
 NAME = "free_rope"

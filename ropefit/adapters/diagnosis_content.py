@@ -205,17 +205,20 @@ def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[s
     if effect.vector:
         name, unit = effect.vector
         size, spread = candidate.magnitude()
+        spread = float(np.hypot(spread, size * max(q.inexact for q in effect.quantities)))
         out[name] = Size(value=size, unit=unit, ci95=(max(size - t * spread, 0), size + t * spread))
-    for q, v, s in zip(effect.quantities, values, sd, strict=False):
+    searched = zip(*candidate.interval(t), strict=True)
+    for q, v, s, ends in zip(effect.quantities, values, sd, searched, strict=False):
         half = t * float(np.hypot(s, q.inexact * v))
-        low, high = max(v - half, q.lower), min(v + half, q.upper)
+        low, high = ends if q.saturates else (v - half, v + half)
         if q.derived:
             of = q.derived.of
-            ends = sorted((of(float(v - half)), of(float(v + half))))
+            ends = sorted((of(float(low)), of(float(high))))
             out[q.derived.name] = Size(
                 value=of(float(v)), unit=q.derived.unit, ci95=(ends[0], ends[1])
             )
-        out[q.name] = Size(value=float(v), unit=q.unit, ci95=(float(low), float(high)))
+        bounded = (float(max(low, q.lower)), float(min(high, q.upper)))
+        out[q.name] = Size(value=float(v), unit=q.unit, ci95=bounded)
     return out
 
 

@@ -37,24 +37,37 @@ class Candidate:
     gains: np.ndarray
 
     def values(self) -> np.ndarray:
-        """Return (k + p,) values in SI."""
-        return self.term.value(self._mine(self.fit.point.u))
+        """Return (k + p,) values in SI, directions of unit length."""
+        return self._raw() / self._length()
 
     def sd(self) -> np.ndarray:
         """Return (k + p,) standard errors in SI."""
-        return self._mine(self.fit.sd()) * self.term.slope(self._mine(self.fit.point.u))
+        sd = np.sqrt(np.maximum(np.diag(self.covariance()), 0.0))
+        return sd * self.term.slope(self._mine(self.fit.point.u)) / self._length()
 
     def covariance(self) -> np.ndarray:
         """Return (k + p, k + p) the covariance of its values in search coordinates."""
         mine = self._mine(np.arange(len(self.fit.point.u)))
-        return self.fit.covariance[np.ix_(mine, mine)]
+        out = self.fit.covariance[np.ix_(mine, mine)]
+        along = np.where(self._pointing(), self._raw() / self.term.scale, 0.0)
+        if along.any():  # across a direction: its length changes nothing
+            across = np.eye(len(along)) - np.outer(along, along) / (along @ along)
+            out = across @ out @ across
+        return out
+
+    def interval(self, width: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return (k + p,), (k + p,) values in SI `width` standard errors to either side."""
+        return self.term.interval(self._mine(self.fit.point.u), self.covariance(), width)
+
+    def usual_sizes(self) -> np.ndarray:
+        """Return (k,) its sizes as multiples of usual ones, at most 1 of one that saturates."""
+        k, zero = self.hypothesis.size, self.term.search(np.zeros(self.term.size))
+        return (self._mine(self.fit.point.u) - zero)[:k]
 
     def significance(self) -> float:
         """Return how many standard errors its sizes are from zero, together."""
-        mine, k = self._mine(self.fit.point.u), self.hypothesis.size
-        zero = self.term.search(np.zeros(self.term.size))[:k]
+        off, k = self.usual_sizes(), self.hypothesis.size
         covariance = self.covariance()[:k, :k]
-        off = mine[:k] - zero
         return float(np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0)))
 
     def magnitude(self) -> tuple[float, float]:
@@ -64,6 +77,19 @@ class Candidate:
         size = float(np.linalg.norm(values))
         along = slope * values / max(size, 1e-300)
         return size, float(np.sqrt(max(along @ self.covariance()[:k, :k] @ along, 0.0)))
+
+    def _raw(self) -> np.ndarray:
+        """Return (k + p,) values in SI as they were fitted."""
+        return self.term.value(self._mine(self.fit.point.u))
+
+    def _pointing(self) -> np.ndarray:
+        """Return (k + p,) bool: components of a direction."""
+        return np.isin(self.term.names, self.hypothesis.effect.direction)
+
+    def _length(self) -> np.ndarray:
+        """Return (k + p,) the length of the direction for its components, else 1."""
+        pointing = self._pointing()
+        return np.where(pointing, np.linalg.norm(self._raw()[pointing]), 1.0)
 
     def _mine(self, u: np.ndarray) -> np.ndarray:
         """Return its part of the fit's values (P,), whatever was added to the model after it."""

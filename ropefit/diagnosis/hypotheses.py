@@ -65,6 +65,7 @@ class Hypothesis:
             np.array([*(q.lower for q in quantities), *(limits[p][0] for p in place)]),
             np.array([*(q.upper for q in quantities), *(limits[p][1] for p in place)]),
             self.effect.start_sd(setup), effect=self.effect,
+            saturating=np.array([*(q.saturates for q in quantities), *(False for _ in place)]),
         )  # fmt: skip
 
     def term_at(self, setup: Setup, values: np.ndarray) -> Term:
@@ -80,6 +81,7 @@ class Hypothesis:
             self.name, tuple(q.name for q in quantities), tuple(q.unit for q in quantities), apply,
             values[:k], self.scales(setup), np.array([q.lower for q in quantities]),
             np.array([q.upper for q in quantities]), np.full(k, np.inf), effect=self.effect,
+            saturating=np.array([q.saturates for q in quantities]),
         )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from ropefit.effects.lost_out_of_plane import LostOutOfPlane
 from ropefit.effects.mass_section import MassSection
 from ropefit.effects.obstacle import Obstacle
 from ropefit.effects.plastic_set import PlasticSet
+from ropefit.effects.point_force import PointForce
 from ropefit.effects.point_mass import PointMass
 from ropefit.effects.rest_shape import RestShape
 from ropefit.effects.scale_error import ScaleError
@@ -52,6 +53,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     TiltedClamp,
     EndTwist,
     Tether,
+    PointForce,
     SupportPlane,
     Obstacle,
     ContactFriction,

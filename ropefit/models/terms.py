@@ -17,6 +17,8 @@ from ropefit.effects.base import Effect
 from ropefit.models.response import Change
 from ropefit.rod.setup import Setup
 
+NEXT_TO_NOTHING = 1e-12  # of a saturating value's search variable, from where it is infinite
+
 Apply = Callable[[Setup, Tensor], Setup]
 
 
@@ -26,7 +28,8 @@ class Term:
     scale * (search variable).
 
     start, lower, upper (n,) in SI; prior (n,) one-sigma in SI, inf for none; log: the search
-    variable is the logarithm of the value over its start. effect: that the term stands for, if any.
+    variable is the logarithm of the value over its start. saturating (n,) bool: values that may be
+    infinite, searched as value / (value + scale). effect: that the term stands for, if any.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Term:
     log: bool = False
     nuisance: bool = False
     effect: Effect | None = None
+    saturating: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -48,15 +52,34 @@ class Term:
 
     def value(self, u: np.ndarray) -> np.ndarray:
         """(n,) in SI from search variables (n,)."""
-        return self.start * np.exp(u) if self.log else self.start + self.scale * u
+        if self.log:
+            return self.start * np.exp(u)
+        value = self.start + self.scale * u
+        if self.saturating is None:
+            return value
+        rest = 1 - self._share(self.start) - u
+        rest = np.where(rest == 0, NEXT_TO_NOTHING, rest)
+        return np.where(self.saturating, self.scale * (1 / rest - 1), value)
 
     def search(self, value: np.ndarray) -> np.ndarray:
         """(n,) search variables of values in SI."""
-        return np.log(value / self.start) if self.log else (value - self.start) / self.scale
+        if self.log:
+            return np.log(value / self.start)
+        u = (value - self.start) / self.scale
+        if self.saturating is None:
+            return u
+        return np.where(self.saturating, self._share(value) - self._share(self.start), u)
+
+    def _share(self, value: np.ndarray) -> np.ndarray:
+        """(n,) value / (value + scale), 1 at infinity."""
+        return 1 - self.scale / (value + self.scale)
 
     def slope(self, u: np.ndarray) -> np.ndarray:
         """(n,) derivative of the values in the search variables."""
-        return self.value(u) if self.log else self.scale
+        if self.log or self.saturating is None:
+            return self.value(u) if self.log else self.scale
+        stretched = (self.value(u) + self.scale) ** 2 / self.scale
+        return np.where(self.saturating, stretched, self.scale)
 
     def interval(
         self, u: np.ndarray, covariance: np.ndarray, width: float

@@ -196,6 +196,14 @@ class Setup(NamedTuple):
         )
 
 
+def twist_held(setup: Setup) -> bool:
+    """Return whether an end keeps the rope from spinning about its tangent."""
+    return any(
+        held and bool(torch.isfinite(setup.clamp_compliance[end, 1]))
+        for end, held in enumerate(setup.clamped)
+    )
+
+
 def bare(
     properties: Properties,
     gravity: Tensor,
