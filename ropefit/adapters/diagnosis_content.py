@@ -14,7 +14,7 @@ from ropefit.artifacts.diagnosis import Candidate as Scanned
 from ropefit.artifacts.diagnosis import Cause, Detectable, Region, Size
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.held_out import by_stretches, heldout_rms
+from ropefit.diagnosis.held_out import by_stretches, held_out_pit, heldout_rms
 from ropefit.diagnosis.next_motion import next_motion
 from ropefit.diagnosis.regions import misfit, regions
 from ropefit.diagnosis.scan import Score
@@ -37,10 +37,10 @@ def content(
     before, noise = heldout_rms(first, along)
     after, _ = heldout_rms(last, along)
     frames = o.frames[used]
-    motion, separates = "", []
+    motion, separates, shapes = "", [], None
     for item in d.accepted:
         if item.equivalent:
-            motion, apart = next_motion(item.candidate, item.equivalent[0])
+            motion, apart, shapes = next_motion(item.candidate, item.equivalent[0])
             separates = [item.candidate.hypothesis.name, item.equivalent[0].hypothesis.name]
             if motion:
                 motion = (
@@ -87,6 +87,8 @@ def content(
         "calibration": calibration_of(last),
         "motion": motion,
         "separates": separates,
+        "motion_x": None if shapes is None else shapes[:, :, ::every][:, :, :nodes],
+        "pit": held_out_pit(last, along),
         "frames": frames,
         "node_arc": o.node_arc,
         "x_before": first.point.seen[:, ::every][:, :nodes],

@@ -67,7 +67,7 @@ class Diagnosis(Artifact):
     """Verdict, causes and evidence."""
 
     schema_name: ClassVar[str] = "ropefit-diagnosis"
-    schema_version: ClassVar[int] = 2
+    schema_version: ClassVar[int] = 3
     file_name: ClassVar[str] = "diagnosis.h5"
 
     recording: str
@@ -90,6 +90,12 @@ class Diagnosis(Artifact):
     calibration: dict[str, Calibration] = Field(default_factory=dict)
     motion: str = Field(description="what motion would tell the leading causes apart")
     separates: list[str]
+    # What the two of `separates` predict in that motion.
+    motion_x: Annotated[np.ndarray, ArraySpec(("candidate", "pose", "node", "xyz"), "m")] | None = (
+        None
+    )
+    # Probability integral transform of held-out data: uniform where intervals are honest.
+    pit: Annotated[np.ndarray, ArraySpec(("residual",))] | None = None
     frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
     node_arc: Annotated[np.ndarray, ArraySpec(("node",), "m")]
     x_before: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m")]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity, one_end, turned_clamp, where
+from ropefit.effects.drawn import Drawn, components
 from ropefit.rod.quaternion import smallest_rotation
 from ropefit.rod.setup import Setup
 
@@ -54,6 +56,9 @@ class ClampedEnd(Effect):
         size = sum(values[f"stiffness_{axis}"] ** 2 for axis in "xyz") ** 0.5
         return f"{where(self.end)} holds the rope's direction, with {size:.3g} N·m per radian"
 
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("clamp", vector=components(values, "stiffness_"))
+
 
 class TiltedClamp(Effect):
     """A clamp misaligned with its recorded direction: a turn [rad] about two axes across it."""
@@ -81,3 +86,6 @@ class TiltedClamp(Effect):
             f"the clamp at {where(self.end)} points {size * 57.2958:.3g}° away from the recorded "
             "direction"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("clamp")

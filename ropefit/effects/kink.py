@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.intrinsic_curvature import twist_held
 from ropefit.effects.place import at_point
 from ropefit.rod.setup import Setup
@@ -32,6 +34,9 @@ class Kink(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         size = math.degrees(math.hypot(values.get("angle_1", 0), values.get("angle_2", 0)))
         return f"the rope is kinked by {size:.3g}° at {values['arc_length']:.3f} m"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("kink")
 
 
 class FreeKink(Kink):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import over_interval
 from ropefit.rod.setup import Setup
 
@@ -28,3 +30,6 @@ class MassSection(Effect):
             f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are "
             f"{abs(values['mass']) * 1e3:.3g} g {more} than the rest"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("load", vector=gravity * values["mass"])

@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
+from ropefit.reporting.camera import upwards
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
     MANY,
@@ -22,7 +23,7 @@ from ropefit.reporting.figures import (
 )
 from ropefit.reporting.html import pair
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.sections.residual import heldout_bands
+from ropefit.reporting.sections.fit import heldout_bands
 from ropefit.reporting.words import blocks, metres, millimetres
 
 SHAPES, TRACKED, MOST_DOTS = 6, 3, 60
@@ -33,6 +34,7 @@ class TracksSection(Section):
     """The rope from the side at a few instants, and a few markers from first frame to last."""
 
     title = "Predicted and recorded"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         return run.fitted is not None and run.observations.source == "markers"
@@ -45,8 +47,7 @@ class TracksSection(Section):
 
 def _from_the_side(o: Observations) -> np.ndarray:
     """(2, 3) the level direction in which the markers are spread most, and upwards."""
-    size = float(np.linalg.norm(o.gravity))
-    up = -o.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    up = upwards(o)
     spread = o.points - o.points.mean(axis=0)
     spread = spread - (spread @ up)[:, None] * up
     return np.stack([np.linalg.svd(spread, full_matrices=False)[2][0], up])
@@ -73,8 +74,8 @@ def _shapes(o: Observations, f: FittedModel) -> Figure:
         "Shapes from the side, recorded and simulated",
         traces,
         plane(
-            axis("sideways (m)", constrain="domain"),
-            axis("height (m)", scaleanchor="x", constrain="domain"),
+            axis("sideways (m)"),
+            axis("height (m)", scaleanchor="x"),
         ),
         f"Dots: the markers in some frames {which}. Lines: the simulation there.",
         height=420,
@@ -108,12 +109,12 @@ def _tracks(o: Observations, f: FittedModel, d: Diagnosis | None) -> Figure:
             height[place] = _at(d.node_arc, d.x_after, s) @ side[1]
             traces.append(
                 line(
-                    along[shown], height[shown], f"{name}, with what was left out", colour,
+                    along[shown], height[shown], f"{name}, with the cause", colour,
                     line={"dash": "dot", "width": 1.5}, showlegend=False,
                 )
             )  # fmt: skip
     rms = np.sqrt(np.nanmean(np.square(off)))
-    better = " Dotted: with what was left out." if d is not None and d.causes else ""
+    better = " Dotted: with the cause." if d is not None and d.causes else ""
     return Figure(
         "Height of some markers, recorded and simulated",
         traces,
