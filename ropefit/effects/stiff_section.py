@@ -46,4 +46,5 @@ class StiffSection(Effect):
         )
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        return Drawn(size=float(np.exp(values["log_factor"])))
+        factor = float(np.exp(values["log_factor"]))
+        return Drawn(size=factor, label=f"{factor:.2g} × as stiff")

@@ -46,7 +46,7 @@ const Figures = (() => {
     if (!at && log) at = ticks(Math.floor(bounds[0]), Math.ceil(bounds[1]), Math.max(2, most)).filter(Number.isInteger)
       .map((v) => 10 ** v).filter((v) => size(v) >= bounds[0] - 1e-9 && size(v) <= bounds[1] + 1e-9);
     if (log && at.length < 2) at = [10 ** bounds[0], 10 ** ((bounds[0] + bounds[1]) / 2), 10 ** bounds[1]].map((v) => +v.toPrecision(2));
-    at = at || ticks(...bounds, most);
+    at = (at || ticks(...bounds, most)).filter((v) => !axis.whole || Number.isInteger(v));
     return { place, low, high, back: (p) => low + ((p - from) / (to - from)) * (high - low),
       ticks: at.map((v, i) => [place(v), axis.ticktext ? axis.ticktext[i] : number(v)]) };
   }
@@ -142,7 +142,8 @@ const Figures = (() => {
     let y = scale({ ...tight, ...yaxis }, ys, top + high, top);
     const left = 30 + 6.7 * Math.max(...y.ticks.map(([, text]) => plain(text).replace(/<.*?>/g, "").length));
     const wide = Math.max(40, width - left - right);
-    let x = scale({ ...tight, ...xaxis, across: true }, xs, left, left + wide);
+    const whole = data.every((t) => (t.x || []).every(Number.isInteger));
+    let x = scale({ ...tight, ...xaxis, across: true, whole }, xs, left, left + wide);
     if (yaxis.scaleanchor) {
       const unit = Math.max(Math.abs(x.high - x.low) / wide, Math.abs(y.high - y.low) / high);
       const grown = (s, size) => { const m = (s.low + s.high) / 2, h = (unit * size / 2) * Math.sign(s.high - s.low); return [m - h, m + h]; };

@@ -30,13 +30,13 @@ def heading(text: object) -> Markup:
     return Markup("<h3>{}</h3>").format(text)
 
 
-def facts(items: Mapping[Any, object], kind: str = "") -> Markup:
+def facts(items: Mapping[Any, object]) -> Markup:
     """Names and values, side by side."""
     rows = Markup("").join(
         Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(name, value)
         for name, value in items.items()
     )
-    return Markup('<dl class="facts {}">{}</dl>').format(kind, rows)
+    return Markup('<dl class="facts">{}</dl>').format(rows)
 
 
 def bullets(items: Iterable[object]) -> Markup:

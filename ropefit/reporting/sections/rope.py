@@ -8,7 +8,6 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.artifacts import Diagnosis, Observations
-from ropefit.artifacts.diagnosis import Cause
 from ropefit.reporting.answer import under_it
 from ropefit.reporting.camera import broadside, upwards
 from ropefit.reporting.compared import MOST_FRAMES, Compared, compared
@@ -92,16 +91,17 @@ def _dots(start: np.ndarray, t: int) -> np.ndarray:
 def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
     o, d = run.observations, run.diagnosis
     recorded = [o.points[_dots(o.point_start, t)] for t in shown]
-    size = 5.0 if len(o.points) < FEW * len(o.frames) else 3.0
+    size = 9.0 if len(o.points) < FEW * len(o.frames) else 4.0
     traces, frames = [dots("recorded", RECORDED, size)], [recorded]
     everything = [o.points, o.end_position[shown].reshape(-1, 3)]
     enlarged, told = None, "Drag to turn it, double-click to turn it back."
     if c is not None:
         arc = o.node_arc
         ropes = [smooth(arc, x) for x in (c.nominal, c.with_cause) if x is not None]
-        names = [("nominal", NOMINAL), ("with the cause", WITH_CAUSE)]
-        for (name, colour), x in zip(names, ropes, strict=False):
-            traces.append(path(name, colour, 3))
+        # The second is drawn on the first, and thinner: both are seen where they are equal.
+        lines = [path("nominal", NOMINAL, 4), path("with the cause", WITH_CAUSE, 2)]
+        for trace, x in zip(lines, ropes, strict=False):
+            traces.append(trace)
             frames.append(list(x))
             everything.append(x.reshape(-1, 3))
         if len(ropes) > 1:
@@ -141,8 +141,10 @@ def _told(c: Compared, d: Diagnosis | None, o: Observations) -> str:
     if d is None:
         return told
     if d.causes:
-        kind = "95 % interval" if any(_at_point(k) for k in d.causes.values()) else "stretch"
-        told += f"Drawn in purple: what is missing; the broad line is its {kind} along the rope. "
+        told += "Drawn in purple: what is missing"
+        if any("arc_length" in k.value_names for k in d.causes.values()):
+            told += "; the broad line is its 95 % interval along the rope"
+        told += ". "
     if _forced(d):
         told += (
             f"Arrows: the force per length that would explain what is left, at most "
@@ -150,10 +152,6 @@ def _told(c: Compared, d: Diagnosis | None, o: Observations) -> str:
             "beyond its standard error. "
         )
     return told
-
-
-def _at_point(cause: Cause) -> bool:
-    return "arc_length" in cause.value_names
 
 
 def _forced(d: Diagnosis | None) -> bool:

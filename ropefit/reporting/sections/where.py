@@ -47,7 +47,8 @@ def _map(
     colour: str,
 ) -> Figure:  # fmt: skip
     frames = o.frames[c.at]
-    cells = heat(frames, c.station, values.T, "times the noise")
+    rows = np.isfinite(values).any(axis=0) | (o.source != "markers")
+    cells = heat(frames, c.station[rows], values.T[rows], "times the noise")
     cells |= {"zmin": -max(top, 1e-6), "zmax": max(top, 1e-6)}
     boxes = [] if d is None else [_box(r.frames, r.arc_length) for r in d.mismatch]
     return Figure(
