@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import os
-import re
 import select
 import shutil
 import subprocess
@@ -16,10 +15,8 @@ from typing import Any
 BINARY = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which(
     "google-chrome"
 )  # fmt: skip
-FLAGS = ["--headless", "--no-sandbox", "--enable-unsafe-swiftshader", "--disable-gpu"]
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu"]
 FLAGS += ["--no-first-run", "--disable-extensions", "--disable-background-networking"]
-# Drawing 3D in software is slow, and says so; that is no fault of the page.
-DRIVER = re.compile("Multiple readback|GL Driver Message|Automatic fallback to software WebGL")
 
 
 class Page:
@@ -85,11 +82,12 @@ class Page:
         return time.monotonic() - started
 
     def drawn(self) -> None:
-        """Wait for every figure."""
+        """Open what is folded, and wait for every figure."""
         self.run(
-            "new Promise(done => { const look = () => "
-            "document.querySelector('.canvas:not(.js-plotly-plot)') ? setTimeout(look, 50) : "
-            "done(); look(); })"
+            "new Promise(done => {"
+            "document.querySelectorAll('details').forEach(d => d.open = true);"
+            "const look = () => [...document.querySelectorAll('.canvas')].every("
+            "c => c.querySelector('svg')) ? done() : setTimeout(look, 50); look(); })"
         )
 
     def run(self, code: str) -> Any:
@@ -113,6 +111,11 @@ class Page:
         made = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(made["data"]))
 
+    def sheets(self) -> int:
+        """How many sheets of A4 it prints on."""
+        made = self.send("Page.printToPDF", preferCSSPageSize=True, printBackground=True)
+        return base64.b64decode(made["data"]).count(b"/Type /Page\n")
+
     def requested(self) -> list[str]:
         """Addresses the page asked for since it was opened; pictures it made itself are none."""
         asked = [e for e in self.events if e["method"] == "Network.requestWillBeSent"]
@@ -130,7 +133,7 @@ class Page:
                 told.append(json.dumps(params["args"]))
             elif event["method"] == "Log.entryAdded":
                 told.append(params["entry"]["text"])
-        return [text for text in told if not DRIVER.search(text)]
+        return told
 
     def _read(self) -> dict[str, Any]:
         until = time.monotonic() + self.patience

@@ -340,7 +340,17 @@ def exported(off=0.002, failure="", other=np.nan, checked=True):
 
 
 def titles(page):
+    """Of the sections that are seen at first."""
     return re.findall(r"<h2>(.*?)</h2>", page)
+
+
+def folded(page):
+    """Titles of the sections that are opened by a click."""
+    return re.findall(r"<summary>(.*?)</summary>", page)
+
+
+def headline(page):
+    return re.search(r"<h1>(.*?)</h1>", page, re.S)[1]
 
 
 def without_scripts(page):
@@ -348,5 +358,5 @@ def without_scripts(page):
 
 
 def figures(page):
-    found = re.findall(r'px"></div><script type="application/json">(.*?)</script>', page)
+    found = re.findall(r'"></div><script type="application/json">(.*?)</script>', page)
     return [json.loads(text) for text in found]

@@ -37,7 +37,7 @@ FLOORS = [
     {"system"},
 ]
 LONG = {}
-HEAVY = {"torch", "open3d", "cv2", "numpy", "scipy", "h5py", "numba", "plotly", "pydantic"}
+HEAVY = {"torch", "open3d", "cv2", "numpy", "scipy", "h5py", "numba", "pydantic"}
 
 
 def rooms() -> dict[str, int]:
@@ -128,7 +128,7 @@ def test_command_line_imports_nothing_heavy():
 
 EFFECTS = PACKAGE / "effects"
 BASES = {"ropefit.effects.base", "ropefit.effects.contact", "ropefit.effects.misfit"}
-BASES.add("ropefit.effects.place")  # helpers of effects, of no single one
+BASES |= {"ropefit.effects.place", "ropefit.effects.drawn"}  # of effects, of no single one
 
 
 def effect_names() -> tuple[set[str], set[str]]:

@@ -40,7 +40,7 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     assert not again["computed"]
     done = ropefit("report", "--run", str(run))
     assert done.returncode == 0, done.stderr
-    assert "What was left out" in (run / "report.html").read_text()
+    assert "Why this and not that" in (run / "report.html").read_text()
     out = tmp_path / "rope.xml"
     to = ["export", "--run", str(run), "--to", "mujoco", "--out", str(out)]
     done = ropefit(*to, "--check", "--json")

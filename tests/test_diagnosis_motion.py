@@ -102,5 +102,6 @@ def test_inertia_is_found_from_a_rigid_model():
     at_rest = nominal.forward.base._replace(motion=None)
     still = fit(Forward(at_rest, [bend]), FitProblem(data, noise, 1), evaluations=1)
     assert proposals(still, slow=False) == []
-    name, apart = next_motion(candidate, candidate)  # a rival is like itself in every slow motion
+    # A candidate is like itself in every slow motion.
+    name, apart, _ = next_motion(candidate, candidate)
     assert (name, apart) == ("", 0.0)

@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 
-HEAVY = ("torch", "numba", "open3d", "scipy", "plotly", "cv2", "skimage", "joblib", "rosbags")
+HEAVY = ("torch", "numba", "open3d", "scipy", "cv2", "skimage", "joblib", "rosbags")
 CODE = """
 import json, sys
 from ropefit.cli import main

@@ -1,4 +1,4 @@
-"""The report as an answer: order of the page, three sentences, figures for papers, comparisons."""
+"""The report as an answer: its line, picture and reasons; figures for papers, comparisons."""
 
 import re
 
@@ -7,21 +7,28 @@ import pytest
 
 from ropefit.artifacts import write
 from ropefit.artifacts.diagnosis import Size
+from ropefit.effects import CATALOGUE
 from ropefit.errors import WrongUsage
 from ropefit.reporting.answer import answer
 from ropefit.reporting.comparison import render_comparison
+from ropefit.reporting.glyphs import Place, band, strokes
 from ropefit.reporting.printed import print_figures
 from ropefit.reporting.report import RunContents, figures_of, render_report
+from ropefit.reporting.sections.why import candidates
+from ropefit.reporting.words import strength
 from ropefit.stages.report import compare_runs
 from tests.report_runs import (
     EVIL,
+    K,
     balanced,
     control,
     diagnosed,
     exported,
     figures,
+    folded,
     model,
     observations,
+    ropes,
     titles,
     without_scripts,
 )
@@ -32,66 +39,179 @@ def test_the_whole_page_in_the_order_of_a_readers_questions():
     run = RunContents(observations(), made, control(), diagnosed(motion="lift the gripper"))
     page = render_report(run)
     assert titles(page) == [
-        "Summary", "Overlay", "Where it differs", "What was left out", "Parameters", "Control",
-        "Solver", "Next motion", "Observations", "Provenance",
+        "Where", "Why this and not that", "How sure", "Parameters", "What to do next",
+    ]  # fmt: skip
+    assert folded(page) == [
+        "All candidates", "The fit in detail", "Control", "Solver", "Observations", "Provenance",
     ]  # fmt: skip
     assert EVIL not in page
     assert "To tell point mass and distributed load apart, lift the gripper." in page
-    assert "force beyond two standard deviations" in page
-    assert "Gain in held-out frames" in page
-    assert "diagnosis.h5" in without_scripts(page).split("<h2>Provenance</h2>")[1]
-    arrows = next(f for f in figures(page) if f["data"][0].get("name") == "rope")
-    _, unsure, sure = arrows["steps"][0]
-    assert sum(v is None for v in unsure["z"]) == 3
-    assert sum(v is None for v in sure["z"]) == 1  # one knot's force is beyond its error
+    assert "Gain in held-out blocks" in page
+    assert "diagnosis.h5" in without_scripts(page).split("<summary>Provenance")[1]
     clean = render_report(RunContents(observations(), made, None, diagnosed("none")))
-    assert "force beyond two standard deviations" not in clean
     assert "no further motion is asked for" in clean
+    assert titles(clean) == [title for title in titles(page) if title != "How sure"]
 
 
-def test_three_sentences():
+def traces(page):
+    """The traces of the picture and, by name, what they are in its first step."""
+    picture = figures(page)[0]
+    return picture, {
+        trace["name"]: step
+        for trace, step in zip(picture["data"], picture["steps"][0], strict=True)
+    }
+
+
+def test_the_picture_shows_the_cause_where_it_is():
+    made = model().model_copy(update={"models": {"nominal": balanced()}})
+
+    def page(d):
+        return render_report(RunContents(observations(), made, None, d))
+
+    picture, first = traces(page(diagnosed()))
+    assert list(first)[:3] == ["recorded", "nominal", "with the cause"]
+    colours = [t.get("line", t.get("marker"))["color"] for t in picture["data"][:4]]
+    assert len(set(colours)) == 4
+    assert picture["enlarged"][:2] == [1, 2]
+    label = picture["steps"][0][5]
+    assert picture["data"][5]["text"] == ["4.10 g"]
+    rope = np.array([first["with the cause"][k] for k in "xyz"]).T
+    at = rope[round(0.37 * (len(rope) - 1))]
+    assert np.linalg.norm(np.array([label[k][0] for k in "xyz"]) - at) < 0.2
+    hangs = [z for z in first["point mass"]["z"] if z is not None]
+    assert at[2] - 0.15 < min(hangs) < max(hangs) <= at[2] + 0.15
+    assert len(rope) > 4 * K  # drawn through a spline, not in straight pieces
+    _, plain = traces(page(diagnosed("none")))
+    assert list(plain) == ["recorded", "nominal", "ends"]
+
+
+def test_arrows_of_force_only_where_the_evidence_is_beyond_chance():
+    made = model().model_copy(update={"models": {"nominal": balanced()}})
+    force = "force that would explain what is left"
+
+    def drawn(**changes):
+        d = diagnosed("unknown").model_copy(update=changes)
+        return traces(render_report(RunContents(observations(), made, None, d)))[1]
+
+    arrows = drawn()[force]
+    assert sum(v is None for v in arrows["z"]) == 2  # one knot's force is beyond its error
+    assert force not in drawn(force_evidence=11.0)
+
+
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.__name__)
+def test_every_effect_is_drawn(kind):
+    """Its symbol consists of lines near the rope, in a recording of any gravity."""
+    effect = kind(1)
+    values = {q.name: 0.5 * min(q.upper, 1.0) for q in effect.quantities}
+    values |= {"arc_length": 0.4, "centre": 0.5, "width": 0.3}
+    drawn = effect.drawn(values, np.array([0.0, 0.0, -9.81]))
+    arc = np.linspace(0, 1, K)
+    end = 1 if effect.locus == "end" else None
+    up, side = np.eye(3)[2], np.eye(3)[0]
+    place = Place(ropes()[0], arc, (0.35, 0.65), end, np.zeros(3), up, side)
+    lines, label = strokes(drawn, place)
+    assert np.isfinite(label).all()
+    if drawn.symbol != "stretch":
+        assert np.isfinite(lines).all(axis=1).sum() >= 2
+        assert np.nanmax(np.abs(lines)) < 3
+    assert len(band(place)) > 2
+
+
+def test_why_this_and_not_that():
+    d = diagnosed(motion="lift the gripper")
+    other = d.scan["00_point_mass"].model_copy(update={"name": "tether", "log_factor": 7.0})
+    d = d.model_copy(update={"scan": {**d.scan, "01_tether": other}})
+    rows = candidates(d)
+    assert [(r.name, r.accepted, r.tied) for r in rows] == [
+        ("point_mass", True, True), ("distributed_load", False, True), ("tether", False, False),
+    ]  # fmt: skip
+    assert strength(5.0, 9.0) == "weak"
+    assert strength(10.0, 9.0) == "strong"
+    assert strength(14.0, 9.0) == "decisive"
+    made = model().model_copy(update={"models": {"nominal": balanced()}})
+    page = render_report(RunContents(observations(), made, None, d))
+    assert page.count('<li class="accepted tied">') == 1
+    assert page.count('<li class="tied">') == 1
+    assert "decisive, 410 nats, accepted" in page
+    assert "Refused: something &lt;script" in page
+
+
+def test_intervals_are_judged_by_what_was_held_out():
+    made = model().model_copy(update={"models": {"nominal": balanced()}})
+
+    def page(pit):
+        d = diagnosed().model_copy(update={"pit": pit})
+        return render_report(RunContents(observations(), made, None, d))
+
+    even = (np.arange(1000) + 0.5) / 1000
+    assert "hold 95.0 % of them: the uncertainties told here are honest" in page(even)
+    tails = np.where(even < 0.5, even**2, 1 - (1 - even) ** 2)
+    assert "too narrow for this recording" in page(tails)
+
+
+def test_what_no_motion_separates_is_said():
+    made = model().model_copy(update={"models": {"nominal": balanced()}})
+
+    def page(apart):
+        x = np.stack([ropes()[:5], ropes()[:5] + np.array([0, apart, 0])])
+        d = diagnosed(motion="lift the gripper").model_copy(update={"motion_x": x})
+        return render_report(RunContents(observations(), made, None, d))
+
+    assert "To tell point mass and distributed load apart, lift the gripper." in page(0.01)
+    assert "would stay equal under every motion tried" in page(0.0001)
+    assert "differ by 0.10 mm, where noise is 1.2 mm" in page(0.0001)
+
+
+def test_the_answer_in_one_line():
     made = model().model_copy(update={"models": {"nominal": balanced()}})
 
     def told(d):
         return answer(RunContents(observations(), made, None, d))
 
-    rope, fit, missing = told(diagnosed())
+    line, rope = told(diagnosed())
+    assert line == (
+        "A mass of 4.1 g sits on the rope at 0.370 m: the error on unseen data falls from 4.30 mm "
+        "to 1.30 mm; noise is 1.20 mm."
+    )
     assert rope.startswith("This is a rope 1 m long, 50 g, held but free to turn at the gripper’s")
     assert "bending rigidity (EI) is 7.000·10⁻⁴ N·m² (95 % interval" in rope
-    assert "comes within 1.3 mm" in fit
-    assert "a mass of 4.1 g sits on the rope at 0.370 m; with that" in missing
-    assert "falls from 3.6 to 1.1 times what noise alone would leave" in missing
-    assert (
-        "(this recording cannot tell it from: distributed load)"
-        in (told(diagnosed(motion="lift"))[2])
-    )
-    little = diagnosed().model_copy(update={"rms_before": 0.00135})
-    assert "less than single points scatter, but beyond chance" in told(little)[2]
-    assert "all of them together do" in told(little)[1]
+    assert "It may as well be: distributed load." in told(diagnosed(motion="lift"))[1]
+    little = diagnosed().model_copy(update={"rms_before": 0.001301})
+    assert "that moves the rope less than single points scatter" in told(little)[0]
     along = Size(value=8 * 7e-4, unit="N m^2", ci95=(5.5e-3, 5.7e-3))
-    with_it = told(diagnosed().model_copy(update={"rope": {"EI": along}}))[0]
+    with_it = told(diagnosed().model_copy(update={"rope": {"EI": along}}))[-1]
     assert "(EI) is 0.005600 N·m² (95 % interval 0.005500 to 0.005700)" in with_it
     assert "a piece of it 210 mm long" in with_it  # twice as long for eight times the stiffness
     clean = told(diagnosed("none"))
-    assert clean[2].startswith("Nothing was missing")
-    assert "a weight of 0.40 g on the rope would have been noticed" in clean[2]
-    assert "no effect that ropefit knows explains it" in told(diagnosed("unknown"))[2]
-    assert told(None)[2].endswith("run ropefit diagnose.")
+    assert clean[0].startswith("Nothing is missing that this recording could show")
+    assert clean[-1] == "A weight of 0.40 g on the rope would have been noticed."
+    assert "no effect ropefit knows explains" in told(diagnosed("unknown"))[0]
+    assert told(None)[-1].endswith("run ropefit diagnose.")
     assert len(answer(RunContents(observations()))) == 2
 
 
-def test_what_did_not_arrive_is_in_the_three_sentences():
+def test_one_before_and_after_and_one_noise():
+    """With a cause, the page tells no second pair of errors and no second noise of a point."""
+    made = model().model_copy(update={"models": {"nominal": balanced()}})
+    text = without_scripts(render_report(RunContents(observations(), made, None, diagnosed())))
+    assert text.count("4.30 mm") == text.count("1.30 mm") == 1
+    assert set(re.findall(r"[Nn]oise (?:is|of a point)[^.]*?([\d.]+) mm", text)) == {"1.20"}
+    assert "1.0 mm" not in text  # what preprocess took the noise to be
+    assert "10 mm" not in text  # before the fit
+
+
+def test_what_did_not_arrive_stands_under_the_answer():
     def fit(made):
         whole = model().model_copy(update={"models": {"nominal": made}})
-        return answer(RunContents(observations(), whole, None, diagnosed("none")))[1]
+        return " ".join(answer(RunContents(observations(), whole, None, diagnosed("none"))))
 
-    assert "; but" not in fit(balanced())
-    assert "; but in 1 of 9 frames no resting shape was found" in fit(balanced(lost=True))
+    assert "stopped" not in fit(balanced())
+    assert "In 1 of 9 frames no resting shape was found" in fit(balanced(lost=True))
     group = balanced().groups["group_0"].model_copy(update={"converged": False})
     early = balanced().model_copy(update={"groups": {"group_0": group}})
-    assert "the search stopped before it arrived, so its numbers are provisional" in fit(early)
+    assert "The search stopped before it arrived: its numbers are provisional" in fit(early)
     weights = model(converged=False).nominal
-    assert "(it would move another 20 mm), so the numbers belong to this simulation" in fit(weights)
+    assert "(it would move another 20 mm): the numbers belong to this simulation" in fit(weights)
 
 
 def test_stiffness_is_told_as_a_hand_would_feel_it():
@@ -106,7 +226,7 @@ def test_stiffness_is_told_as_a_hand_would_feel_it():
 
 def _first(made):
     whole = model().model_copy(update={"models": {"nominal": made}})
-    return answer(RunContents(observations(), whole))[0]
+    return answer(RunContents(observations(), whole))[1]
 
 
 def test_exports_tell_their_deviation_or_the_reason():
@@ -122,7 +242,7 @@ def test_exports_tell_their_deviation_or_the_reason():
     assert "At rest in mujoco 4.0.1, in 2 poses of this recording, no point of the exported" in good
     assert "farther than 0.20 % of its length (2.0 mm)" in good
     assert "The exported rope at rest in mujoco" in good
-    assert "exports.h5" in without_scripts(good).split("<h2>Provenance</h2>")[1]
+    assert "exports.h5" in without_scripts(good).split("<summary>Provenance")[1]
     far = page(off=0.03, other=0.04)
     assert "up to 3.0 % of its length (30 mm)" in far
     assert "in frame 10 a second stable equilibrium is known, 40 mm away" in far
@@ -142,12 +262,12 @@ def test_markers_are_shown_one_by_one():
         observations(source="markers"), made.model_copy(update={"models": {"nominal": off}})
     )
     page = render_report(run)
-    assert titles(page)[1:3] == ["Overlay", "Predicted and recorded"]
+    assert folded(page)[0] == "Predicted and recorded"
     assert "10 mm (rms, in space)" in page
     tracks = next(f for f in figures(page) if "from end 0" in str(f["data"][0].get("name")))
     for simulated, recorded in zip(tracks["data"][::2], tracks["data"][1::2], strict=True):
         np.testing.assert_allclose(simulated["y"], recorded["y"], atol=1e-4)
-    assert "Predicted and recorded" not in titles(render_report(RunContents(observations(), made)))
+    assert "Predicted and recorded" not in folded(render_report(RunContents(observations(), made)))
 
 
 def test_figures_for_papers(tmp_path):
@@ -156,9 +276,9 @@ def test_figures_for_papers(tmp_path):
     run = RunContents(observations(), made, control(), diagnosed())
     drawn = figures_of(run)
     assert len(drawn) == len(figures(render_report(run)))
-    few = [f for f in drawn if f.name in ("Score scan", "Latent force along the rope")]
-    files = print_figures([*few, drawn[1]], tmp_path / "figures", ["svg", "png"])
-    assert len(files) == 2 * (1 + 3 + 3)  # three frames of a slider
+    few = [f for f in drawn if f.name in ("Score scan",)]
+    files = print_figures([*few, drawn[0]], tmp_path / "figures", ["svg", "png"])
+    assert len(files) == 2 * (1 + 3)  # three frames of a slider
     svg = next(path for path in files if "score-scan" in path.name and path.suffix == ".svg")
     text = svg.read_text()
     width = float(re.search(r'width="([\d.]+)pt"', text)[1])
@@ -182,7 +302,7 @@ def test_comparison_of_runs(tmp_path):
     page = render_comparison([run(7e-4, "a"), run(7.1e-4, "b"), run(9e-4, EVIL)])
     assert EVIL not in page
     assert "EI differs beyond its 95 % intervals between a and &lt;" in page
-    assert "a mass of 4.1 g sits on the rope" in page
+    assert "A mass of 4.1 g sits on the rope" in page
     assert "EI agrees within its 95 % intervals in 1 pair." in render_comparison(
         [run(7e-4, "a"), run(7.1e-4, "b")]
     )

@@ -8,12 +8,10 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from ropefit.reporting.figures import AFTER, BEFORE, OBSERVED, TARGET
-
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-DATA, FITTED, START, TRUE = OBSERVED, AFTER, BEFORE, TARGET
+DATA, FITTED, START, TRUE = "#56b4e9", "#d55e00", "#999999", "#009e73"
 DPI = 90
 mpl.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
 

@@ -15,7 +15,7 @@ from ropefit.artifacts.diagnosis import Candidate as Scanned
 from ropefit.artifacts.diagnosis import Cause, Detectable, Region, Size
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.held_out import by_stretches, heldout_rms
+from ropefit.diagnosis.held_out import by_stretches, held_out_pit, heldout_rms
 from ropefit.diagnosis.next_motion import next_motion
 from ropefit.diagnosis.regions import misfit, regions
 from ropefit.diagnosis.scan import Score
@@ -51,10 +51,10 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
     before, noise = heldout_rms(first, along)
     after, _ = heldout_rms(last, along)
     frames, shown = layout.frames, layout.shown
-    motion, separates = "", []
+    motion, separates, shapes = "", [], None
     for item in d.accepted:
         if item.equivalent:
-            motion, apart = next_motion(item.candidate, item.equivalent[0])
+            motion, apart, shapes = next_motion(item.candidate, item.equivalent[0])
             separates = [item.candidate.hypothesis.name, item.equivalent[0].hypothesis.name]
             if motion:
                 motion = (
@@ -98,6 +98,8 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
         "calibration": calibration_of(last),
         "motion": motion,
         "separates": separates,
+        "motion_x": None if shapes is None else np.stack([layout.nodes(x) for x in shapes]),
+        "pit": held_out_pit(last, along),
         "frames": frames[shown],
         "node_arc": o.node_arc,
         "x_before": layout.nodes(first.point.seen),

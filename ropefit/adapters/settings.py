@@ -30,12 +30,13 @@ class PreprocessSettings(StageSettings):
 
 class DiagnoseSettings(StageSettings):
     """seed of the replicates; most_frames used, evenly spread; nominal: another run's rope;
-    calibration: another run's camera and gravity."""
+    calibration: another run's camera and gravity; simulation: shapes of another simulator."""
 
     seed: int = 0
     most_frames: int = Field(default=48, ge=4)
     nominal: bool = False
     calibration: bool = False
+    simulation: bool = False
 
 
 class ControlSettings(StageSettings):

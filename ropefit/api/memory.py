@@ -144,16 +144,18 @@ def diagnose(
     *,
     nominal: Model | None = None,
     calibration: Model | None = None,
+    simulation: Observations | None = None,
     progress: Progress | None = None,
     **settings: Any,
 ) -> Diagnosis:
     """Where data and model differ beyond noise, and which effects explain it (docs/diagnosis.md).
 
     nominal: the same rope's model from another recording, taken as known; calibration: the model of
-    another recording of the same set-up, for its camera and gravity. settings: any other option of
+    another recording of the same set-up, for its camera and gravity; simulation: what preprocess
+    makes of another simulator's recording of the same motion. settings: any other option of
     `ropefit diagnose`. Raises BadInput, NotConverged, WrongUsage.
     """
-    given = {"nominal": nominal, "calibration": calibration}
+    given = {"nominal": nominal, "calibration": calibration, "simulation": simulation}
     external = {name: other for name, other in given.items() if other is not None}
     chosen = DiagnoseSettings(**dict.fromkeys(external, True), **settings)
     hashes = _of(observations, model)

@@ -105,19 +105,23 @@ def diagnose(
     nominal: Path | None = None,
     calibration: Path | None = None,
     force: bool = False,
+    simulation: Path | None = None,
 ) -> Outcome[Diagnosis]:
     """Make diagnosis.h5 of observations.h5 and model.h5.
 
-    nominal, calibration: other runs whose rope, or whose camera and gravity, are taken as known.
+    nominal, calibration: other runs whose rope, or whose camera and gravity, are taken as known;
+    simulation: a run of a simulator's recording of the same motion.
     """
     objects: dict[str, Any] = {}
     external: dict[str, str] = {}
     for name, other in (("nominal", nominal), ("calibration", calibration)):
         if other is not None:
             objects[name], external[name] = load(existing_run(other), Model)
-    chosen = DiagnoseSettings(
-        **settings, nominal=nominal is not None, calibration=calibration is not None
-    )
+    if simulation is not None:
+        objects["simulation"], external["--simulation"] = load(
+            existing_run(simulation), Observations
+        )
+    chosen = DiagnoseSettings(**settings, **dict.fromkeys(objects, True))
     existing_run(run)
     return _stage(pipeline.DIAGNOSE, run, chosen, context, objects, external, force)
 

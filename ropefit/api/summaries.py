@@ -8,6 +8,7 @@ import numpy as np
 
 from ropefit.api.runs import Exported
 from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
+from ropefit.artifacts.diagnosis import Cause, Simulation
 from ropefit.artifacts.exports import deviation
 from ropefit.runs.protocol import Outcome
 
@@ -96,23 +97,7 @@ def diagnosed(outcome: Outcome[Diagnosis]) -> dict[str, Any]:
     return {
         **_head("diagnose", outcome),
         "verdict": d.verdict,
-        "effects": [
-            {
-                "name": c.name,
-                "kind": c.kind,
-                "arc_length_m": c.arc_length,
-                "frames": c.frames,
-                "parameters": {key: size.model_dump() for key, size in c.parameters.items()},
-                "equivalent_to": c.equivalent_to,
-                "evidence": {
-                    "heldout_log_likelihood_gain": float(c.heldout_gain.sum()),
-                    "log_bayes_factor": c.log_evidence,
-                    "p_value": c.p_value,
-                },
-                "description": c.sentence,
-            }
-            for c in d.causes.values()
-        ],
+        "effects": [_cause(c) for c in d.causes.values()],
         "mismatch": [
             {
                 "arc_length_m": r.arc_length,
@@ -131,6 +116,37 @@ def diagnosed(outcome: Outcome[Diagnosis]) -> dict[str, Any]:
         "next_motion": {"separates": d.separates, "description": d.motion},
         "refused": d.refused,
         "latent_force": {"log_evidence": d.force_evidence, "threshold": d.force_threshold},
+        **({"simulation": _simulation(d, d.simulation)} if d.simulation else {}),
+    }
+
+
+def _cause(c: Cause) -> dict[str, Any]:
+    return {
+        "name": c.name,
+        "kind": c.kind,
+        "arc_length_m": c.arc_length,
+        "frames": c.frames,
+        "parameters": {key: size.model_dump() for key, size in c.parameters.items()},
+        "equivalent_to": c.equivalent_to,
+        "evidence": {
+            "heldout_log_likelihood_gain": float(c.heldout_gain.sum()),
+            "log_bayes_factor": c.log_evidence,
+            "p_value": c.p_value,
+        },
+        "description": c.sentence,
+    }
+
+
+def _simulation(d: Diagnosis, s: Simulation) -> dict[str, Any]:
+    return {
+        "name": s.name,
+        "verdict": s.verdict,
+        "effects": [_cause(c) for c in s.effects.values()],
+        "missing": [c.name for c in d.causes.values()],
+        "rope": {name: size.model_dump() for name, size in s.rope.items()},
+        "rms_m": s.rms,
+        "rms_of_rope_m": s.rms_of_rope,
+        "rms_explained_m": s.rms_explained,
     }
 
 

@@ -63,11 +63,25 @@ class Detectable(Part):
     unit: str
 
 
+class Simulation(Part):
+    """A simulation of the recording's motion: which rope it is, and what it does besides."""
+
+    name: str
+    verdict: Literal["none", "found", "unknown"]
+    effects: dict[str, Cause] = Field(default_factory=dict)
+    rope: dict[str, Size] = Field(description="of the rope in equilibrium that is most like it")
+    refused: list[str]
+    x: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m", nan=True)]
+    rms: float = quantity("m", "of the recording's points from the simulation")
+    rms_of_rope: float = quantity("m", "of the simulation from that rope, held-out frames")
+    rms_explained: float = quantity("m", "the same with the effects")
+
+
 class Diagnosis(Artifact):
     """Verdict, causes and evidence."""
 
     schema_name: ClassVar[str] = "ropefit-diagnosis"
-    schema_version: ClassVar[int] = 2
+    schema_version: ClassVar[int] = 3
     file_name: ClassVar[str] = "diagnosis.h5"
 
     recording: str
@@ -88,8 +102,15 @@ class Diagnosis(Artifact):
         default_factory=dict, description="the rope's own parameters, fitted together with causes"
     )
     calibration: dict[str, Calibration] = Field(default_factory=dict)
+    simulation: Simulation | None = None
     motion: str = Field(description="what motion would tell the leading causes apart")
     separates: list[str]
+    # What the two of `separates` predict in that motion.
+    motion_x: Annotated[np.ndarray, ArraySpec(("candidate", "pose", "node", "xyz"), "m")] | None = (
+        None
+    )
+    # Probability integral transform of held-out data: uniform where intervals are honest.
+    pit: Annotated[np.ndarray, ArraySpec(("residual",))] | None = None
     frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
     node_arc: Annotated[np.ndarray, ArraySpec(("node",), "m")]
     x_before: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m")]

@@ -20,7 +20,7 @@ from ropefit.cli.options import (
 
 if TYPE_CHECKING:
     from ropefit.artifacts import Diagnosis
-    from ropefit.artifacts.diagnosis import Size
+    from ropefit.artifacts.diagnosis import Simulation, Size
     from ropefit.cli.console import Session
     from ropefit.runs.protocol import Outcome
 
@@ -36,6 +36,13 @@ def diagnose(
         typer.Option(
             help="A run of the same set-up, best of a taut rope, whose camera and gravity are "
             "taken as known."
+        ),
+    ] = None,
+    simulation: Annotated[
+        OptionalPath,
+        typer.Option(
+            help="A run of your simulator's recording of the same motion: what it is, and what it "
+            "lacks."
         ),
     ] = None,
     seed: Annotated[
@@ -59,7 +66,7 @@ def diagnose(
 
         settings = {"seed": seed, "most_frames": most_frames}
         context = session.context("diagnose")
-        outcome = runs.diagnose(run, settings, context, nominal, calibration, force)
+        outcome = runs.diagnose(run, settings, context, nominal, calibration, force, simulation)
         session.result(show_diagnosis(session, outcome))
 
 
@@ -85,6 +92,8 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
         )
         for c in d.causes.values():
             session.say(c.sentence)
+    if d.simulation:
+        _show_simulation(session, d.simulation)
     session.say(
         f"held-out frames: rms {d.rms_before * 1e3:.3g} mm before, {d.rms_after * 1e3:.3g} mm "
         f"after; noise of a point {d.noise_white * 1e3:.3g} mm"
@@ -94,6 +103,18 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
     if d.motion:
         session.say(f"to tell {' from '.join(d.separates)}: {d.motion}")
     return diagnosed(outcome)
+
+
+def _show_simulation(session: Session, s: Simulation) -> None:
+    """Print which rope a simulation is, and what it does besides."""
+    rope = ", ".join(size_text(name, size) for name, size in s.rope.items())
+    session.say(f"{s.name}: rms {s.rms * 1e3:.3g} mm from the recording; it simulates {rope}")
+    for c in s.effects.values():
+        session.say(f"in the simulation: {c.sentence}")
+    session.say(
+        f"that rope at rest is {s.rms_of_rope * 1e3:.3g} mm from the simulation, with these "
+        f"effects {s.rms_explained * 1e3:.3g} mm"
+    )
 
 
 def _rows(d: Diagnosis) -> list[list[str]]:

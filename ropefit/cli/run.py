@@ -80,7 +80,7 @@ def run(
 
 
 def show_answer(session: Session, run: Path) -> list[str]:
-    """Print the answer in three sentences, and return them."""
+    """Print the answer and what stands under it, and return the sentences."""
     from ropefit.adapters.contents import read_run
     from ropefit.reporting.answer import answer
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 
 from ropefit.inference.least_squares import Fit
 
@@ -29,15 +30,29 @@ def predicted(fitted: Fit, along: bool = False) -> np.ndarray:
 
     To first order around the fit to all data: z_b + J_b (H - J_bᵀJ_b)⁻¹ J_bᵀ z_b.
     """
+    return _predicted(fitted, along)[0]
+
+
+def held_out_pit(fitted: Fit, along: bool) -> np.ndarray:
+    """Return (M D,) the probability integral transform of each whitened residual in its block's
+    predictive distribution: uniform where noise and uncertainty are honest (Gneiting 2007)."""
+    residual, variance = _predicted(fitted, along)
+    return stats.norm.cdf(residual / np.sqrt(variance))
+
+
+def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the predicted residuals (M D,) and their variances (M D,), noise included."""
     held = np.isfinite(fitted.prior)
     whole = fitted.jacobian.T @ fitted.jacobian + np.diag(np.where(held, 1 / fitted.prior**2, 0.0))
-    block, out = block_of_rows(fitted, along), np.empty_like(fitted.z)
+    block = block_of_rows(fitted, along)
+    residual, variance = np.empty_like(fitted.z), np.empty_like(fitted.z)
     for b in range(BLOCKS):
         mine = block == b
         j, z = fitted.jacobian[mine], fitted.z[mine]
         rest = np.linalg.pinv(whole - j.T @ j, rcond=1e-12, hermitian=True)
-        out[mine] = z + j @ (rest @ (j.T @ z))
-    return out
+        residual[mine] = z + j @ (rest @ (j.T @ z))
+        variance[mine] = 1 + np.maximum(((j @ rest) * j).sum(axis=1), 0.0)
+    return residual, variance
 
 
 def block_losses(fitted: Fit, along: bool) -> np.ndarray:

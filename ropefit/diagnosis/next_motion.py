@@ -63,14 +63,15 @@ def _rotate(turns: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
     return vector + 2 * (w * cross + torch.linalg.cross(v, cross))
 
 
-def next_motion(first: Candidate, second: Candidate) -> tuple[str, float]:
-    """Return the motion that tells two fits apart best, and their rms distance [m] in it.
+def next_motion(first: Candidate, second: Candidate) -> tuple[str, float, np.ndarray | None]:
+    """Return the motion that tells two fits apart best, their rms distance [m] in it, and the
+    shapes (2, 5, N+1, 3) [m] that they predict.
 
-    An empty name where none settles.
+    An empty name and no shapes where none settles.
     """
-    best, name = 0.0, ""
+    best, name, predicted = 0.0, "", None
     if not first.fit.forward.instantaneous:  # the motions are series of poses
-        return name, best
+        return name, best, predicted
     for label, (ends, clamp) in motions(first.fit.forward.base).items():
         shapes = []
         for candidate in (first, second):
@@ -90,5 +91,5 @@ def next_motion(first: Candidate, second: Candidate) -> tuple[str, float]:
             shapes.append(point.seen)
         apart = float(np.sqrt(np.nanmean(((shapes[0] - shapes[1]) ** 2).sum(-1))))
         if apart > best:
-            best, name = apart, label
-    return name, best
+            best, name, predicted = apart, label, np.stack(shapes)
+    return name, best, predicted

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import intervals_along, points_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -225,6 +226,10 @@ class Effect(ABC):
         setup: with the effect; nodes: of the exported rope; beside: what other effects have added.
         """
         return Exported(beside, in_rope=True)
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        """Return how a picture shows the effect, in a recording of gravity (3,) [m/s^2]."""
+        return Drawn()
 
     @property
     def place_names(self) -> tuple[str, ...]:

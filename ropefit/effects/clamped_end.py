@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity, one_end, turned_clamp, where
+from ropefit.effects.drawn import Drawn, components
 from ropefit.rod.quaternion import smallest_rotation
 from ropefit.rod.setup import Setup
 
@@ -75,6 +76,9 @@ class ClampedEnd(Effect):
         how = "rigidly" if size > RIGID else f"with {size:.3g} N·m per radian"
         return f"{where(self.end)} holds the rope's direction, {how}"
 
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("clamp", vector=components(values, "direction_"))
+
 
 class TiltedClamp(Effect):
     """A clamp misaligned with its recorded direction: a turn [rad] about two axes across it."""
@@ -102,3 +106,6 @@ class TiltedClamp(Effect):
             f"the clamp at {where(self.end)} points {size * 57.2958:.3g}° away from the recorded "
             "direction"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("clamp")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn, components
 from ropefit.rod.setup import Setup
 
 
@@ -35,3 +37,6 @@ class DistributedLoad(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         x, y, z = (values[f"force_per_length_{axis}"] for axis in "xyz")
         return f"a steady load of ({x:.3g}, {y:.3g}, {z:.3g}) N/m acts on the whole rope"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("load", vector=components(values, "force_per_length_"))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity, one_end, where
+from ropefit.effects.drawn import Drawn, components
 from ropefit.rod.setup import Setup
 
 
@@ -28,3 +30,6 @@ class EndOffset(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         size = sum(values[f"offset_{axis}"] ** 2 for axis in "xyz") ** 0.5
         return f"{where(self.end)} is {size * 1e3:.2g} mm away from its recorded position"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("arrow", vector=components(values, "offset_"))

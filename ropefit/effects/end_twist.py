@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity, turned_clamp
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 
 
@@ -27,3 +29,6 @@ class EndTwist(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the rope is twisted by {values['angle'] * 57.2958:.3g}° more than recorded"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("turn")

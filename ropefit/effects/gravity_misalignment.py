@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import horizontal
 from ropefit.rod.setup import Setup
 
@@ -28,3 +30,8 @@ class GravityMisalignment(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["angle_1"] ** 2 + values["angle_2"] ** 2) ** 0.5
         return f"gravity points {size * 57.2958:.2g}° away from its recorded direction"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        first, second = (axis.numpy() for axis in horizontal(torch.tensor(gravity)))
+        turn = values["angle_1"] * first + values["angle_2"] * second
+        return Drawn("gravity", vector=gravity + np.cross(turn, gravity))

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity, SpecialCase
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.kink import FreeKink, Kink, log_width
 from ropefit.effects.place import over_interval
 from ropefit.rod.setup import Setup, twist_held
@@ -58,6 +59,11 @@ class IntrinsicCurvature(Effect):
             f"{values['width']:.2f} m about {values['centre']:.3f} m"
         )
 
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        size = np.hypot(values.get("curvature_1", 0.0), values.get("curvature_2", 0.0))
+        radius = 1 / max(float(size), 1e-9)
+        return Drawn("arc", size=radius, label=f"radius {radius:.2g} m")
+
 
 class FreeCurvature(IntrinsicCurvature):
     """The same for a rope that is free to spin: only the size of the curvature acts."""
@@ -76,3 +82,6 @@ class FreeCurvature(IntrinsicCurvature):
 
     def sentence(self, values: dict[str, float]) -> str:
         return super().sentence({"curvature_1": values["curvature"], **values})
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return super().drawn({"curvature_1": values["curvature"], **values}, gravity)

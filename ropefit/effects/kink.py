@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import around_point, points_along
 from ropefit.rod.setup import Setup, twist_held
 
@@ -59,6 +60,9 @@ class Kink(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         size = math.degrees(math.hypot(values.get("angle_1", 0), values.get("angle_2", 0)))
         return f"the rope is kinked by {size:.3g}° at {values['arc_length']:.3f} m"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("kink")
 
 
 class FreeKink(Kink):

@@ -6,6 +6,7 @@ import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity, SpecialCase
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import over_interval
 from ropefit.effects.point_mass import PointMass
 from ropefit.rod.setup import Setup
@@ -37,3 +38,6 @@ class MassSection(Effect):
             f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are "
             f"{abs(values['mass']) * 1e3:.3g} g {more} than the rest"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("load", vector=gravity * values["mass"])

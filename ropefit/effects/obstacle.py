@@ -11,6 +11,7 @@ from torch import Tensor
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.contact import NO_SPREAD, Contact, has_free_end, up_of, with_contact
+from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.effects.support_plane import SupportPlane, bearing_point
@@ -112,6 +113,13 @@ class Obstacle(Contact):
             f"{(values['x'] ** 2 + values['y'] ** 2 + values['z'] ** 2) ** 0.5:.3f} m from the "
             "middle of its ends"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        first, second = (axis.numpy() for axis in horizontal(torch.tensor(gravity)))
+        axis = np.cos(values["heading"]) * first + np.sin(values["heading"]) * second
+        radius = values["radius"]
+        label = f"bar, radius {1e3 * radius:.2g} mm"
+        return Drawn("bar", axis, components(values, ""), size=radius, label=label)
 
 
 def heading_across(setup: Setup) -> float:

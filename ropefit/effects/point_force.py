@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import at_point, horizontal
 from ropefit.effects.point_mass import PointMass
 from ropefit.rod.setup import Setup
@@ -45,14 +47,23 @@ class PointForce(Effect):
         return Exported(beside, note=note)
 
     def sentence(self, values: dict[str, float]) -> str:
-        down, *across = (values[q.name] for q in self.quantities)
+        down, first, second = (values[q.name] for q in self.quantities)
         return (
             f"a steady force acts on the rope at {values['arc_length']:.3f} m, {down:.3g} N "
-            f"downwards and {float(np.hypot(*across)):.3g} N sideways"
+            f"downwards and {math.hypot(first, second):.3g} N sideways"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        force = np.array([values[q.name] for q in self.quantities])
+        return Drawn("arrow", vector=force @ axes_along(torch.tensor(gravity)).numpy())
 
 
 def axes_of(setup: Setup) -> Tensor:
     """Return (3, 3) the directions along gravity and along the two horizontal axes."""
-    first, second = horizontal(setup.gravity)
+    return axes_along(setup.gravity)
+
+
+def axes_along(gravity: Tensor) -> Tensor:
+    """Return (3, 3) the directions along gravity (3,) and along the two horizontal axes."""
+    first, second = horizontal(gravity)
     return torch.stack([torch.linalg.cross(first, second), first, second])

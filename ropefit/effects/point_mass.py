@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import at_point, nearest_node
 from ropefit.rod.setup import Setup
 
@@ -38,3 +40,6 @@ class PointMass(Effect):
             f"a mass of {values['mass'] * 1e3:.3g} g sits on the rope at "
             f"{values['arc_length']:.3f} m"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("weight")

@@ -8,6 +8,7 @@ import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.stiff_section import change_stiffness
 from ropefit.rod.setup import Setup
 
@@ -32,3 +33,7 @@ class SoftSection(Effect):
             f"{values['width']:.2f} m of rope about {values['centre']:.3f} m have "
             f"{math.exp(-values['log_factor']):.3g} of the others' stiffness"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        factor = float(np.exp(-values["log_factor"]))
+        return Drawn(size=factor, label=f"{factor:.2g} × as stiff")

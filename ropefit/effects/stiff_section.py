@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import over_interval
 from ropefit.rod.setup import Setup
 
@@ -43,3 +44,7 @@ class StiffSection(Effect):
             f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are {factor:.3g} "
             "times as stiff as the rest"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        factor = float(np.exp(values["log_factor"]))
+        return Drawn(size=factor, label=f"{factor:.2g} × as stiff")

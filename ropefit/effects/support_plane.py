@@ -19,6 +19,7 @@ from ropefit.effects.contact import (
     up_of,
     with_contact,
 )
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.rod.setup import Setup
@@ -77,6 +78,12 @@ class SupportPlane(Contact):
             f"in some frames the rope lies on a plane {abs(values['height']):.3f} m "
             f"{'below' if values['height'] < 0 else 'above'} the middle of its ends"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        first, second = (axis.numpy() for axis in horizontal(torch.tensor(gravity)))
+        up = -gravity / np.linalg.norm(gravity)
+        normal = up - values["slope_1"] * first - values["slope_2"] * second
+        return Drawn("plane", normal, values["height"] * up, label="plane")
 
 
 def bearing_point(misfit: Misfit, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

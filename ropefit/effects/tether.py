@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
+from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.place import at_point, middle_of, nearest_node
 from ropefit.effects.point_force import PointForce, axes_of
 from ropefit.rod.setup import Potential, Setup
@@ -74,3 +75,9 @@ class Tether(Effect):
             f"something pulls the rope at {values['arc_length']:.3f} m towards a fixed point, with "
             f"{values['stiffness']:.3g} N/m"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        pull = components(values, "pull_")
+        if values["stiffness"] <= 0:
+            return Drawn("arrow", vector=pull)
+        return Drawn("tether", point=pull / values["stiffness"])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
@@ -30,3 +32,6 @@ class TimeLag(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         late = "late" if values["lag"] > 0 else "early"
         return f"the ends are recorded {abs(values['lag']) * 1e3:.2g} ms too {late}"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("clock")

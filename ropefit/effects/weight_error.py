@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 
 
@@ -23,3 +25,6 @@ class WeightError(Effect):
             f"everything weighs {1 + values['excess']:.3g} times what was told: the mass of the "
             "rope or gravity is wrong"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("gravity", vector=gravity)

@@ -1,4 +1,5 @@
-"""The answer in three plain sentences: what rope this is, how well it fits, what was missing.
+"""The answer in one line: is something missing, what, and how much that explains; then what rope
+this is.
 
 For somebody who knows neither solver nor statistics; on the page and at the end of `ropefit run`.
 """
@@ -15,17 +16,55 @@ from ropefit.reporting.words import digits_of, given, metres, millimetres, numbe
 SENSOR = {"clouds": "a point cloud sensor", "rgbd": "a depth camera", "markers": "motion capture"}
 HELD = {"pinned": "held but free to turn", "clamped": "held firmly", "free": "loose"}
 TENTH = 0.1  # of its length that a piece of rope droops, told as its stiffness
-TOLD = 0.1  # of the noise: smaller gains in millimetres say nothing to a reader
+TOLD = 0.01  # of the error: smaller gains in millimetres say nothing to a reader
 AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
 
 
 def answer(run: RunContents) -> list[str]:
-    """The sentences; fewer than three where stages have not run."""
-    told = [_rope(run.observations, run.fitted, run.diagnosis)]
-    if run.fitted is None:
-        return [*told, "No simulation has been fitted to it yet: run ropefit identify."]
-    told.append(_fit(run.observations, run.fitted, run.diagnosis))
-    return [*told, _missing(run)]
+    """The headline and what stands under it."""
+    return [headline(run), *under_it(run)]
+
+
+def headline(run: RunContents) -> str:
+    """The one line that is the answer."""
+    f, d = run.fitted, run.diagnosis
+    if f is None:
+        return "No simulation has been fitted to this recording yet: run ropefit identify."
+    if d is None:
+        return _fit(run.observations, f)
+    noise, before, after = (millimetres(v, 3) for v in (d.noise_white, d.rms_before, d.rms_after))
+    if d.verdict == "none":
+        return (
+            f"Nothing is missing that this recording could show: the error on unseen data is "
+            f"{before}, and noise alone is {noise}."
+        )
+    if d.verdict == "unknown":
+        return (
+            f"Something is missing that no effect ropefit knows explains{_where(d)}: the error on "
+            f"unseen data is {before}; noise is {noise}."
+        )
+    causes = "; and ".join(c.sentence for c in d.causes.values())
+    told = f"{causes[0].upper()}{causes[1:]}"
+    if d.rms_before - d.rms_after < TOLD * d.rms_before:
+        return (
+            f"{told}: that moves the rope less than single points scatter (noise is {noise}), but "
+            "all points together show it."
+        )
+    return f"{told}: the error on unseen data falls from {before} to {after}; noise is {noise}."
+
+
+def under_it(run: RunContents) -> list[str]:
+    """What rope this is, and what else must be known at once."""
+    o, f, d = run.observations, run.fitted, run.diagnosis
+    told = [_ties(c) for c in d.causes.values() if c.equivalent_to] if d is not None else []
+    told.append(_rope(o, f, d))
+    if f is not None and (unfinished := _unfinished(o, f)):
+        told.append(unfinished)
+    if d is None and f is not None:
+        told.append(_not_looked_into(f))
+    if d is not None and d.verdict == "none" and (seen := _would_have_seen(d)):
+        told.append(seen)
+    return told
 
 
 def rms(values: np.ndarray) -> float:
@@ -104,95 +143,65 @@ def _value(name: str, p: Parameter) -> str:
     return f"{what} is {value} (95 % interval {low} to {high})"
 
 
-def _fit(o: Observations, f: FittedModel, d: Diagnosis | None) -> str:
-    clean = d is not None and d.verdict == "none"  # nothing but noise is left
-    noise = d.noise_white if d is not None else float(np.median(o.noise))
+def _fit(o: Observations, f: FittedModel) -> str:
+    noise = float(np.median(o.noise))
     if f.rms_heldout is None:
         left = f.rms_fit
-        told = (
-            f"The simulation lies {millimetres(left)} on average (rms) from the measured points, "
-            f"{millimetres(rms(f.rms_initial))} before it was fitted, but it was shown every "
-            "frame: how well it predicts is not known"
-        )
+        told = f"The simulation fits the recording to {millimetres(left)} (no frame was held out)"
     else:
         left = f.rms_heldout
-        frames = plural(int(f.heldout.sum()), "frame")
-        told = (
-            f"In {frames} of the recording that it was never shown, the simulation comes within "
-            f"{millimetres(left)} of the measured points on average (rms), where it was "
-            f"{millimetres(rms(f.rms_initial[f.heldout]))} off before it was fitted"
-        )
+        told = f"The simulation predicts frames it was never shown to {millimetres(left)}"
     ratio = left / noise if noise > 0 else np.inf
-    scatter = f"a measured point itself scatters by {millimetres(noise)}"
-    if d is not None and not clean and ratio <= AS_GOOD_AS_NOISE:
-        meaning = f"{scatter}, so no single point tells the two apart, but all of them together do"
-    elif clean or ratio <= AS_GOOD_AS_NOISE:
-        meaning = f"{scatter}, so a closer fit could not be told from this one"
+    if ratio <= AS_GOOD_AS_NOISE:
+        meaning = "a closer fit could not be told from this one"
     elif ratio <= SMALL_REST:
-        meaning = f"{scatter}, so a part of what the rope does is not explained"
+        meaning = "it misses a part of what the rope does"
     else:
-        meaning = f"{scatter} only, so the simulation misses something about the rope or the set-up"
-    return f"{told}; {meaning}{_unfinished(o, f)}."
+        meaning = "it misses something about the rope or the set-up"
+    return f"{told}; noise is {millimetres(noise)}: {meaning}."
 
 
 def _unfinished(o: Observations, f: FittedModel) -> str:
     """What must be said at once of a computation that did not arrive."""
+    told = []
     if f.iterated and not f.solver_converged:
         moved = millimetres(float(np.median(f.iterated.drift)) * o.length)
-        return (
-            f"; but the computation was stopped before the rope came to rest (it would move "
-            f"another {moved}), so the numbers belong to this simulation and not to the rope"
+        told.append(
+            f"The computation was stopped before the rope came to rest (it would move another "
+            f"{moved}): the numbers belong to this simulation and not to the rope."
         )
     lost = 0 if f.balance is None else int((~f.balance.converged).sum())
-    told = ""
     if lost:
-        told = f"; but in {lost} of {plural(len(o.frames), 'frame')} no resting shape was found"
+        told.append(f"In {lost} of {plural(len(o.frames), 'frame')} no resting shape was found.")
     if not all(group.converged for group in f.groups.values()):
-        told += "; but the search stopped before it arrived, so its numbers are provisional"
-    return told
+        told.append("The search stopped before it arrived: its numbers are provisional.")
+    return " ".join(told)
 
 
-def _missing(run: RunContents) -> str:
-    d = run.diagnosis
-    if d is None:
-        if run.fitted is not None and run.fitted.stepped is not None:
-            return (
-                "Whether something is missing was not looked into: ropefit diagnose does that for "
-                "a rope at rest (ropefit identify --solver equilibrium)."
-            )
-        if run.fitted is not None and run.fitted.balance is None:
-            return "What this simulation left out is not known: that needs the equilibrium model."
-        return "What the simulation left out was not looked into: run ropefit diagnose."
-    if d.verdict == "none":
+def _not_looked_into(f: FittedModel) -> str:
+    if f.stepped is not None:
         return (
-            "Nothing was missing that this recording could show: what is left between simulation "
-            f"and recording is noise{_would_have_seen(d)}."
+            "Whether something is missing was not looked into: ropefit diagnose does that for a "
+            "rope at rest (ropefit identify --solver equilibrium)."
         )
-    # Told in noise: these fits have calibrations of their own, and other millimetres than _fit's.
-    before, after = (number(v / (d.noise_white or np.nan), 2) for v in (d.rms_before, d.rms_after))
-    if d.verdict == "unknown":
-        return (
-            "Something is missing, and no effect that ropefit knows explains it: what is left over "
-            f"in frames that it was not shown is {before} times what noise alone would leave, so "
-            "trust it only for motions like this one."
-        )
-    causes = "; and ".join(map(_cause, d.causes.values()))
-    if d.rms_before - d.rms_after < TOLD * d.noise_white:
-        return (
-            f"What was missing: {causes}; what that changes is less than single points scatter, "
-            "but beyond chance over the whole recording."
-        )
-    return (
-        f"What was missing: {causes}; with that, what is left over in frames that it was not shown "
-        f"falls from {before} to {after} times what noise alone would leave."
-    )
+    if f.balance is None:
+        return "Whether something is missing is not known: that needs the equilibrium model."
+    return "Whether something is missing was not looked into: run ropefit diagnose."
 
 
-def _cause(c: Cause) -> str:
-    if not c.equivalent_to:
-        return c.sentence
+def _where(d: Diagnosis) -> str:
+    """The largest mismatch, as the end of a phrase."""
+    if not d.mismatch:
+        return ""
+    r = d.mismatch[0]
+    low, high = (number(v, 2) for v in r.arc_length)
+    return f", most at {low} to {high} m in frames {r.frames[0]} to {r.frames[1]}"
+
+
+def _ties(c: Cause) -> str:
     others = " or ".join(name.replace("_", " ") for name in c.equivalent_to)
-    return f"{c.sentence} (this recording cannot tell it from: {others})"
+    name = c.name.replace("_", " ")
+    return f"It may as well be: {others}. This recording cannot tell that from {name}."
 
 
 def _would_have_seen(d: Diagnosis) -> str:
@@ -200,4 +209,4 @@ def _would_have_seen(d: Diagnosis) -> str:
     weight = d.detectable.get("point_mass")
     if weight is None or weight.unit != "kg":
         return ""
-    return f"; a weight of {number(1e3 * weight.value, 2)} g on the rope would have been noticed"
+    return f"A weight of {number(1e3 * weight.value, 2)} g on the rope would have been noticed."

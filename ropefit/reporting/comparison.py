@@ -11,10 +11,16 @@ from markupsafe import Markup
 from ropefit.artifacts import Parameter
 from ropefit.reporting.answer import answer
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import AFTER, BEFORE, OBSERVED, Figure, axis, numbers, plane
+from ropefit.reporting.figures import (
+    NOMINAL,
+    RECORDED,
+    Figure,
+    axis,
+    numbers,
+    plane,
+)
 from ropefit.reporting.html import bullets, facts, heading, pair, paragraph, plot, table
-from ropefit.reporting.report import render_page
-from ropefit.reporting.sections.summary import VERDICTS
+from ropefit.reporting.report import Part, render_page
 from ropefit.reporting.words import (
     listed,
     metres,
@@ -32,11 +38,10 @@ Named = tuple[str, RunContents]
 def render_comparison(runs: Sequence[Named]) -> str:
     """One page on runs (name, contents); the first is what the others are compared with."""
     parts = [
-        ("Comparison", _told(runs) + _overview(runs)),
-        ("Parameters", _parameters(runs)),
-        ("How well they fit", _fits(runs)),
-        ("What was left out", _left_out(runs)),
-        ("Each in three sentences", _answers(runs)),
+        Part("Comparison", _told(runs) + _overview(runs)),
+        Part("Parameters", _parameters(runs)),
+        Part("How well they fit", _fits(runs)),
+        Part("Each by itself", _answers(runs)),
     ]
     return render_page(f"{len(runs)} runs compared", parts)
 
@@ -133,14 +138,14 @@ def _intervals(key: str, values: dict[str, Parameter]) -> Figure:
         at = numbers([p.ci95[0], p.value, p.ci95[1]])
         traces.append(
             {"type": "scatter", "mode": "lines+markers", "x": at, "y": [name] * 3, "name": name}
-            | {"line": {"color": AFTER, "width": 2}, "marker": {"color": AFTER, "size": 7}}
+            | {"line": {"color": NOMINAL, "width": 2}, "marker": {"color": NOMINAL, "size": 7}}
         )
     unit = unit_text(next(iter(values.values())).unit)
     title = f"{symbol(key)} ({unit})" if unit else str(symbol(key))
     return Figure(
         f"{key} in every run",
         traces,
-        plane(axis(title), axis("", type="category", autorange="reversed"), showlegend=False),
+        plane(axis(title), axis("", reversed=True), showlegend=False),
         "Value and both ends of its 95 % interval.",
         height=90 + 40 * len(traces),
     )
@@ -152,9 +157,9 @@ def _fits(runs: Sequence[Named]) -> Markup:
     if not fitted:
         return paragraph("No model has been fitted in any of these runs.")
     bars = [
-        ("fitted frames", BEFORE, [f.rms_fit for _, f in fitted]),
-        ("held-out frames", AFTER, [f.rms_heldout or math.nan for _, f in fitted]),
-        ("noise of a point", OBSERVED, [float(run.observations.noise.mean()) for run, _ in fitted]),
+        ("fitted frames", "soft", [f.rms_fit for _, f in fitted]),
+        ("held-out frames", NOMINAL, [f.rms_heldout or math.nan for _, f in fitted]),
+        ("noise of a point", RECORDED, [float(run.observations.noise.mean()) for run, _ in fitted]),
     ]
     figure = Figure(
         "Distance between simulation and points",
@@ -163,32 +168,11 @@ def _fits(runs: Sequence[Named]) -> Markup:
             | {"marker": {"color": colour}}
             for name, colour, values in bars
         ],
-        plane(axis(""), axis("rms distance (mm)", rangemode="tozero"), barmode="group"),
+        plane(axis(""), axis("rms distance (mm)", rangemode="tozero")),
         "Frames of different recordings differ in how much they ask of a model: compare with the "
         "noise as well as with each other.",
     )
     return pair(figure)
-
-
-def _left_out(runs: Sequence[Named]) -> Markup:
-    rows = []
-    for name, run in runs:
-        d = run.diagnosis
-        if d is None:
-            rows.append([name, "not diagnosed", "–", "–", "–"])
-            continue
-        causes = [c.sentence for c in d.causes.values()]
-        rows.append(
-            [
-                name,
-                VERDICTS.get(d.verdict, "found"),
-                "; ".join(causes) or "–",
-                millimetres(d.rms_before),
-                millimetres(d.rms_after),
-            ]
-        )
-    head = ["run", "missing", "what", "held out, before", "after"]
-    return table(head, rows, (3, 4))
 
 
 def _answers(runs: Sequence[Named]) -> Markup:

@@ -1,7 +1,7 @@
 """Shared by all figures: colours, axes with units, numbers kept short.
 
-Figures are plain Plotly dictionaries. The page puts in the colours of text and grid, since it knows
-whether it is light or dark; "ink", "soft" and "ground" in a trace stand for its own colours.
+Figures are plain dictionaries of traces and axes (as Plotly names them), drawn by figures.js on the
+page and by `printed` on paper. "ink", "soft", "ground" and "band" stand for the page's own colours.
 """
 
 from __future__ import annotations
@@ -12,29 +12,33 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-# Okabe & Ito's colour-blind safe colours that show on white and on black.
-OBSERVED = "#56b4e9"
-BEFORE = "#999999"
-AFTER = "#d55e00"
+# One colour each through the whole page; all show on white and on black.
+RECORDED = "#8b939e"
+NOMINAL = "#3288c9"
+WITH_CAUSE = "#d55e00"
+CAUSE = "#b8478f"
 TARGET = "#009e73"
-MARK = "#cc79a7"
 MANY = ["#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#999999", "#0072b2"]
-SEQUENTIAL = "Viridis"
 DIVERGING = [  # see-through, so that the page's ink is readable on it, light or dark
-    [0.0, "rgba(213,94,0,0.6)"],
+    [0.0, "rgba(0,114,178,0.85)"],
     [0.5, "rgba(140,140,140,0.06)"],
-    [1.0, "rgba(0,114,178,0.6)"],
+    [1.0, "rgba(213,94,0,0.85)"],
 ]
 
-LEGEND = {"orientation": "h", "x": 0, "yanchor": "bottom"}
-HEIGHT = 340
+HEIGHT = 320
 MOST_COLUMNS = 300  # of a heat map
 MOST_POINTS = 1500  # of a line
 
 
 @dataclass
 class Figure:
-    """One plot. name: read aloud for it; steps: arrays of every trace, per step of a slider."""
+    """One plot.
+
+    name: read aloud for it; title: above it, in a colour; steps: arrays of every trace, per step of
+    a slider; columns: the step of the page's picture that each column of a map stands for;
+    enlarged: (one trace, another, factor): the first is also drawn that much farther away from the
+    second.
+    """
 
     name: str
     data: list[dict[str, Any]]
@@ -42,11 +46,16 @@ class Figure:
     caption: str | Markup = ""
     height: int = HEIGHT
     steps: list[list[dict[str, Any]]] | None = field(default=None)
+    title: tuple[str, str] | None = None
+    columns: list[int] | None = None
+    enlarged: tuple[int, int, int] | None = None
 
     def content(self) -> dict[str, Any]:
-        """What the page needs to draw it."""
+        """Return what the page needs to draw it."""
+        more = {"steps": self.steps, "title": self.title}
+        more |= {"columns": self.columns, "enlarged": self.enlarged}
         content: dict[str, Any] = {"data": self.data, "layout": self.layout}
-        return content | ({"steps": self.steps} if self.steps else {})
+        return content | {name: value for name, value in more.items() if value}
 
 
 def numbers(values: Any, digits: int = 5) -> list[Any]:
@@ -87,53 +96,35 @@ def span(values: np.ndarray, edge: float = 0.06) -> tuple[list[float], list[floa
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
     """An axis; `title` carries the unit in brackets."""
-    return {
-        "title": {"text": title, "standoff": 8},
-        "automargin": True,
-        "zeroline": False,
-        "ticks": "outside",
-        "ticklen": 4,
-        "showline": True,
-    } | more
+    return {"title": title} | more
 
 
 def plane(x: dict[str, Any], y: dict[str, Any], **more: Any) -> dict[str, Any]:
     """The layout of a flat figure."""
-    return {
-        "xaxis": x,
-        "yaxis": y,
-        "margin": {"l": 56, "r": 12, "t": 34, "b": 46},
-        "legend": LEGEND | {"y": 1.02},
-        "hovermode": "closest",
-    } | more
+    return {"xaxis": x, "yaxis": y} | more
 
 
 def space(low: np.ndarray, high: np.ndarray, eye: np.ndarray, up: np.ndarray) -> dict[str, Any]:
-    """The layout of a 3D figure of equal aspect that shows low..high (3,) [m] from `eye` (3,)."""
-    middle, size = (low + high) / 2, high - low
-    size = np.maximum(size * 1.08, 0.2 * max(float(size.max()), 1e-6))
-    share = size / size.max()
-    scene: dict[str, Any] = {
-        "aspectmode": "manual",
-        "aspectratio": dict(zip("xyz", numbers(share), strict=True)),
-        "camera": {
-            "eye": dict(zip("xyz", numbers(eye), strict=True)),
-            "up": dict(zip("xyz", numbers(up), strict=True)),
-        },
-        "dragmode": "orbit",
-    }
-    for i, name in enumerate("xyz"):
-        scene[f"{name}axis"] = {
-            "title": {"text": f"{name} (m)"},
-            "range": numbers([middle[i] - size[i] / 2, middle[i] + size[i] / 2]),
-            "nticks": max(2, round(5 * share[i])),
-        }
-    return {
-        "scene": scene,
-        "margin": {"l": 0, "r": 0, "t": 34, "b": 0},
-        "legend": LEGEND | {"y": 1.0, "itemsizing": "constant"},
-        "uirevision": "keep",
-    }
+    """The layout of a figure in space that shows low..high (3,) [m] from the direction eye (3,)."""
+    scene = {"low": low, "high": high, "eye": eye, "up": up}
+    return {"scene": {name: numbers(value) for name, value in scene.items()}}
+
+
+def path(name: str, colour: str, width: float, **more: Any) -> dict[str, Any]:
+    """A line in space."""
+    style = {"color": colour, "width": width}
+    return {"type": "scatter3d", "mode": "lines", "name": name, "line": style} | more
+
+
+def dots(name: str, colour: str, size: float, **marker: Any) -> dict[str, Any]:
+    """Markers in space."""
+    style = {"color": colour, "size": size} | marker
+    return {"type": "scatter3d", "mode": "markers", "name": name, "marker": style}
+
+
+def at(x: np.ndarray) -> dict[str, Any]:
+    """The coordinates of a trace in space, from points x (P, 3) [m]."""
+    return dict(zip("xyz", map(places, np.asarray(x, dtype=float).reshape(-1, 3).T), strict=True))
 
 
 def line(x: Any, y: Any, name: str, colour: str, **more: Any) -> dict[str, Any]:
@@ -156,27 +147,11 @@ def heat(x: Any, y: Any, z: Any, title: str, **more: Any) -> dict[str, Any]:
         "x": numbers(x),
         "y": numbers(y),
         "z": numbers(z, 4),
-        "colorscale": SEQUENTIAL,
-        "hoverongaps": False,
-        "colorbar": {"title": {"text": title, "side": "right"}, "thickness": 10, "outlinewidth": 0},
+        "colorscale": DIVERGING,
+        "title": title,
     } | more
 
 
 def bands(blocks: list[tuple[float, float]]) -> list[dict[str, Any]]:
     """Shaded stretches of the x axis."""
-    return [
-        {
-            "type": "rect",
-            "xref": "x",
-            "yref": "paper",
-            "x0": first,
-            "x1": last,
-            "y0": 0,
-            "y1": 1,
-            "fillcolor": "band",
-            "opacity": 0.16,
-            "line": {"width": 0},
-            "layer": "below",
-        }
-        for first, last in blocks
-    ]
+    return [{"x": [first, last], "fill": "band"} for first, last in blocks]

@@ -30,13 +30,13 @@ def heading(text: object) -> Markup:
     return Markup("<h3>{}</h3>").format(text)
 
 
-def facts(items: Mapping[Any, object], kind: str = "") -> Markup:
+def facts(items: Mapping[Any, object]) -> Markup:
     """Names and values, side by side."""
     rows = Markup("").join(
         Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(name, value)
         for name, value in items.items()
     )
-    return Markup('<dl class="facts {}">{}</dl>').format(kind, rows)
+    return Markup('<dl class="facts">{}</dl>').format(rows)
 
 
 def bullets(items: Iterable[object]) -> Markup:
@@ -86,11 +86,11 @@ def plot(figure: Figure) -> Markup:
     """A figure with its caption; drawn when the page is opened."""
     if (kept := _kept.get()) is not None:
         kept.append(figure)
+    content = figure.content() | {"height": figure.height}
     return Markup(
-        '<figure class="plot">'
-        '<div class="canvas" role="img" aria-label="{}" style="height:{}px"></div>'
+        '<figure class="plot"><div class="canvas" aria-label="{}"></div>'
         '<script type="application/json">{}</script><figcaption>{}</figcaption></figure>\n'
-    ).format(figure.name, figure.height, htmlsafe_json_dumps(figure.content()), figure.caption)
+    ).format(figure.name, htmlsafe_json_dumps(content), figure.caption)
 
 
 def pair(*figures: Figure) -> Markup:
@@ -98,15 +98,28 @@ def pair(*figures: Figure) -> Markup:
     return Markup('<div class="pair">{}</div>').format(Markup("").join(map(plot, figures)))
 
 
-def sequence(figures: Sequence[Figure], labels: Sequence[str]) -> Markup:
-    """Figures that show one step of many, moved together by a slider."""
+def sequence(
+    figures: Sequence[Figure], labels: Sequence[str], start: int = 0, main: bool = False
+) -> Markup:
+    """Figures that show one step of many, moved together by a slider.
+
+    main: the page's one picture, which the maps move.
+    """
     slider = Markup("")
     if len(labels) > 1:
         slider = Markup(
-            '<div class="control"><button type="button">Play</button>'
-            '<input type="range" min="0" max="{}" value="0" aria-label="Frame">'
-            "<output>{}</output></div>"
-        ).format(len(labels) - 1, labels[0])
+            '<button type="button">Play</button>'
+            '<input type="range" min="0" max="{}" value="{}" aria-label="Frame">'
+            "<output>{}</output>"
+        ).format(len(labels) - 1, start, labels[start])
+    for figure in figures:
+        if figure.enlarged:
+            slider += Markup(
+                '<label><input type="checkbox"> difference of the models × {}</label>'
+            ).format(figure.enlarged[2])
     return Markup(
-        '<div class="sequence">{}{}<script type="application/json" class="labels">{}</script></div>'
-    ).format(pair(*figures), slider, htmlsafe_json_dumps(list(labels)))
+        '<div class="sequence{}" data-start="{}">{}<div class="control">{}</div>'
+        '<script type="application/json" class="labels">{}</script></div>'
+    ).format(
+        " main" if main else "", start, pair(*figures), slider, htmlsafe_json_dumps(list(labels))
+    )

@@ -1,8 +1,7 @@
 """The report's figures for papers: SVG, PDF or PNG at column width, drawn by matplotlib.
 
-The figures are the plain Plotly dictionaries of the page; what of them the page uses is drawn here:
-lines, markers, bars, heat maps, lines and markers in space. A figure with a slider is drawn at its
-first, middle and last frame.
+The figures are the plain dictionaries that the page draws: lines, markers, bars, heat maps, lines,
+markers and text in space. A figure with a slider is drawn at its first, middle and last frame.
 """
 
 from __future__ import annotations
@@ -93,6 +92,8 @@ def _draw(figure: Figure, traces: list[dict[str, Any]]) -> Any:
             _bars(axes, trace, traces)
         else:
             _line(axes, trace, deep)
+    if figure.title:
+        axes.set_title(_text(figure.title[0]), color=_colour(figure.title[1]), loc="left")
     if deep:
         _space(axes, figure.layout["scene"])
     else:
@@ -110,8 +111,13 @@ def _line(axes: Any, trace: dict[str, Any], deep: bool) -> None:
         style = {
             "linestyle": DASHES.get(line.get("dash", ""), "-"),
             "linewidth": 0.5 * line.get("width", 2),
+            "alpha": line.get("opacity", 1.0),
         }
     colour = _colour(line.get("color", marker.get("color", "ink")))
+    if mode == "text":
+        for k, text in enumerate(trace["text"]):
+            axes.text(*(trace[axis][k] for axis in "xyz"), f"  {text}", color=colour)
+        return
     if "markers" in mode:
         symbol = marker.get("symbol", "circle")
         hollow = "open" in symbol
@@ -144,12 +150,8 @@ def _bars(axes: Any, trace: dict[str, Any], traces: list[dict[str, Any]]) -> Non
 def _heat(canvas: Any, axes: Any, trace: dict[str, Any]) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
-    scale: Any = trace["colorscale"]
-    if isinstance(scale, list):
-        stops = [(at, _colour(colour)) for at, colour in scale]
-        scale = LinearSegmentedColormap.from_list("scale", stops)
-    else:
-        scale = scale.lower()
+    stops = [(at, _colour(colour)) for at, colour in trace["colorscale"]]
+    scale = LinearSegmentedColormap.from_list("scale", stops)
     x, y, z = (np.array(trace[k], dtype=float) for k in "xyz")
     if z.size == 0:
         return
@@ -158,9 +160,8 @@ def _heat(canvas: Any, axes: Any, trace: dict[str, Any]) -> None:
         vmin=trace.get("zmin"), vmax=trace.get("zmax"),
     )  # fmt: skip
     if trace.get("showscale", True):
-        title = trace.get("colorbar", {}).get("title", {}).get("text", "")
-        canvas.colorbar(image, ax=axes, label=_text(title))
-    if "texttemplate" in trace:
+        canvas.colorbar(image, ax=axes, label=_text(trace["title"]))
+    if trace.get("numbered"):
         for i, j in np.argwhere(np.isfinite(z)):
             axes.text(x[j], y[i], f"{z[i, j]:.2f}", ha="center", va="center")
 
@@ -168,33 +169,39 @@ def _heat(canvas: Any, axes: Any, trace: dict[str, Any]) -> None:
 def _plane(axes: Any, layout: dict[str, Any]) -> None:
     for name, its in (("x", axes.xaxis), ("y", axes.yaxis)):
         given = layout[f"{name}axis"]
-        its.set_label_text(_text(given["title"]["text"]))
+        its.set_label_text(_text(given["title"]))
         if given.get("type") == "log":
             getattr(axes, f"set_{name}scale")("log")
         if "range" in given and given.get("type") != "log":
             getattr(axes, f"set_{name}lim")(given["range"])
         if given.get("rangemode") == "tozero" and "range" not in given:
             getattr(axes, f"set_{name}lim")(**{"left" if name == "x" else "bottom": 0})
-        if given.get("tickmode") == "array":
+        if "tickvals" in given:
             its.set_ticks(given["tickvals"], [_text(str(t)) for t in given["ticktext"]])
-        if given.get("autorange") == "reversed":
+        if given.get("reversed"):
             its.set_inverted(True)
     if "scaleanchor" in layout["yaxis"]:
         axes.set_aspect("equal", adjustable="box")
     for band in layout.get("shapes", ()):
-        axes.axvspan(band["x0"], band["x1"], color=NAMED["band"], alpha=band["opacity"], lw=0)
+        if "fill" in band:
+            axes.axvspan(*band["x"], color=_colour(band["fill"]), alpha=0.16, lw=0)
+        else:
+            (left, right), (low, high) = band["x"], band["y"]
+            axes.plot([left, right, right, left, left], [low, low, high, high, low], color="black")
 
 
 def _space(axes: Any, scene: dict[str, Any]) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    for name in "xyz":
-        given = scene[f"{name}axis"]
-        getattr(axes, f"set_{name}label")(_text(given["title"]["text"]))
-        getattr(axes, f"set_{name}lim")(given["range"])
-        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(given["nticks"]))
-    axes.set_box_aspect([scene["aspectratio"][name] for name in "xyz"], zoom=1.15)
-    eye = np.array([scene["camera"]["eye"][name] for name in "xyz"])
+    low, high, eye = (np.array(scene[name]) for name in ("low", "high", "eye"))
+    size = np.maximum(1.08 * (high - low), 0.2 * max(float((high - low).max()), 1e-6))
+    for k, name in enumerate("xyz"):
+        middle = (low[k] + high[k]) / 2
+        getattr(axes, f"set_{name}label")(f"{name} (m)")
+        getattr(axes, f"set_{name}lim")([middle - size[k] / 2, middle + size[k] / 2])
+        ticks = max(2, round(5 * size[k] / size.max()))
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(ticks))
+    axes.set_box_aspect(size / size.max(), zoom=1.15)
     flat = float(np.hypot(eye[0], eye[1]))
     axes.view_init(np.degrees(np.arctan2(eye[2], flat)), np.degrees(np.arctan2(eye[1], eye[0])))
 
@@ -213,7 +220,7 @@ def _colour(name: str) -> Any:
 
 
 def _text(html: str) -> str:
-    """Plotly's small HTML as matplotlib's small mathematics."""
+    """Small HTML as matplotlib's small mathematics."""
     text = re.sub(r"<sub>(.*?)</sub>", r"$_{\\mathrm{\1}}$", html.replace("$", r"\$"))
     text = re.sub(r"<sup>(.*?)</sup>", r"$^{\\mathrm{\1}}$", text)
     return unescape(re.sub(r"<[^>]+>", "", text))

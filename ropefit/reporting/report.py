@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from importlib.resources import files
+from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from ropefit import __version__
+from ropefit.reporting.answer import headline
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import Figure
 from ropefit.reporting.html import keeping
@@ -18,24 +19,37 @@ from ropefit.reporting.words import slug
 __all__ = ["RunContents", "figures_of", "render_page", "render_report"]
 
 
+class Part(NamedTuple):
+    """A section of a page; folded: only its title is seen at first."""
+
+    title: str
+    body: Markup
+    folded: bool = False
+
+
 def render_report(run: RunContents) -> str:
     """The whole page. The same artifacts give the same bytes."""
-    parts = [(section.title, section.render(run)) for section in SECTIONS if section.applies(run)]
-    return render_page(run.observations.recording, parts)
+    return render_page(run.observations.recording, _parts(run), headline(run))
 
 
 def figures_of(run: RunContents) -> list[Figure]:
     """Every figure of the report, in its order."""
     with keeping() as figures:
-        for section in SECTIONS:
-            if section.applies(run):
-                section.render(run)
+        _parts(run)
     return figures
 
 
-def render_page(title: str, parts: list[tuple[str, Markup]]) -> str:
-    """A page of sections (title, body)."""
+def _parts(run: RunContents) -> list[Part]:
+    return [Part(s.title, s.render(run), s.folded) for s in SECTIONS if s.applies(run)]
+
+
+def render_page(title: str, parts: list[Part], headline: str = "") -> str:
+    """A page of sections; headline: the answer that stands above them instead of the title."""
     here = files("ropefit.reporting")
+
+    def text(name: str) -> Markup:
+        return Markup((here / name).read_text(encoding="utf-8"))
+
     template = Environment(
         loader=PackageLoader("ropefit.reporting", "."),
         autoescape=True,
@@ -45,9 +59,10 @@ def render_page(title: str, parts: list[tuple[str, Markup]]) -> str:
     ).get_template("page.html.j2")
     return template.render(
         title=title,
+        headline=headline,
         version=__version__,
-        sections=[{"id": slug(name), "title": name, "body": Markup(body)} for name, body in parts],
-        style=Markup((here / "page.css").read_text(encoding="utf-8")),
-        script=Markup((here / "page.js").read_text(encoding="utf-8")),
-        plotly=Markup(get_plotlyjs().replace("</script", "<\\/script")),
+        sections=[{"id": slug(p.title) or "rope", **p._asdict()} for p in parts],
+        style=text("page.css"),
+        figures=text("figures.js"),
+        script=text("page.js"),
     )

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 import numpy as np
 from markupsafe import Markup
 
+from ropefit.artifacts.diagnosis import Size
+
 
 def number(value: float | None, digits: int = 3) -> str:
     """A number to `digits` significant digits; a dash when it is not known."""
@@ -107,6 +109,32 @@ def unit_text(unit: str) -> str:
 def with_unit(text: str, unit: str) -> str:
     """A number, an interval or a name with its unit behind it, if it has one."""
     return f"{text} {unit_text(unit)}".rstrip()
+
+
+READABLE = {"m": (1e3, "mm"), "kg": (1e3, "g"), "rad": (180 / math.pi, "°"), "s": (1e3, "ms")}
+
+
+def in_use(
+    value: float, ci95: tuple[float, float], unit: str
+) -> tuple[float, tuple[float, float], str]:
+    """A number and its interval in the unit that a person would use: grams, mm, degrees."""
+    factor, unit = READABLE.get(unit, (1.0, unit))
+    return factor * value, (factor * ci95[0], factor * ci95[1]), unit
+
+
+def readable(size: Size) -> str:
+    """A size in the unit that a person would use."""
+    value, _, unit = in_use(size.value, size.ci95, size.unit)
+    return f"{number(value)}°" if unit == "°" else with_unit(number(value), unit)
+
+
+def strength(nats: float, threshold: float) -> str:
+    """Evidence in words: a ratio of odds of 100 (Jeffreys) beyond what chance reaches here."""
+    if nats >= threshold + math.log(100):
+        return "decisive"
+    if nats >= threshold:
+        return "strong"
+    return "weak" if nats > 0 else "against it"
 
 
 def slug(title: str) -> str:

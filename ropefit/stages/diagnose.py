@@ -4,34 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-import torch
 from threadpoolctl import threadpool_limits
 
-from ropefit.adapters.diagnosis_content import Layout, content
-from ropefit.adapters.frames import spread_evenly
-from ropefit.adapters.motion_model import at_observed_nodes
-from ropefit.adapters.priors import noise_of
-from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.artifacts import Model, Observations
-from ropefit.diagnosis import search as engine
-from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import RULES, Rules
-from ropefit.errors import BadInput, WrongUsage
-from ropefit.fitting.nominal import (
-    nominal_at_rest,
-    nominal_terms,
-    set_up_errors,
-    with_what_is_missed,
-)
-from ropefit.fitting.nominal_motion import nominal_in_motion
-from ropefit.inference.problem import FitProblem
-from ropefit.rod.setup import Setup
+from ropefit.errors import WrongUsage
+from ropefit.fitting import diagnosed as diagnoses
+from ropefit.fitting.simulation import of_simulation, of_weights
 from ropefit.runs.protocol import Context
-
-FEWEST_FRAMES = 4
-PATH_FRAMES = 2  # times the compared frames: those that a path-dependent rope goes through
 
 
 def compute(inputs: dict[str, Any], settings: DiagnoseSettings, context: Context) -> dict[str, Any]:
@@ -46,87 +27,15 @@ def diagnosed(
     o: Observations = inputs[Observations.file_name]
     model: Model = inputs[Model.file_name]
     with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
+        if settings.simulation:
+            return of_simulation(o, model, settings, context, rules)
         if model.nominal.stepped is not None:
-            return _in_motion(o, model, settings, context, rules)
-        return _at_rest(o, model, settings, context, rules)
-
-
-def _in_motion(
-    o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
-) -> dict[str, Any]:
-    if settings.nominal or settings.calibration:
-        raise WrongUsage("--nominal and --calibration are of ropes at rest; leave them out")
-    context.progress(0.02, "nominal fit")
-    span, nominal = nominal_in_motion(o, model.nominal, settings.most_frames)
-    result = engine.search(nominal, settings.seed, context.progress, rules)
-    shown = np.unique(nominal.stations.frame)
-    reached = np.isin(np.arange(len(o.frames)), shown)
-
-    def nodes(seen: np.ndarray) -> np.ndarray:
-        return at_observed_nodes(o, span, seen, reached)[shown]
-
-    layout = Layout(o.frames, shown, span.first, span.last - span.first, nodes)
-    return content(o, result, layout)
-
-
-def _at_rest(
-    o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
-) -> dict[str, Any]:
-    if model.nominal.balance is None:
-        raise WrongUsage(
-            f"the model was fitted by {model.nominal.solver}, whose weights are no properties of "
-            "the rope; run ropefit identify --solver equilibrium first"
-        )
-    if o.source == "rgbd" and len(o.points) == 0:
-        raise BadInput("no points in space: the diagnosis needs depth, clouds or markers")
-    segments = segments_of(o)
-    every, setup = segments // (len(o.node_arc) - 1), base_setup(o, segments)
-    used = spread_evenly(
-        np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
-    )
-    setup, data = compared(setup, used, settings.most_frames), data_in_space(o).frames(used)
-    source = context.external["nominal"] if settings.nominal else model
-    terms, setup = nominal_terms(o, source, setup, prior=settings.nominal)
-    noise = noise_of(o, data)
-    if settings.nominal:
-        noise = with_what_is_missed(noise, source, o)
-    problem = FitProblem(data, noise, STATIONS)
-    context.progress(0.02, "nominal fit")
-    known = context.external["calibration"] if settings.calibration else None
-    errors = set_up_errors(setup, o, known) if rules.calibration else []
-    nominal = nominal_at_rest(setup, [*terms, *errors], problem)
-    result = None
-    for _ in range(2):  # with an effect, other frames may be near instability
-        edge = on_edge(result.final if result else nominal)
-        if (~edge).sum() < FEWEST_FRAMES:
-            if result:
-                break
-            raise BadInput(
-                "nearly every frame is at the edge of its stability, where a hair's breadth "
-                "decides the shape; record poses in which the rope hangs firmly"
+            return diagnoses.in_motion(o, model, settings, context, rules)
+        if model.nominal.iterated is not None:
+            return of_weights(o, model, settings, context, rules)
+        if model.nominal.search != "least-squares":
+            raise WrongUsage(
+                f"the model was fitted by --search {model.nominal.search}, which allows for no "
+                "errors of the set-up; run ropefit identify --solver equilibrium first"
             )
-        if edge.any():
-            excluded = ", ".join(map(str, o.frames[used[edge]]))
-            context.say(f"excluded, at the edge of stability: frames {excluded}")
-            firm = np.flatnonzero(~edge)
-            used, problem = used[firm], problem.frames(firm)
-            setup = setup.frames(torch.from_numpy(firm))
-            nominal = nominal_at_rest(setup, [*terms, *errors], problem)
-        if result is None or edge.any():
-            result = engine.search(nominal, settings.seed, context.progress, rules)
-    assert result is not None
-    nodes = len(o.node_arc)
-    layout = Layout(
-        o.frames[used], np.arange(len(used)), 0.0, o.length, lambda x: x[:, ::every][:, :nodes]
-    )
-    return content(o, result, layout)
-
-
-def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:
-    """Return the setup in the frames `used`, which a path-dependent rope reaches through some of
-    the others: as many again, evenly spread."""
-    every = np.arange(len(setup.ends))
-    between = spread_evenly(every, np.zeros_like(every), PATH_FRAMES * most)
-    passed = np.union1d(used, between)
-    through = setup.frames(torch.from_numpy(passed))._replace(past=None)
-    return through.frames(torch.from_numpy(np.searchsorted(passed, used)))
+        return diagnoses.at_rest(o, model, settings, context, rules)

@@ -14,6 +14,7 @@ class Section(ABC):
     """One part of the page. A new one is a file with a subclass and its line in SECTIONS."""
 
     title: ClassVar[str]
+    folded: ClassVar[bool] = False  # below the answer and its reasons, opened by a click
 
     def applies(self, run: RunContents) -> bool:
         """Whether the run has what this section shows."""

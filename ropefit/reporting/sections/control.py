@@ -17,6 +17,7 @@ class ControlSection(Section):
     """An estimate frame by frame, or the poses that give wanted shapes."""
 
     title = "Control"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         return run.control is not None

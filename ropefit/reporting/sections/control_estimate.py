@@ -8,17 +8,19 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.artifacts import Control
+from ropefit.reporting.camera import broadside, image_name, project
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
-    AFTER,
-    BEFORE,
     MANY,
     MOST_POINTS,
-    OBSERVED,
+    NOMINAL,
+    RECORDED,
     Figure,
+    at,
     axis,
     evenly,
     line,
+    path,
     places,
     plane,
     space,
@@ -26,7 +28,6 @@ from ropefit.reporting.figures import (
     thinned,
 )
 from ropefit.reporting.html import pair, paragraph, plot, table
-from ropefit.reporting.sections.overlay import from_camera, image_name, project
 from ropefit.reporting.words import number
 
 MOST_KEYS = len(MANY)
@@ -74,7 +75,7 @@ def _deviation(
     sd: np.ndarray | None = None,
 ) -> Figure:
     shown = evenly(len(c.cases), MOST_POINTS)
-    traces = [line(c.cases[shown], scale * control[shown], "control point", AFTER)]
+    traces = [line(c.cases[shown], scale * control[shown], "control point", NOMINAL)]
     for k in range(min(key.shape[1], MOST_KEYS)):
         name = f"key point {k + 1}"
         style = {"width": 1.2, "dash": "dash"}
@@ -108,54 +109,43 @@ def _deviation(
 def _trajectory(run: RunContents, c: Control) -> Figure:
     shown = evenly(len(c.cases), MOST_POINTS)
     cloud = np.concatenate([c.position, c.reference])
-    low, high = np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0)
-    eye, up = from_camera(run.observations, (low + high) / 2, far=1.6)
+    eye, up = broadside(run.observations, cloud)
     traces = [
-        _path(c.reference[shown], "recorded", OBSERVED, 5),
-        _path(c.position[shown], "estimated", AFTER, 3),
+        path("recorded", RECORDED, 4) | at(c.reference[shown]),
+        path("estimated", NOMINAL, 2.5) | at(c.position[shown]),
     ]
     return Figure(
         "Trajectory of the control point in space",
         [trace for trace in traces if any(v is not None for v in trace["x"])],
-        space(low, high, eye, up),
+        space(np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0), eye, up),
         "Trajectory of the control point in space, equal scales.",
         height=400,
     )
 
 
-def _path(x: np.ndarray, name: str, colour: str, width: float) -> dict[str, Any]:
-    return {
-        "type": "scatter3d",
-        "mode": "lines",
-        "name": name,
-        "line": {"color": colour, "width": width},
-        "hoverinfo": "skip",
-    } | dict(zip("xyz", map(places, x.T), strict=True))
-
-
 def _image_trajectory(run: RunContents, c: Control) -> Figure:
     view, shown = run.observations.view, evenly(len(c.cases), MOST_POINTS)
     curves = [
-        (c.reference, "recorded", OBSERVED, {"width": 3}),
-        (c.position, "estimated", AFTER, {"width": 1.8}),
+        (c.reference, "recorded", RECORDED, {"width": 3}),
+        (c.position, "estimated", NOMINAL, {"width": 1.8}),
     ]
     for k in range(min(c.key_position.shape[1], MOST_KEYS)):
-        curves.append((c.key_reference[:, k], "key points, recorded", BEFORE, {"width": 3}))
+        curves.append((c.key_reference[:, k], "key points, recorded", "soft", {"width": 3}))
         style = {"width": 1.5, "dash": "dash"}
         curves.append((c.key_position[:, k], f"key point {k + 1}", MANY[k], style))
     traces: list[dict[str, Any]] = []
     ends: list[np.ndarray] = []
     for x, name, colour, style in curves:
-        at = project(view, x[shown])
-        if np.isfinite(at).any():
+        seen = project(view, x[shown])
+        if np.isfinite(seen).any():
             new = all(trace["name"] != name for trace in traces)
-            u, v = places(at[:, 0], 1), places(at[:, 1], 1)
-            traces.append(line(u, v, name, colour, line=style, showlegend=new, legendgroup=name))
-            ends.append(at)
+            u, v = places(seen[:, 0], 1), places(seen[:, 1], 1)
+            traces.append(line(u, v, name, colour, line=style, showlegend=new))
+            ends.append(seen)
     across, down = span(np.concatenate([np.empty((0, 2)), *ends]))
     layout = plane(
-        axis("u (px)", range=across, constrain="domain"),
-        axis("v (px, downwards)", range=down, scaleanchor="x", constrain="domain"),
+        axis("u (px)", range=across),
+        axis("v (px, downwards)", range=down, scaleanchor="x"),
     )
     caption = f"The same in the image plane. {image_name(view)}"
     return Figure("Trajectory in the image", traces, layout, caption, height=400)

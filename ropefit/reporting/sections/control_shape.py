@@ -6,10 +6,20 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.artifacts import Control
+from ropefit.reporting.camera import broadside
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import AFTER, BEFORE, TARGET, Figure, evenly, places, space, thinned
+from ropefit.reporting.figures import (
+    NOMINAL,
+    TARGET,
+    Figure,
+    at,
+    dots,
+    evenly,
+    path,
+    space,
+    thinned,
+)
 from ropefit.reporting.html import heading, paragraph, sequence, table
-from ropefit.reporting.sections.overlay import from_camera
 from ropefit.reporting.words import millimetres, number, percent
 
 MOST_CASES = 60
@@ -76,26 +86,20 @@ def _targets(c: Control, shown: np.ndarray) -> Markup:
 
 
 def _ropes(run: RunContents, c: Control, shown: np.ndarray) -> Figure:
-    dot = {"type": "scatter3d", "mode": "markers", "hoverinfo": "skip"}
     traces = [
-        {"type": "scatter3d", "mode": "lines", "hoverinfo": "skip", "name": "rope"}
-        | {"line": {"color": AFTER, "width": 5}},
-        dot | {"name": "wanted points", "marker": {"size": 5, "color": TARGET}},
-        dot
-        | {
-            "name": "gripper’s start",
-            "marker": {"size": 4, "color": BEFORE, "symbol": "diamond-open"},
-        },
-        dot | {"name": "gripper", "marker": {"size": 5, "color": "ink", "symbol": "diamond"}},
+        path("rope", NOMINAL, 4),
+        dots("wanted points", TARGET, 8),
+        dots("gripper’s start", "soft", 8, symbol="diamond-open"),
+        dots("gripper", "ink", 8, symbol="diamond"),
     ]
     steps, everything = [], []
     for i in shown:
         parts = [c.x[i], c.key_reference[i], c.start[i][None], c.position[i][None]]
         everything += parts
-        steps.append([dict(zip("xyz", map(places, part.T), strict=True)) for part in parts])
+        steps.append([at(part) for part in parts])
     cloud = np.concatenate(everything)
     low, high = np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0)
-    eye, up = from_camera(run.observations, (low + high) / 2)
+    eye, up = broadside(run.observations, cloud)
     return Figure(
         "The rope and its target points",
         traces,

@@ -8,9 +8,8 @@ from markupsafe import Markup
 from ropefit.artifacts import Balance, Stepped
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
-    AFTER,
-    BEFORE,
     MOST_POINTS,
+    NOMINAL,
     Figure,
     axis,
     evenly,
@@ -27,6 +26,7 @@ class EquilibriumSection(Section):
     """Newton iterations, residual and stability of every frame; frames with a second state."""
 
     title = "Solver"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         return run.fitted is not None and run.fitted.balance is not None
@@ -83,13 +83,13 @@ def _verdict(b: Balance, frames: np.ndarray) -> str:
 def _stability(b: Balance, frames: np.ndarray) -> Figure:
     shown = evenly(len(frames), MOST_POINTS)
     values = b.stability[shown]
-    traces = [line(frames[shown], 1e3 * values, "smallest eigenvalue", AFTER)]
+    traces = [line(frames[shown], 1e3 * values, "smallest eigenvalue", NOMINAL)]
     twice = np.isfinite(b.other[shown])
     if twice.any():
-        marks = {"color": BEFORE, "symbol": "diamond-open", "size": 9}
+        marks = {"color": "soft", "symbol": "diamond-open", "size": 9}
         traces.append(
             line(
-                frames[shown][twice], 1e3 * values[twice], "has a second equilibrium", BEFORE,
+                frames[shown][twice], 1e3 * values[twice], "has a second equilibrium", "soft",
                 mode="markers", marker=marks,
             )
         )  # fmt: skip
@@ -107,13 +107,13 @@ def _stability(b: Balance, frames: np.ndarray) -> Figure:
 
 def _effort(b: Balance, frames: np.ndarray) -> Figure:
     shown = evenly(len(frames), MOST_POINTS)
-    traces = [line(frames[shown], b.newton[shown], "iterations", AFTER, mode="lines+markers")]
+    traces = [line(frames[shown], b.newton[shown], "iterations", NOMINAL, mode="lines+markers")]
     lost = ~b.converged[shown]
     if lost.any():
-        marks = {"color": BEFORE, "symbol": "x", "size": 9}
+        marks = {"color": "soft", "symbol": "x", "size": 9}
         traces.append(
             line(
-                frames[shown][lost], b.newton[shown][lost], "not converged", BEFORE,
+                frames[shown][lost], b.newton[shown][lost], "not converged", "soft",
                 mode="markers", marker=marks,
             )
         )  # fmt: skip

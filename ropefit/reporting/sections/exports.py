@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from markupsafe import Markup
 
 from ropefit.artifacts.exports import Check, Export, deviation
 from ropefit.exporters import exporters
+from ropefit.reporting.camera import broadside
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import AFTER, OBSERVED, Figure, places, space
+from ropefit.reporting.figures import NOMINAL, RECORDED, Figure, at, dots, path, space
 from ropefit.reporting.html import bullets, heading, sequence, table
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.sections.overlay import from_camera
 from ropefit.reporting.words import millimetres, percent, plural, ranges
 
 MOST = 0.01  # of the rope's length that an export may be off without a reason
@@ -23,6 +21,7 @@ class ExportsSection(Section):
     """A sentence and a table row a simulator, and both ropes in space."""
 
     title = "Export"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         return run.exports is not None
@@ -130,22 +129,13 @@ def _row(target: str, export: Export, length: float) -> list[object]:
 def _in_space(run: RunContents, target: str, export: Export, check: Check) -> Figure:
     both = np.concatenate([export.x, check.x]).reshape(-1, 3)
     low, high = np.nanmin(both, axis=0), np.nanmax(both, axis=0)
-    eye, up = from_camera(run.observations, (low + high) / 2)
-    steps: list[list[dict[str, Any]]] = [
-        [dict(zip("xyz", map(places, x.T), strict=True)) for x in pair]
-        for pair in zip(export.x, check.x, strict=True)
-    ]
-    common = {"type": "scatter3d", "hoverinfo": "skip"}
+    eye, up = broadside(run.observations, both)
     return Figure(
         f"The exported rope at rest in {target}",
-        [
-            common | {"mode": "lines", "name": "ropefit", "line": {"color": AFTER, "width": 4}},
-            common
-            | {"mode": "markers", "name": target, "marker": {"color": OBSERVED, "size": 4.5}},
-        ],
+        [path("ropefit", NOMINAL, 3), dots(target, RECORDED, 6)],
         space(low, high, eye, up),
         f"The rope of this report (line) and its nodes at rest in {check.simulator} (dots). The "
         "node of a clamped end is not drawn: the clamp holds it.",
         height=380,
-        steps=steps,
+        steps=[[at(x) for x in pair] for pair in zip(export.x, check.x, strict=True)],
     )

@@ -1,4 +1,4 @@
-"""What preprocess made of the recording, and what it left out."""
+"""What preprocess made of the recording, and which frames it excluded."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
     MOST_COLUMNS,
     MOST_POINTS,
-    OBSERVED,
+    RECORDED,
     Figure,
     axis,
     evenly,
@@ -30,6 +30,7 @@ class ObservationsSection(Section):
     """Frames used and dropped, what was seen of the rope, noise, plane, ends and length."""
 
     title = "Observations"
+    folded = True
 
     def render(self, run: RunContents) -> Markup:
         o = run.observations
@@ -55,7 +56,7 @@ def _facts(o: Observations) -> dict[str, object]:
         "Diameter": given(1e3 * o.diameter, "mm") if o.diameter else "not given",
         "Mass": given(1e3 * o.mass, "g") if o.mass else "not given",
         "Ends": ends + (" (assumed)" if o.ends_assumed else ""),
-        "Noise of a point": f"{millimetres(float(np.median(o.noise)))}; {o.noise_source}",
+        "Noise from": o.noise_source,
         **_shared_noise(o),
         "Gravity": "[" + ", ".join(given(v) for v in o.gravity) + "] m/s²",
     }
@@ -92,15 +93,16 @@ def _visibility(o: Observations) -> Figure:
     middle = (o.node_arc[1:] + o.node_arc[:-1]) / 2
     seen = np.where(o.seen[shown], 1.0, np.nan).T
     colours = heat(o.frames[shown], middle, seen, "") | {
-        "colorscale": [[0, OBSERVED], [1, OBSERVED]],
+        "colorscale": [[0, RECORDED], [1, RECORDED]],
         "showscale": False,
-        "hovertemplate": "frame %{x}, s = %{y} m: seen<extra></extra>",
+        "zmin": 0,
+        "zmax": 1,
     }
     return Figure(
         "Segments of the rope that are seen, over frames",
         [colours],
         plane(axis("frame"), axis("arc length s (m)")),
-        "Blue: this segment of the rope was seen. Blank: hidden or missing."
+        "Grey: this segment of the rope was seen. Blank: hidden or missing."
         + thinned(len(o.frames), MOST_COLUMNS),
     )
 
@@ -109,7 +111,7 @@ def _noise(o: Observations) -> Figure:
     shown = evenly(len(o.frames), MOST_POINTS)
     return Figure(
         "Noise of a point in every frame",
-        [line(o.frames[shown], 1e3 * o.noise[shown], "noise", OBSERVED)],
+        [line(o.frames[shown], 1e3 * o.noise[shown], "noise", RECORDED)],
         plane(axis("frame"), axis("noise (mm)", rangemode="tozero")),
         "Standard deviation of a point about the rope’s centreline."
         + thinned(len(o.frames), MOST_POINTS),
@@ -117,7 +119,7 @@ def _noise(o: Observations) -> Figure:
 
 
 def _dropped(o: Observations) -> Markup:
-    """Frames left out, gathered by reason."""
+    """Excluded frames, gathered by reason."""
     by_reason: dict[str, list[int]] = {}
     for item in o.dropped:
         by_reason.setdefault(item.reason, []).append(item.frame)
@@ -125,7 +127,7 @@ def _dropped(o: Observations) -> Markup:
         return Markup("")
     rows = [(len(frames), ranges(frames), loose(reason)) for reason, frames in by_reason.items()]
     rows.sort(key=lambda row: -row[0])
-    body = heading("Frames left out") + table(["count", "frames", "reason"], rows[:MOST_REASONS])
+    body = heading("Excluded frames") + table(["count", "frames", "reason"], rows[:MOST_REASONS])
     if len(rows) > MOST_REASONS:
         body += paragraph(f"{len(rows) - MOST_REASONS} rarer reasons are not listed.", "note")
     return body

@@ -7,16 +7,17 @@ import base64
 import numpy as np
 from markupsafe import Markup
 
+from ropefit.reporting.camera import project
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.html import paragraph
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.sections.overlay import project
 
 
 class PicturesSection(Section):
     """A few frames of the camera: the path that was followed, where it was seen, and why."""
 
     title = "Pictures"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         o = run.observations
@@ -28,8 +29,7 @@ class PicturesSection(Section):
         assert o.picture_start is not None
         body = paragraph(
             "Red: the rope where it was seen. Blue: where it was hidden and its way assumed. Green "
-            "rings: its ends."
-            + (" Dashed: simulated before the fit; yellow: after." if run.fitted else ""),
+            "rings: its ends." + (" Yellow: the nominal model." if run.fitted else ""),
             "note",
         )
         if not o.depth_measured:
@@ -55,14 +55,11 @@ class PicturesSection(Section):
 
 
 def _simulated(run: RunContents, frame: int) -> Markup:
-    """The rope before and after the fit as lines over the picture."""
+    """The nominal model as a line over the picture."""
     o, f = run.observations, run.fitted
     at = np.flatnonzero(o.frames == frame)
     if f is None or at.size == 0:
         return Markup("")
-    lines = Markup("")
-    for x, kind in ((f.x_initial[at[0]], "before"), (f.x[at[0]], "after")):
-        uv = project(o.view, x)
-        points = " ".join(f"{u:.1f},{v:.1f}" for u, v in uv[np.isfinite(uv).all(axis=1)])
-        lines += Markup('<polyline class="{}" points="{}"/>').format(kind, points)
-    return lines
+    uv = project(o.view, f.x[at[0]])
+    points = " ".join(f"{u:.1f},{v:.1f}" for u, v in uv[np.isfinite(uv).all(axis=1)])
+    return Markup('<polyline points="{}"/>').format(points)

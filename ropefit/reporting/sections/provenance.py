@@ -19,6 +19,7 @@ class ProvenanceSection(Section):
     """The flow of artifacts, and a row a stage."""
 
     title = "Provenance"
+    folded = True
 
     def render(self, run: RunContents) -> Markup:
         made = (run.observations, run.model, run.diagnosis, run.control, run.exports)

@@ -8,9 +8,8 @@ from markupsafe import Markup
 from ropefit.artifacts import FittedModel, Iterated
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
-    AFTER,
-    BEFORE,
     MOST_POINTS,
+    NOMINAL,
     Figure,
     axis,
     evenly,
@@ -27,6 +26,7 @@ class SolverSection(Section):
     """Distance constraint and rope length along the iterations, and per frame at the end."""
 
     title = "Solver"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         return run.fitted is not None and run.fitted.iterated is not None
@@ -80,8 +80,8 @@ def _violation(it: Iterated) -> Figure:
     return Figure(
         "Largest distance constraint over the iterations",
         [
-            line(it.iteration, 1e3 * middle, "median frame", AFTER),
-            line(it.iteration, 1e3 * worst, "worst frame", BEFORE),
+            line(it.iteration, 1e3 * middle, "median frame", NOMINAL),
+            line(it.iteration, 1e3 * worst, "worst frame", "soft"),
         ],
         plane(
             axis("iteration", type="log", dtick=1),
@@ -96,8 +96,8 @@ def _length(it: Iterated) -> Figure:
     return Figure(
         "Relative rope length over the iterations",
         [
-            line(it.iteration, 100 * np.median(it.length_error, axis=0), "median frame", AFTER),
-            line(it.iteration, 100 * it.length_error[last], "worst frame", BEFORE),
+            line(it.iteration, 100 * np.median(it.length_error, axis=0), "median frame", NOMINAL),
+            line(it.iteration, 100 * it.length_error[last], "worst frame", "soft"),
         ],
         plane(axis("iteration", type="log", dtick=1), axis("length beyond rest length (%)")),
         "Rope length against rest length. Worst: the frame farthest off at the end.",
@@ -108,7 +108,7 @@ def _drift(it: Iterated, frames: np.ndarray) -> Figure:
     shown = evenly(len(frames), MOST_POINTS)
     return Figure(
         "Move of the rope if iterated twice as long, in every frame",
-        [line(frames[shown], 100 * it.drift[shown], "drift", AFTER)],
+        [line(frames[shown], 100 * it.drift[shown], "drift", NOMINAL)],
         plane(axis("frame"), axis("drift (% of length)", rangemode="tozero")),
         "Largest move of any particle if iterated twice as long."
         + thinned(len(frames), MOST_POINTS),
@@ -119,7 +119,7 @@ def _length_by_frame(it: Iterated, frames: np.ndarray) -> Figure:
     shown = evenly(len(frames), MOST_POINTS)
     return Figure(
         "Error of the rope length in every frame",
-        [line(frames[shown], 100 * it.length_error[shown, -1], "error of length", AFTER)],
+        [line(frames[shown], 100 * it.length_error[shown, -1], "error of length", NOMINAL)],
         plane(axis("frame"), axis("length beyond rest length (%)")),
         "Error of the simulated rope’s length at the last iteration."
         + thinned(len(frames), MOST_POINTS),

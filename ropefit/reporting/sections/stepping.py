@@ -6,7 +6,16 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import AFTER, MOST_POINTS, Figure, axis, evenly, line, plane, thinned
+from ropefit.reporting.figures import (
+    MOST_POINTS,
+    NOMINAL,
+    Figure,
+    axis,
+    evenly,
+    line,
+    plane,
+    thinned,
+)
 from ropefit.reporting.html import facts, paragraph, plot
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.equilibrium import metres_or_less
@@ -17,6 +26,7 @@ class SteppingSection(Section):
     """Clips, Newton iterations of every step, frames that belong to no clip."""
 
     title = "Solver"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         return run.fitted is not None and run.fitted.stepped is not None
@@ -49,7 +59,7 @@ class SteppingSection(Section):
         shown = evenly(len(frames), MOST_POINTS)
         figure = Figure(
             "Newton iterations of every step",
-            [line(frames[shown], s.newton[shown], "iterations", AFTER)],
+            [line(frames[shown], s.newton[shown], "iterations", NOMINAL)],
             plane(axis("frame"), axis("Newton iterations", rangemode="tozero")),
             "What each step took to be solved." + thinned(len(frames), MOST_POINTS),
         )

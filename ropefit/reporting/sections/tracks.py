@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
+from ropefit.reporting.camera import upwards
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
     MANY,
@@ -20,19 +21,20 @@ from ropefit.reporting.figures import (
     plane,
     thinned,
 )
-from ropefit.reporting.html import pair
+from ropefit.reporting.html import plot
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.sections.residual import heldout_bands
+from ropefit.reporting.sections.fit import heldout_bands
 from ropefit.reporting.words import blocks, metres, millimetres
 
-SHAPES, TRACKED, MOST_DOTS = 6, 3, 60
+TRACKED, MOST_DOTS = 3, 60
 FAST = 0.5  # s: frames farther apart are poses, not a motion
 
 
 class TracksSection(Section):
-    """The rope from the side at a few instants, and a few markers from first frame to last."""
+    """A few markers from first frame to last."""
 
     title = "Predicted and recorded"
+    folded = True
 
     def applies(self, run: RunContents) -> bool:
         return run.fitted is not None and run.observations.source == "markers"
@@ -40,45 +42,7 @@ class TracksSection(Section):
     def render(self, run: RunContents) -> Markup:
         o, f = run.observations, run.fitted
         assert f is not None
-        return pair(_shapes(o, f), _tracks(o, f, run.diagnosis))
-
-
-def _from_the_side(o: Observations) -> np.ndarray:
-    """(2, 3) the level direction in which the markers are spread most, and upwards."""
-    size = float(np.linalg.norm(o.gravity))
-    up = -o.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
-    spread = o.points - o.points.mean(axis=0)
-    spread = spread - (spread @ up)[:, None] * up
-    return np.stack([np.linalg.svd(spread, full_matrices=False)[2][0], up])
-
-
-def _shapes(o: Observations, f: FittedModel) -> Figure:
-    unseen = np.flatnonzero(f.heldout)
-    pool = unseen if len(unseen) >= SHAPES else np.arange(len(o.frames))
-    side, traces = _from_the_side(o), []
-    for k, t in enumerate(pool[evenly(len(pool), SHAPES)]):
-        rope = f.x[t] @ side.T
-        seen = o.points[o.point_start[t] : o.point_start[t + 1]] @ side.T
-        colour, name = MANY[k % len(MANY)], f"frame {o.frames[t]}"
-        dots = {"color": colour, "size": 6}
-        traces += [
-            line(rope[:, 0], rope[:, 1], name, colour),
-            line(
-                seen[:, 0], seen[:, 1], name, colour,
-                mode="markers", marker=dots, showlegend=False,
-            ),
-        ]  # fmt: skip
-    which = "never shown to the fit" if pool is unseen else "of the recording"
-    return Figure(
-        "Shapes from the side, recorded and simulated",
-        traces,
-        plane(
-            axis("sideways (m)", constrain="domain"),
-            axis("height (m)", scaleanchor="x", constrain="domain"),
-        ),
-        f"Dots: the markers in some frames {which}. Lines: the simulation there.",
-        height=420,
-    )
+        return plot(_tracks(o, f, run.diagnosis))
 
 
 def _tracks(o: Observations, f: FittedModel, d: Diagnosis | None) -> Figure:
@@ -87,7 +51,7 @@ def _tracks(o: Observations, f: FittedModel, d: Diagnosis | None) -> Figure:
     chosen = inner[evenly(len(inner), TRACKED + 2)[1:-1]] if len(inner) > TRACKED else inner
     moving = bool(np.median(np.diff(o.time)) < FAST) if len(o.time) > 1 else False
     along = o.time if moving else o.frames.astype(float)
-    side = _from_the_side(o)
+    up = upwards(o)
     shown, dotted = (evenly(len(o.frames), most) for most in (MOST_POINTS // 2, MOST_DOTS))
     traces, off = [], []
     for k, s in enumerate(chosen):
@@ -96,24 +60,24 @@ def _tracks(o: Observations, f: FittedModel, d: Diagnosis | None) -> Figure:
         off.append(np.linalg.norm(seen - had, axis=1))
         dots = {"color": colour, "size": 5}
         traces += [
-            line(along[shown], (had @ side[1])[shown], name, colour),
+            line(along[shown], (had @ up)[shown], name, colour),
             line(
-                along[dotted], (seen @ side[1])[dotted], name, colour,
+                along[dotted], (seen @ up)[dotted], name, colour,
                 mode="markers", marker=dots, showlegend=False,
             ),
         ]  # fmt: skip
         if d is not None and d.causes:
             place = np.flatnonzero(np.isin(o.frames, d.frames))
             height = np.full(len(o.frames), np.nan)
-            height[place] = _at(d.node_arc, d.x_after, s) @ side[1]
+            height[place] = _at(d.node_arc, d.x_after, s) @ up
             traces.append(
                 line(
-                    along[shown], height[shown], f"{name}, with what was left out", colour,
+                    along[shown], height[shown], f"{name}, with the cause", colour,
                     line={"dash": "dot", "width": 1.5}, showlegend=False,
                 )
             )  # fmt: skip
     rms = np.sqrt(np.nanmean(np.square(off)))
-    better = " Dotted: with what was left out." if d is not None and d.causes else ""
+    better = " Dotted: with the cause." if d is not None and d.causes else ""
     return Figure(
         "Height of some markers, recorded and simulated",
         traces,

@@ -1,4 +1,4 @@
-"""The answer in three sentences, the numbers it rests on, and what to keep in mind."""
+"""What to keep in mind with the answer."""
 
 from __future__ import annotations
 
@@ -6,65 +6,23 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.artifacts import FittedModel, Observations
-from ropefit.reporting.answer import answer, rms
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.html import bullets, facts, paragraph
+from ropefit.reporting.html import bullets
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.equilibrium import metres_or_less
 from ropefit.reporting.words import millimetres, plural
 
-VERDICTS = {"none": "nothing", "unknown": "something unknown"}
 
+class NotesSection(Section):
+    """Assumptions and what did not arrive."""
 
-class SummarySection(Section):
-    """Three sentences, the numbers they rest on, and what to keep in mind."""
+    title = "Keep in mind"
 
-    title = "Summary"
+    def applies(self, run: RunContents) -> bool:
+        return bool(_caveats(run))
 
     def render(self, run: RunContents) -> Markup:
-        body = Markup('<div class="lead">{}</div>').format(
-            Markup("").join(map(paragraph, answer(run)))
-        )
-        if run.fitted is not None:
-            body += facts(_key_numbers(run, run.fitted), "key")
-        notes = _caveats(run)
-        if notes:
-            body += Markup('<div class="caveats">{}</div>').format(
-                paragraph("Keep in mind") + bullets(notes)
-            )
-        return body
-
-
-def _determined(f: FittedModel) -> tuple[int, int]:
-    """Free parameters that are determined in every group, and all free parameters."""
-    names = {n for g in f.groups.values() for n, p in g.parameters.items() if p.free}
-    good = [
-        all(g.parameters[n].verdict == "determined" for g in f.groups.values() if n in g.parameters)
-        for n in names
-    ]
-    return sum(good), len(good)
-
-
-def _key_numbers(run: RunContents, f: FittedModel) -> dict[str, str]:
-    o, d = run.observations, run.diagnosis
-    solver = "converged" if f.solver_converged else "not converged"
-    if f.balance:
-        solver = f"{int(f.balance.converged.sum())} of {len(o.frames)} in equilibrium"
-    if f.stepped:
-        solver = f"{plural(f.stepped.clips, 'clip')} in motion"
-    unseen = millimetres(f.rms_heldout) if f.rms_heldout is not None else "none held out"
-    numbers = {
-        "Before the fit": millimetres(rms(f.rms_initial)),
-        "After, fitted frames": millimetres(f.rms_fit),
-        "After, unseen frames": unseen,
-        "Noise of a point": millimetres(float(np.median(o.noise))),
-        "Solver": solver,
-        "Determined": "{} of {}".format(*_determined(f)),
-    }
-    if d is not None:
-        causes = ", ".join(c.name.replace("_", " ") for c in d.causes.values())
-        numbers["Left out"] = VERDICTS.get(d.verdict, causes)
-    return numbers
+        return bullets(_caveats(run))
 
 
 def _caveats(run: RunContents) -> list[object]:

@@ -1,0 +1,139 @@
+"""Diagnoses of a simulation that is not the rod of this package: the paper's, or another one's.
+
+The simulation is diagnosed like a recording without noise: which rope it is, and what it does that
+no such rope does (stretch, few nodes, iterations that stop early). The recording is diagnosed as
+usual: what it has is what the simulation lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ropefit.adapters.rope_setup import STATIONS, data_in_space
+from ropefit.adapters.settings import DiagnoseSettings
+from ropefit.artifacts import Model, Observations
+from ropefit.artifacts.diagnosis import Simulation
+from ropefit.diagnosis.rules import Rules
+from ropefit.errors import BadInput, WrongUsage
+from ropefit.fitting import equilibrium
+from ropefit.fitting.diagnosed import at_rest
+from ropefit.fitting.settings import IdentifySettings
+from ropefit.inference.bins import Data, match
+from ropefit.runs.protocol import Context, Progress
+
+NOISE = 1e-4  # of the length: what shapes of another discretisation differ by
+SAME_END, SAME_LENGTH = 0.01, 0.02  # of the length: ends and lengths of one motion
+
+
+def of_weights(
+    o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
+) -> dict[str, Any]:
+    """Diagnose the paper's simulation, as fitted by its weights. Raises like `at_rest`."""
+    shapes = as_markers(o, model.nominal.x)
+    name = f"the fitted {model.nominal.solver} simulation"
+    return _both(o, None, shapes, name, settings, context, rules)
+
+
+def of_simulation(
+    o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
+) -> dict[str, Any]:
+    """Diagnose another simulator's recording of the same motion (`context.external`). Raises
+    BadInput, NotConverged, WrongUsage."""
+    shapes: Observations = context.external["simulation"]
+    if model.nominal.stepped is not None:
+        raise WrongUsage("--simulation compares shapes at rest; identify with --solver equilibrium")
+    _check(o, shapes)
+    fitted = model if model.nominal.balance and model.nominal.search == "least-squares" else None
+    return _both(o, fitted, shapes, shapes.recording, settings, context, rules)
+
+
+def _both(
+    o: Observations, fitted: Model | None, shapes: Observations, name: str,
+    settings: DiagnoseSettings, context: Context, rules: Rules,
+) -> dict[str, Any]:  # fmt: skip
+    """Diagnose the simulated shapes, and the recording."""
+    own = DiagnoseSettings(seed=settings.seed, most_frames=settings.most_frames)
+    part = replace(context, progress=_share(context.progress, 0.0, "simulation"))
+    simulated = at_rest(shapes, _identified(shapes), own, part, rules)
+    part = replace(context, progress=_share(context.progress, 0.5, "recording"))
+    real = at_rest(o, fitted or _identified(o), settings, part, rules)
+    rows = np.searchsorted(o.frames, real["frames"])
+    now, seen = shapes.centreline[rows], data_in_space(o).frames(rows)
+    return real | {
+        "simulation": Simulation(
+            name=name, verdict=simulated["verdict"], effects=simulated["causes"],
+            rope=simulated["rope"], refused=simulated["refused"], x=now, rms=_rms(seen, now),
+            rms_of_rope=simulated["rms_before"], rms_explained=simulated["rms_after"],
+        )
+    }  # fmt: skip
+
+
+def _identified(o: Observations) -> Model:
+    """Return the rope in equilibrium that fits best."""
+    content = equilibrium.compute(o, IdentifySettings(), Context())
+    return Model.model_construct(**content | {"models": content["models"]})
+
+
+def _share(progress: Progress, begin: float, what: str) -> Callable[[float, str], None]:
+    """Return the progress of one half as that of the whole."""
+    return lambda share, text: progress(begin + 0.5 * share, f"{what}: {text}")
+
+
+def as_markers(o: Observations, x: np.ndarray) -> Observations:
+    """Return a recording's frames as a simulation x (F, K, 3) [m] shows them: markers at its nodes,
+    those at the ends left out."""
+    frames, nodes = x.shape[:2]
+    inner = x[:, 1:-1]
+    start = np.arange(frames + 1) * (nodes - 2)
+    return o.model_copy(
+        update={
+            "source": "markers", "points": inner.reshape(-1, 3), "point_start": start,
+            "point_arc": np.tile(o.node_arc[1:-1], frames), "point_before": None,
+            "point_offset": np.zeros(inner.shape[0] * inner.shape[1]), "projected": False,
+            "centreline": x, "noise": np.full(frames, NOISE * o.length),
+            "end_position": _ends_of(o, x), "ends_assumed": False,
+        }
+    )  # fmt: skip
+
+
+def _ends_of(o: Observations, x: np.ndarray) -> np.ndarray:
+    """Return (F, 2, 3) [m] the ends of a simulation where the recording holds them."""
+    held = np.isfinite(o.end_position)
+    return np.where(held, x[:, [0, -1]], np.nan)
+
+
+def _rms(data: Data, x: np.ndarray) -> float:
+    """Return the rms distance [m] of the data's stations from shapes x (F, K, 3)."""
+    s = match(data, x, STATIONS)
+    return float(np.sqrt((s.residual**2).sum(axis=1).mean()))
+
+
+def _check(o: Observations, shapes: Observations) -> None:
+    """Raise BadInput where a simulation is not of the recording's motion."""
+    if len(shapes.frames) != len(o.frames):
+        raise BadInput(
+            f"the simulation has {len(shapes.frames)} frames and the recording {len(o.frames)}; "
+            "simulate every frame of the recording, and no others"
+        )
+    if abs(shapes.length - o.length) > SAME_LENGTH * o.length:
+        raise BadInput(
+            f"the simulated rope is {shapes.length:.3g} m long and the recorded one "
+            f"{o.length:.3g} m; give both the same length"
+        )
+    if shapes.end_kind != o.end_kind:
+        raise BadInput(
+            f"the simulated ends are {', '.join(shapes.end_kind)} and the recorded ones "
+            f"{', '.join(o.end_kind)}; hold both alike"
+        )
+    if len(shapes.node_arc) != len(o.node_arc):
+        raise BadInput("preprocess both with the same --nodes")
+    apart = np.nanmax(np.linalg.norm(shapes.end_position - o.end_position, axis=-1), initial=0.0)
+    if apart > SAME_END * o.length:
+        raise BadInput(
+            f"the ends of simulation and recording lie up to {1e3 * apart:.3g} mm apart; give the "
+            "simulation the recorded motion of the ends"
+        )

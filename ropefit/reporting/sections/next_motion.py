@@ -1,0 +1,89 @@
+"""What to do next: the motion that would tell the remaining explanations apart, drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from ropefit.artifacts import Diagnosis
+from ropefit.reporting.camera import broadside
+from ropefit.reporting.contents import RunContents
+from ropefit.reporting.figures import CAUSE, WITH_CAUSE, Figure, at, path, space
+from ropefit.reporting.html import paragraph, plot
+from ropefit.reporting.sections.base import Section
+from ropefit.reporting.sections.rope import smooth
+from ropefit.reporting.words import listed, millimetres
+
+SEEN = 0.5  # of the noise of a point: a smaller difference is beyond what a recording shows
+UNTOLD = (
+    "The explanations that fit equally well would stay equal under every motion tried: only "
+    "another measurement (a plumb line, a weighing, a wrist force) can decide."
+)
+
+
+class NextMotionSection(Section):
+    """A sentence, and the rope in the motion as both explanations predict it."""
+
+    title = "What to do next"
+
+    def applies(self, run: RunContents) -> bool:
+        return run.diagnosis is not None
+
+    def render(self, run: RunContents) -> Markup:
+        d = run.diagnosis
+        assert d is not None
+        if not d.motion:
+            equal = any(c.equivalent_to for c in d.causes.values())
+            return paragraph(UNTOLD if equal else _nothing(d))
+        told = paragraph(
+            Markup("To tell {} apart, {}.").format(
+                listed(name.replace("_", " ") for name in d.separates), d.motion
+            )
+        )
+        if d.motion_x is None:
+            return told
+        apart = float(np.sqrt(((d.motion_x[0] - d.motion_x[1]) ** 2).sum(-1).mean()))
+        if apart < SEEN * d.noise_white:
+            told = paragraph(
+                f"{UNTOLD} The best motion would make them differ by {millimetres(apart)}, where "
+                f"noise is {millimetres(d.noise_white)}."
+            )
+        return told + plot(_figure(run, d, d.motion_x))
+
+
+def _nothing(d: Diagnosis) -> str:
+    if d.verdict == "unknown":
+        return (
+            "Look at the rope where the picture has its arrows, and record it again: with a motion "
+            "that brings that place into other shapes, and more slowly."
+        )
+    return "No two explanations are left to be told apart, so no further motion is asked for."
+
+
+def _figure(run: RunContents, d: Diagnosis, x: np.ndarray) -> Figure:
+    first, second = (smooth(d.node_arc, shapes) for shapes in x)
+    cloud = np.concatenate([first, second]).reshape(-1, 3)
+    gap = np.full((1, 3), np.nan)
+    names = [name.replace("_", " ") for name in d.separates]
+    traces = []
+    for name, colour, shapes, dash in (
+        (names[0], WITH_CAUSE, first, ""),
+        (names[1], CAUSE, second, "dash"),
+    ):
+        trace = path(name, colour, 2.5) | at(np.concatenate([p for s in shapes for p in (s, gap)]))
+        trace["line"] |= {"dash": dash} if dash else {}
+        traces.append(trace)
+    ways = [path("way of the ends", "ink", 1.5) | at(_ways(first))]
+    eye, up = broadside(run.observations, cloud)
+    return Figure(
+        "The motion that separates the explanations best",
+        [*traces, *ways],
+        space(cloud.min(axis=0), cloud.max(axis=0), eye, up),
+        f"{len(first)} poses of the motion: {d.motion.split(':')[0]}.",
+        height=320,
+    )
+
+
+def _ways(x: np.ndarray) -> np.ndarray:
+    """(P, 3) the ways that both ends go."""
+    return np.concatenate([x[:, 0], np.full((1, 3), np.nan), x[:, -1]])

@@ -1,0 +1,210 @@
+"""The rope as recorded and as simulated, with what is missing drawn where it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ropefit.artifacts import Diagnosis, Observations
+from ropefit.reporting.answer import under_it
+from ropefit.reporting.camera import broadside, upwards
+from ropefit.reporting.compared import MOST_FRAMES, Compared, compared
+from ropefit.reporting.contents import RunContents
+from ropefit.reporting.figures import (
+    CAUSE,
+    NOMINAL,
+    RECORDED,
+    WITH_CAUSE,
+    Figure,
+    at,
+    dots,
+    evenly,
+    path,
+    space,
+    thinned,
+)
+from ropefit.reporting.glyphs import (
+    Place,
+    arrow,
+    band,
+    band_width,
+    drawn_of,
+    is_stretch,
+    label_of,
+    strokes,
+)
+from ropefit.reporting.html import paragraph, sequence
+from ropefit.reporting.sections.base import Section
+from ropefit.reporting.words import number
+
+MOST_DOTS = 160  # of one frame
+SMOOTH = 6  # points drawn for each of a rope's segments
+FEW = 60  # points a frame: drawn larger than a cloud
+LONGEST = 0.15  # of the rope's length: the longest arrow of force
+VISIBLE = 0.04  # of the rope's length that the models should differ by to be told apart by eye
+FACTORS = (2, 5, 10, 20, 50, 100)
+
+
+class RopeSection(Section):
+    """One large picture: recorded, nominal, with the cause; a slider over the frames."""
+
+    title = ""
+
+    def render(self, run: RunContents) -> Markup:
+        o, c = run.observations, compared(run)
+        shown = evenly(len(o.frames), MOST_FRAMES) if c is None else c.at
+        body = Markup('<div class="lead">{}</div>').format(
+            Markup("").join(map(paragraph, under_it(run)))
+        )
+        labels = [_label(run, t) for t in shown]
+        start = 0 if c is None else c.worst
+        return body + sequence([_picture(run, shown, c)], labels, start, main=True)
+
+
+def smooth(arc: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(N, P, 3) a smooth curve through nodes x (N, K, 3) at arc (K,)."""
+    from scipy.interpolate import CubicSpline
+
+    spline: Any = CubicSpline(arc, x, axis=1)
+    return spline(finer(arc))
+
+
+def finer(arc: np.ndarray) -> np.ndarray:
+    """(P,) the arc lengths at which a smooth rope is drawn."""
+    return np.linspace(arc[0], arc[-1], SMOOTH * (len(arc) - 1) + 1)
+
+
+def _label(run: RunContents, t: int) -> str:
+    o, f = run.observations, run.fitted
+    text = f"Frame {o.frames[t]}, {o.time[t]:.2f} s"
+    return text + (", held out" if f is not None and f.heldout[t] else "")
+
+
+def _dots(start: np.ndarray, t: int) -> np.ndarray:
+    """Rows of frame t, at most MOST_DOTS."""
+    count = int(start[t + 1] - start[t])
+    return start[t] + evenly(count, MOST_DOTS) if count else np.empty(0, dtype=int)
+
+
+def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
+    o, d = run.observations, run.diagnosis
+    recorded = [o.points[_dots(o.point_start, t)] for t in shown]
+    size = 9.0 if len(o.points) < FEW * len(o.frames) else 4.0
+    traces, frames = [dots("recorded", RECORDED, size)], [recorded]
+    everything = [o.points, o.end_position[shown].reshape(-1, 3)]
+    enlarged, told = None, "Drag to turn it, double-click to turn it back."
+    if c is not None:
+        arc = o.node_arc
+        ropes = [smooth(arc, x) for x in (c.nominal, c.with_cause) if x is not None]
+        # The second is drawn on the first, and thinner: both are seen where they are equal.
+        lines = [path("nominal", NOMINAL, 4), path("with the cause", WITH_CAUSE, 2)]
+        for trace, x in zip(lines, ropes, strict=False):
+            traces.append(trace)
+            frames.append(list(x))
+            everything.append(x.reshape(-1, 3))
+        if len(ropes) > 1:
+            enlarged = (1, 2, _factor(ropes[0] - ropes[1], float(arc[-1])))
+        eye, up = broadside(o, np.concatenate(everything))
+        more, also = _missing(d, o, finer(arc), ropes[-1], np.cross(up, eye))
+        for trace, steps in more:
+            traces.append(trace)
+            frames.append(steps)
+        everything += also
+        told = _told(c, d, o) + told
+    else:
+        eye, up = broadside(o, o.points)
+    traces.append(dots("ends", "ink", 9, symbol="diamond"))
+    frames.append([o.end_position[t] for t in shown])
+    cloud = np.concatenate(everything)
+    return Figure(
+        "The rope as recorded and as simulated, with what is missing",
+        traces,
+        space(np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0), eye, up),
+        told + thinned(len(o.frames), len(shown)),
+        height=540,
+        steps=[[at(frame[t]) for frame in frames] for t in range(len(shown))],
+        enlarged=enlarged,
+    )
+
+
+def _factor(gap: np.ndarray, length: float) -> int:
+    """How many times the models' difference is drawn to be seen."""
+    largest = float(np.linalg.norm(gap, axis=-1).max())
+    return next((k for k in FACTORS if k * largest >= VISIBLE * length), FACTORS[-1])
+
+
+def _told(c: Compared, d: Diagnosis | None, o: Observations) -> str:
+    """What the picture shows, as far as that is not plain."""
+    told = f"Frame {o.frames[c.at[c.worst]]} is where the nominal model is farthest off. "
+    if d is None:
+        return told
+    if d.causes:
+        told += "Drawn in purple: what is missing"
+        if any("arc_length" in k.value_names for k in d.causes.values()):
+            told += "; the broad line is its 95 % interval along the rope"
+        told += ". "
+    if _forced(d):
+        told += (
+            f"Arrows: the force per length that would explain what is left, at most "
+            f"{number(float(np.linalg.norm(d.force, axis=-1).max()))} N/m; drawn where it is "
+            "beyond its standard error. "
+        )
+    return told
+
+
+def _forced(d: Diagnosis | None) -> bool:
+    """Whether the latent force is more than chance."""
+    return d is not None and d.verdict != "none" and d.force_evidence > d.force_threshold
+
+
+Traces = list[tuple[dict[str, Any], list[np.ndarray]]]
+
+
+def _missing(
+    d: Diagnosis | None, o: Observations, arc: np.ndarray, x: np.ndarray, side: np.ndarray
+) -> tuple[Traces, list[np.ndarray]]:
+    """Traces of causes and of a latent force on ropes x (N, P, 3), and points they reach."""
+    out: Traces = []
+    reach: list[np.ndarray] = []
+    if d is None:
+        return out, reach
+    ends = o.end_position.reshape(-1, 3)
+    ends = ends[np.isfinite(ends).all(axis=1)]
+    middle = ends.mean(axis=0) if len(ends) else x.reshape(-1, 3).mean(axis=0)
+    up = upwards(o)
+    for cause in d.causes.values():
+        drawn = drawn_of(cause, o.gravity)
+        stretch = cause.arc_length or (0.0, float(arc[-1]))
+        places = [Place(rope, arc, stretch, cause.end, middle, up, side) for rope in x]
+        lines, labels = zip(*(strokes(drawn, place) for place in places), strict=True)
+        name, text = cause.name.replace("_", " "), label_of(cause, drawn)
+        bands = [band(place) for place in places]
+        out.append((path("", CAUSE, band_width(drawn)) | _translucent(CAUSE, drawn), bands))
+        out.append((path(name, CAUSE, 2.5), list(lines)))
+        out.append((path("", CAUSE, 2) | {"mode": "text", "text": [text]}, list(labels)))
+        reach += [np.concatenate(lines), np.stack(labels)]
+    if _forced(d):
+        frame = Place(x[0], arc, (0.0, 0.0), None, middle, up, side)
+        arrows = [_forces(d, t, arc, x[t], frame) for t in range(len(x))]
+        out.append((path("force that would explain what is left", CAUSE, 2.5), arrows))
+        reach += arrows
+    return out, reach
+
+
+def _translucent(colour: str, drawn: Any) -> dict[str, Any]:
+    opacity = 0.55 if is_stretch(drawn) else 0.4
+    return {"line": {"color": colour, "width": band_width(drawn), "opacity": opacity}}
+
+
+def _forces(d: Diagnosis, t: int, arc: np.ndarray, x: np.ndarray, frame: Place) -> np.ndarray:
+    size = np.linalg.norm(d.force, axis=-1)
+    scale = LONGEST * float(arc[-1]) / max(float(size.max()), 1e-300)
+    sure = size[t] > np.linalg.norm(d.force_sd[t], axis=-1)
+    gap = np.full((1, 3), np.nan)
+    parts = [gap]
+    for s, force in zip(d.force_arc[sure], d.force[t][sure], strict=True):
+        foot = np.array([np.interp(s, arc, axis) for axis in x.T])
+        parts += [arrow(foot, scale * force, frame), gap]
+    return np.concatenate(parts)
