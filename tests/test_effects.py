@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from ropefit.effects import CATALOGUE, Effect, Obstacle, StiffSection, SupportPlane, Tether
 from ropefit.effects.place import horizontal
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium import Forward
 from ropefit.models.equilibrium_rope import EquilibriumRope
+from ropefit.models.terms import Term
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium.branches import wound
 from ropefit.solvers.equilibrium.conditions import Conditions

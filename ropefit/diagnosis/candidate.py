@@ -9,11 +9,9 @@ import numpy as np
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection
-from ropefit.inference.bins import Data
 from ropefit.inference.known import settled
 from ropefit.inference.least_squares import Fit, attempted, sensitivity
-from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.terms import Term
 
 SIZE_PRIOR_SD = 3.0  # usual sizes
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
@@ -74,19 +72,17 @@ class Candidate:
         return next(part for term, part in parts if term is self.term)
 
 
-def fit_candidate(
-    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, data: Data, noise: Noise, bins: int
-) -> Candidate | None:
+def fit_candidate(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Candidate | None:
     """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle."""
     setup = smaller.forward.base
     limits = hypothesis.term(setup, start)
     for share in START_SHARES if hypothesis.effect.linear else (1.0,):
         at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
         term = hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
-        forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
+        forward = smaller.forward.with_terms([*smaller.forward.terms, term], smaller.point.solution)
         begin = np.concatenate([_revived(smaller), np.zeros(term.size)])
         first = settled(forward, begin)
-        if first.solution.converged.all():
+        if first.converged.all():
             break
     else:
         return None
@@ -96,23 +92,23 @@ def fit_candidate(
     if slow and np.allclose(first.seen, smaller.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there is no gradient
     most = SLOW_EVALUATIONS if slow else EVALUATIONS
-    fitted = attempted(forward, data, noise, bins, begin, most, tolerance=1e-5)
+    fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5)
     if slow and fitted is not None and fitted.cost < smaller.cost:
-        fitted = _continued(smaller.cost, fitted, data, noise, bins)
-    if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.solution.converged.all():
+        fitted = _continued(smaller.cost, fitted)
+    if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.converged.all():
         return None
     if len(fitted.z) != len(smaller.z):  # a frame did not settle at the start: no comparison
         return None
     return compared(hypothesis, term, smaller, fitted)
 
 
-def _continued(before: float, fitted: Fit, data: Data, noise: Noise, bins: int) -> Fit:
+def _continued(before: float, fitted: Fit) -> Fit:
     """Continue a slow fit as long as it gains: contact comes and goes, and gains soon shrink."""
     for _ in range(SLOW_ROUNDS):
         if fitted.converged:
             break
         again = attempted(
-            fitted.forward, data, noise, bins, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4
+            fitted.forward, fitted.problem, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4
         )
         least = max(SLOW_COST, SLOW_SHARE * (before - fitted.cost))
         if again is None or again.cost > fitted.cost - least:

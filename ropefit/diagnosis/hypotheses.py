@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from ropefit.effects import Effect
-from ropefit.models.equilibrium import Term
+from ropefit.models.terms import Term
 from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 
@@ -97,5 +97,6 @@ def effects_of(setup: Setup, names: tuple[str, ...] | None = None) -> Iterator[E
     for kind in concrete(Effect, "ropefit.effects"):
         for end in (0, 1) if kind.locus == "end" else (0,):
             effect = kind(end)  # pyright: ignore[reportAbstractUsage]
-            if (names is None or effect.name in names) and effect.applies(setup):
+            possible = setup.damping is None or effect.in_motion
+            if possible and (names is None or effect.name in names) and effect.applies(setup):
                 yield effect

@@ -120,6 +120,8 @@ class Effect(ABC):
     scanned: ClassVar[bool] = True
     # Its response depends on the frames before even at zero size: the derivative follows the path.
     path_dependent: ClassVar[bool] = False
+    # It can be simulated in motion: no potential, no memory, nothing that needs a rope at rest.
+    in_motion: ClassVar[bool] = True
     # Fits are slow (contact comes and goes): after all others, and only while they gain.
     slow: ClassVar[bool] = False
     # What is held out to test it: blocks of frames, or stretches of rope where it acts in so few

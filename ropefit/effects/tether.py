@@ -24,6 +24,7 @@ class Tether(Effect):
 
     name = "tether"
     locus = "point"
+    in_motion = False
     quantities = (
         Quantity("stiffness", "N/m", 0.1, lower=0.0, by_weight=1.0, by_length=-1.0),
         *(Quantity(f"pull_{axis}", "N", 0.03, by_weight=1.0) for axis in "xyz"),

@@ -36,6 +36,7 @@ class UnderConverged(Effect):
 
     name = "under_converged"
     kind = "solver"
+    in_motion = False
     quantities = (
         Quantity("amount", "1", 0.1, 0.0, 1.0),
         Quantity("drop", "m", 0.003, 0.0, by_length=1.0),

@@ -1,22 +1,15 @@
-"""From parameters to what would be seen, and its derivatives.
-
-Terms act on a setup, then the rod settles. A term is anything that changes a `Setup` by a few
-values: a rope parameter, a calibration error, an effect. Values are searched in units of the term's
-own scale, so that a step of one is a fair step.
-"""
+"""The rope at rest: every frame in equilibrium, with the exact derivatives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from ropefit.effects.base import Effect
 from ropefit.models.history import WalkedPoint, walk
-from ropefit.models.response import Change, Point
+from ropefit.models.model import Model
+from ropefit.models.response import Point
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.runs.arrays import as_arrays, from_arrays
@@ -29,71 +22,14 @@ from ropefit.solvers.equilibrium.solve import solve
 
 DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
 
-Apply = Callable[[Setup, Tensor], Setup]
-
-
-@dataclass(frozen=True)
-class Term:
-    """A part of a model: `apply` takes values in SI; a value is scale * (search variable).
-
-    start, lower, upper (n,) in SI; prior (n,) one-sigma in SI, inf for none; log: the search
-    variable is the logarithm of the value over its start. effect: that the term stands for, if any.
-    """
-
-    name: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    apply: Apply
-    start: np.ndarray
-    scale: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    prior: np.ndarray
-    log: bool = False
-    nuisance: bool = False
-    effect: Effect | None = None
-
-    @property
-    def size(self) -> int:
-        return len(self.names)
-
-    def value(self, u: np.ndarray) -> np.ndarray:
-        """(n,) in SI from search variables (n,)."""
-        return self.start * np.exp(u) if self.log else self.start + self.scale * u
-
-    def search(self, value: np.ndarray) -> np.ndarray:
-        """(n,) search variables of values in SI."""
-        return np.log(value / self.start) if self.log else (value - self.start) / self.scale
-
-    def slope(self, u: np.ndarray) -> np.ndarray:
-        """(n,) derivative of the values in the search variables."""
-        return self.value(u) if self.log else self.scale
-
-    def interval(
-        self, u: np.ndarray, covariance: np.ndarray, width: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(n,), (n,) values `width` standard deviations to either side, within the bounds;
-        covariance (n, n) of the search variables."""
-        half = width * np.sqrt(np.maximum(np.diag(covariance), 0))
-        least, most = self.search(self.lower), self.search(self.upper)
-        low, high = np.clip(u - half, least, most), np.clip(u + half, least, most)
-        return self.value(low), self.value(high)
-
 
 @dataclass
-class Forward:
-    """A base setup and the terms that act on it, in order. Remembers its last states, and those of
-    the frames in between that a rope with memory has been through."""
+class Forward(Model):
+    """Frames at rest. Remembers its last states, and those of the frames in between that a rope
+    with memory has been through."""
 
-    base: Setup
-    terms: list[Term]
-    last: States | None = field(default=None, repr=False)
     path: States | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
-
-    @property
-    def size(self) -> int:
-        return sum(term.size for term in self.terms)
 
     def starting_from(self, states: States) -> Forward:
         """Return the same model, which goes on from other states of its frames."""
@@ -101,37 +37,12 @@ class Forward:
         out.path, out.reached = self.path, self.reached
         return out
 
-    def split(self, u: np.ndarray) -> list[np.ndarray]:
-        """Search variables term by term."""
-        last = np.cumsum([term.size for term in self.terms], dtype=int)
-        return [u[end - t.size : end] for t, end in zip(self.terms, last, strict=True)]
-
-    def start(self) -> np.ndarray:
-        return np.zeros(self.size)
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """(P,), (P,) in search variables."""
-        low = np.concatenate([t.search(t.lower) for t in self.terms] or [np.empty(0)])
-        high = np.concatenate([t.search(t.upper) for t in self.terms] or [np.empty(0)])
-        return low, high
-
-    def prior(self) -> np.ndarray:
-        """(P,) one-sigma in search variables; inf for none."""
-        return np.concatenate([t.prior / t.scale for t in self.terms] or [np.empty(0)])
-
-    def setup(self, values: list[Tensor]) -> Setup:
-        setup = self.base
-        for term, value in zip(self.terms, values, strict=True):
-            setup = _applied(setup, term, value)
-        return setup
-
-    def setup_at(self, u: np.ndarray) -> Setup:
-        """The setup at search variables u (P,)."""
-        parts = zip(self.terms, self.split(u), strict=True)
-        return self.setup([torch.from_numpy(term.value(part)) for term, part in parts])
+    def folds(self, frames: int, count: int) -> np.ndarray:
+        """Return neighbouring frames in one fold."""
+        return np.arange(frames) * count // frames
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
-        """What holds the ends at search variables u (P,)."""
+        """Return what holds the ends at search variables u (P,)."""
         setup = self.setup_at(u)
         return Conditions(setup.ends, setup.clamp)
 
@@ -184,30 +95,6 @@ class Forward:
             self.last = from_arrays(States, "last.", arrays)
         return point
 
-    def jacobian(self, point: Point) -> np.ndarray:
-        """(P, F, K, 3) derivative of `seen` in the search variables."""
-        return point.respond(self.changes(point.u))
-
-    def changes(self, u: np.ndarray) -> list[Change]:
-        """One for each search variable, at u (P,)."""
-        changes, setup, parts = [], self.base, self.split(u)
-        for number, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
-            for k in range(term.size):
-                changes.append(self._change(setup, parts, number, k))
-            setup = _applied(setup, term, torch.from_numpy(term.value(part)))
-        return changes
-
-    def _change(self, before: Setup, parts: list[np.ndarray], number: int, k: int) -> Change:
-        """One term's k-th value changes; before: the setup on which that term acts."""
-
-        def changed(step: float) -> Setup:
-            setup = _moved(before, self.terms[number], parts[number], k, step)
-            for term, part in zip(self.terms[number + 1 :], parts[number + 1 :], strict=True):
-                setup = _applied(setup, term, torch.from_numpy(term.value(part)))
-            return setup
-
-        return changed
-
 
 def _rod_of(setup: Setup) -> Rod:
     """The rod, or one for each frame where loads differ."""
@@ -232,16 +119,3 @@ def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
         if retry.any():  # from the catenaries
             solution.put(retry, solve(rod, conditions), retry)
     return solution
-
-
-def _applied(setup: Setup, term: Term, value: Tensor) -> Setup:
-    return setup.after(lambda s: term.apply(s, value))
-
-
-def _moved(setup: Setup, term: Term, u: np.ndarray, k: int, step: float) -> Setup:
-    return _applied(setup, term, torch.from_numpy(term.value(u + step * np.eye(term.size)[k])))
-
-
-def change_by(setup: Setup, term: Term, k: int) -> Change:
-    """A further term's k-th value on top of a setup, from the term's start."""
-    return lambda step: _moved(setup, term, np.zeros(term.size), k, step)
