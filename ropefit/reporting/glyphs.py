@@ -66,7 +66,10 @@ def drawn_of(cause: Cause, gravity: np.ndarray) -> Drawn:
 
 def label_of(cause: Cause, drawn: Drawn) -> str:
     """The text beside a symbol."""
-    return drawn.label or readable(next(iter(cause.parameters.values())))
+    size = readable(next(iter(cause.parameters.values())))
+    if drawn.symbol == "stretch":  # which tells nothing of what it is
+        size = f"{cause.name.replace('_', ' ')} {size}"
+    return drawn.label or size
 
 
 def band(place: Place) -> np.ndarray:
