@@ -350,7 +350,7 @@ def folded(page):
 
 
 def headline(page):
-    return re.search(r"<h1>(.*?)</h1>", page, re.S)[1]
+    return re.findall(r"<h1>(.*?)</h1>", page, re.S)[0]
 
 
 def without_scripts(page):

@@ -78,7 +78,7 @@ def test_the_command_line_goes_on_with_what_python_made(ropefit, tmp_path):
     assert back.model is not None
     np.testing.assert_array_equal(back.model.nominal.x, model.nominal.x)
     assert back.diagnosis is None
-    assert "<h2>Summary</h2>" in api.report(seen, model)
+    assert "<h2>Parameters</h2>" in api.report(seen, model)
     rope = api.Rope.of(seen, model)
     x = rope(torch.tensor(seen.end_position), torch.tensor(seen.end_orientation)).numpy()
     every = (x.shape[1] - 1) // (len(seen.node_arc) - 1)

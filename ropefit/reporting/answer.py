@@ -179,13 +179,8 @@ def _unfinished(o: Observations, f: FittedModel) -> str:
 
 
 def _not_looked_into(f: FittedModel) -> str:
-    if f.stepped is not None:
-        return (
-            "Whether something is missing was not looked into: ropefit diagnose does that for a "
-            "rope at rest (ropefit identify --solver equilibrium)."
-        )
-    if f.balance is None:
-        return "Whether something is missing is not known: that needs the equilibrium model."
+    if f.balance is None and f.stepped is None:
+        return "Whether something is missing is not known: that needs a physical model."
     return "Whether something is missing was not looked into: run ropefit diagnose."
 
 

@@ -15,7 +15,7 @@ from ropefit.reporting.camera import upwards
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import evenly
 
-MOST_FRAMES = 60  # of a run without a diagnosis, which compares all of them
+MOST_FRAMES = 60  # of the picture, and of a run without a diagnosis, which compares all of them
 ABOVE = 0.7  # cosine from which a direction is called upwards
 
 
@@ -39,6 +39,11 @@ class Compared:
         """The frame in which the nominal model is farthest off."""
         total = np.nansum(self.before**2, axis=1) / np.maximum(np.isfinite(self.before).sum(1), 1)
         return int(np.argmax(total))
+
+    @property
+    def shown(self) -> np.ndarray:
+        """Which of the frames the picture shows."""
+        return np.union1d(evenly(len(self.at), MOST_FRAMES), [self.worst])
 
     @property
     def sides(self) -> tuple[str, str]:

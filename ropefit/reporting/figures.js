@@ -154,7 +154,9 @@ const Figures = (() => {
     for (const [u, text] of x.ticks) back += `<path class="grid" d="M${u},${top}V${top + high}"/><text x="${u}" y="${top + high + 16}" text-anchor="middle">${raised(text)}</text>`;
     for (const [v, text] of y.ticks) back += `<path class="grid" d="M${left},${v}H${left + wide}"/><text x="${left - 7}" y="${v + 4}" text-anchor="end">${raised(String(text).replace(/_/g, " "))}</text>`;
     for (const s of figure.layout.shapes || []) {
-      const [u0, u1] = s.x.map(x.place), [v0, v1] = s.y ? s.y.map(y.place) : [top + high, top];
+      const within = (low, most) => (p) => Math.min(Math.max(p, low), most);
+      const [u0, u1] = s.x.map(x.place).map(within(left, left + wide));
+      const [v0, v1] = s.y ? s.y.map(y.place).map(within(top, top + high)) : [top + high, top];
       const rect = `x="${u0}" y="${v1}" width="${u1 - u0}" height="${v0 - v1}"`;
       if (s.fill) back += `<rect ${rect} style="fill:${colour(s.fill)}" opacity="0.16"/>`;
       else front += `<rect class="box" ${rect}/>`;

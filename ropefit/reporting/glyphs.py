@@ -21,7 +21,6 @@ UNIT = 0.06  # of the rope's length: how large a symbol is
 ARROWS = 7  # along a stretch
 GRID = 6  # lines each way, of a plane
 TURN = np.linspace(0, 2 * np.pi, 33)
-BAND = (3.0, 10.0, 20.0)  # px: how wide the stretch is drawn, least, usual, most
 WHOLE = 0.9  # of the rope: a stretch as long is not marked
 
 
@@ -67,18 +66,10 @@ def drawn_of(cause: Cause, gravity: np.ndarray) -> Drawn:
 
 def label_of(cause: Cause, drawn: Drawn) -> str:
     """The text beside a symbol."""
-    return drawn.label or readable(next(iter(cause.parameters.values())))
-
-
-def band_width(drawn: Drawn) -> float:
-    """How wide [px] the stretch is drawn: thicker where the rope is stiffer."""
-    least, usual, most = BAND
-    return float(np.clip(usual * drawn.size**0.5, least, most)) if is_stretch(drawn) else usual
-
-
-def is_stretch(drawn: Drawn) -> bool:
-    """Whether the stretch itself is the symbol."""
-    return drawn.symbol == "stretch"
+    size = readable(next(iter(cause.parameters.values())))
+    if drawn.symbol == "stretch":  # which tells nothing of what it is
+        size = f"{cause.name.replace('_', ' ')} {size}"
+    return drawn.label or size
 
 
 def band(place: Place) -> np.ndarray:

@@ -10,6 +10,7 @@ from ropefit.reporting.camera import broadside
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import CAUSE, WITH_CAUSE, Figure, at, path, space
 from ropefit.reporting.html import paragraph, plot
+from ropefit.reporting.missing import forced
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.rope import smooth
 from ropefit.reporting.words import listed, millimetres
@@ -53,9 +54,10 @@ class NextMotionSection(Section):
 
 def _nothing(d: Diagnosis) -> str:
     if d.verdict == "unknown":
+        where = "the picture has its arrows" if forced(d) else "the map has its boxes"
         return (
-            "Look at the rope where the picture has its arrows, and record it again: with a motion "
-            "that brings that place into other shapes, and more slowly."
+            f"Look at the rope where {where}, and record it again with a motion that brings that "
+            "place into other shapes."
         )
     return "No two explanations are left to be told apart, so no further motion is asked for."
 

@@ -9,11 +9,10 @@ from markupsafe import Markup
 
 from ropefit.artifacts import Diagnosis, Observations
 from ropefit.reporting.answer import under_it
-from ropefit.reporting.camera import broadside, upwards
+from ropefit.reporting.camera import broadside
 from ropefit.reporting.compared import MOST_FRAMES, Compared, compared
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
-    CAUSE,
     NOMINAL,
     RECORDED,
     WITH_CAUSE,
@@ -25,24 +24,14 @@ from ropefit.reporting.figures import (
     space,
     thinned,
 )
-from ropefit.reporting.glyphs import (
-    Place,
-    arrow,
-    band,
-    band_width,
-    drawn_of,
-    is_stretch,
-    label_of,
-    strokes,
-)
 from ropefit.reporting.html import paragraph, sequence
+from ropefit.reporting.missing import forced, missing
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.words import number
 
 MOST_DOTS = 160  # of one frame
 SMOOTH = 6  # points drawn for each of a rope's segments
 FEW = 60  # points a frame: drawn larger than a cloud
-LONGEST = 0.15  # of the rope's length: the longest arrow of force
 VISIBLE = 0.04  # of the rope's length that the models should differ by to be told apart by eye
 FACTORS = (2, 5, 10, 20, 50, 100)
 
@@ -54,12 +43,12 @@ class RopeSection(Section):
 
     def render(self, run: RunContents) -> Markup:
         o, c = run.observations, compared(run)
-        shown = evenly(len(o.frames), MOST_FRAMES) if c is None else c.at
+        shown = evenly(len(o.frames), MOST_FRAMES) if c is None else c.at[c.shown]
         body = Markup('<div class="lead">{}</div>').format(
             Markup("").join(map(paragraph, under_it(run)))
         )
         labels = [_label(run, t) for t in shown]
-        start = 0 if c is None else c.worst
+        start = 0 if c is None else int(np.searchsorted(c.shown, c.worst))
         return body + sequence([_picture(run, shown, c)], labels, start, main=True)
 
 
@@ -97,7 +86,7 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
     enlarged, told = None, "Drag to turn it, double-click to turn it back."
     if c is not None:
         arc = o.node_arc
-        ropes = [smooth(arc, x) for x in (c.nominal, c.with_cause) if x is not None]
+        ropes = [smooth(arc, x[c.shown]) for x in (c.nominal, c.with_cause) if x is not None]
         # The second is drawn on the first, and thinner: both are seen where they are equal.
         lines = [path("nominal", NOMINAL, 4), path("with the cause", WITH_CAUSE, 2)]
         for trace, x in zip(lines, ropes, strict=False):
@@ -107,11 +96,12 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
         if len(ropes) > 1:
             enlarged = (1, 2, _factor(ropes[0] - ropes[1], float(arc[-1])))
         eye, up = broadside(o, np.concatenate(everything))
-        more, also = _missing(d, o, finer(arc), ropes[-1], np.cross(up, eye))
-        for trace, steps in more:
-            traces.append(trace)
-            frames.append(steps)
-        everything += also
+        if d is not None:
+            more = missing(d, o, c.shown, finer(arc), ropes[-1], np.cross(up, eye))
+            for trace, steps in more:
+                traces.append(trace)
+                frames.append(steps)
+                everything += steps
         told = _told(c, d, o) + told
     else:
         eye, up = broadside(o, o.points)
@@ -145,66 +135,10 @@ def _told(c: Compared, d: Diagnosis | None, o: Observations) -> str:
         if any("arc_length" in k.value_names for k in d.causes.values()):
             told += "; the broad line is its 95 % interval along the rope"
         told += ". "
-    if _forced(d):
+    if forced(d):
         told += (
             f"Arrows: the force per length that would explain what is left, at most "
             f"{number(float(np.linalg.norm(d.force, axis=-1).max()))} N/m; drawn where it is "
             "beyond its standard error. "
         )
     return told
-
-
-def _forced(d: Diagnosis | None) -> bool:
-    """Whether the latent force is more than chance."""
-    return d is not None and d.verdict != "none" and d.force_evidence > d.force_threshold
-
-
-Traces = list[tuple[dict[str, Any], list[np.ndarray]]]
-
-
-def _missing(
-    d: Diagnosis | None, o: Observations, arc: np.ndarray, x: np.ndarray, side: np.ndarray
-) -> tuple[Traces, list[np.ndarray]]:
-    """Traces of causes and of a latent force on ropes x (N, P, 3), and points they reach."""
-    out: Traces = []
-    reach: list[np.ndarray] = []
-    if d is None:
-        return out, reach
-    ends = o.end_position.reshape(-1, 3)
-    ends = ends[np.isfinite(ends).all(axis=1)]
-    middle = ends.mean(axis=0) if len(ends) else x.reshape(-1, 3).mean(axis=0)
-    up = upwards(o)
-    for cause in d.causes.values():
-        drawn = drawn_of(cause, o.gravity)
-        stretch = cause.arc_length or (0.0, float(arc[-1]))
-        places = [Place(rope, arc, stretch, cause.end, middle, up, side) for rope in x]
-        lines, labels = zip(*(strokes(drawn, place) for place in places), strict=True)
-        name, text = cause.name.replace("_", " "), label_of(cause, drawn)
-        bands = [band(place) for place in places]
-        out.append((path("", CAUSE, band_width(drawn)) | _translucent(CAUSE, drawn), bands))
-        out.append((path(name, CAUSE, 2.5), list(lines)))
-        out.append((path("", CAUSE, 2) | {"mode": "text", "text": [text]}, list(labels)))
-        reach += [np.concatenate(lines), np.stack(labels)]
-    if _forced(d):
-        frame = Place(x[0], arc, (0.0, 0.0), None, middle, up, side)
-        arrows = [_forces(d, t, arc, x[t], frame) for t in range(len(x))]
-        out.append((path("force that would explain what is left", CAUSE, 2.5), arrows))
-        reach += arrows
-    return out, reach
-
-
-def _translucent(colour: str, drawn: Any) -> dict[str, Any]:
-    opacity = 0.55 if is_stretch(drawn) else 0.4
-    return {"line": {"color": colour, "width": band_width(drawn), "opacity": opacity}}
-
-
-def _forces(d: Diagnosis, t: int, arc: np.ndarray, x: np.ndarray, frame: Place) -> np.ndarray:
-    size = np.linalg.norm(d.force, axis=-1)
-    scale = LONGEST * float(arc[-1]) / max(float(size.max()), 1e-300)
-    sure = size[t] > np.linalg.norm(d.force_sd[t], axis=-1)
-    gap = np.full((1, 3), np.nan)
-    parts = [gap]
-    for s, force in zip(d.force_arc[sure], d.force[t][sure], strict=True):
-        foot = np.array([np.interp(s, arc, axis) for axis in x.T])
-        parts += [arrow(foot, scale * force, frame), gap]
-    return np.concatenate(parts)

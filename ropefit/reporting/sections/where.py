@@ -56,7 +56,7 @@ def _map(
         [cells],
         plane(axis("frame"), axis("arc length s (m)"), shapes=boxes),
         title=(name, colour),
-        columns=list(range(len(frames))),
+        columns=[int(np.argmin(np.abs(c.shown - k))) for k in range(len(frames))],
     )
 
 

@@ -56,7 +56,7 @@ class WhySection(Section):
                 "cannot tell them apart."
             )
         if d.refused:
-            notes += [f"Refused: {text[0].lower()}{text[1:]}." for text in map(_plainly, d.refused)]
+            notes += [f"Refused: {_name(text)}." for text in d.refused]
         notes.append(
             f"Evidence is in nats (natural logarithm of the odds): below {number(d.threshold, 2)} "
             "it may be chance in this recording, from there it is strong, and from 100 times these "
@@ -107,9 +107,3 @@ def _told(row: Row, d: Diagnosis) -> str:
 
 def _name(name: str) -> str:
     return name.replace("_", " ")
-
-
-def _plainly(text: str) -> str:
-    """A refusal with the effect's name as words."""
-    head, colon, rest = text.partition(":")
-    return f"{_name(head)}{colon}{rest}"
