@@ -38,17 +38,32 @@ def hardness(setup: Setup) -> Tensor:
     return HARDNESS * setup.weight.detach()
 
 
-def with_contact(setup: Setup, gap: Callable[[Tensor], Tensor], share: Tensor) -> Setup:
+def with_contact(
+    setup: Setup,
+    gap: Callable[[Tensor], Tensor],
+    share: Tensor,
+    shape: Callable[[Tensor], tuple[Tensor, Tensor]] | None = None,
+) -> Setup:
     """Return the setup with a frictionless body at gap(x (..., 3)) -> (...,) [m], negative inside.
 
-    share (N+1,): how many nodes each node stands for.
+    share (N+1,): how many nodes each node stands for. shape(x): the gap's slope (..., 3), or
+    (3,) everywhere, and its curvature (..., 3, 3) [1/m], or () zero; None: by autograd, slower.
     """
     stiff = hardness(setup)
 
     def energy(x: Tensor) -> Tensor:
         return 0.5 * stiff * torch.clamp(-gap(x), min=0.0) ** 2
 
-    return setup._replace(potentials=(*setup.potentials, Potential(energy, share, stiff)))
+    def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
+        assert shape is not None
+        inside = torch.clamp(gap(x), max=0.0)[..., None]
+        normal, curvature = shape(x)
+        square = (inside < 0)[..., None] * (normal[..., :, None] * normal[..., None, :])
+        return stiff * inside * normal, stiff * (square + inside[..., None] * curvature)
+
+    known = None if shape is None else derivatives
+    body = Potential(energy, share, stiff, derivatives=known)
+    return setup._replace(potentials=(*setup.potentials, body))
 
 
 def touching(segments: int) -> Tensor:

@@ -22,6 +22,7 @@ LIFTED_SHARE = 0.7  # of the greatest lift: stations on the bar
 SMOOTHING = np.full(5, 0.2)  # weights of neighbouring stations in a mean lift
 RADII = (0.03, 0.01)  # m, tried: over a thick bar a rope comes to lie from farther away
 LOWERED = (0.0, 0.001, 0.002, 0.004, 0.006)  # m below the data, tried until the rope settles
+TINY = 1e-16  # m²: keeps the distance from the axis smooth
 EXPORTED_LENGTH = 2.0  # m, of a bar that the model takes as endless
 
 
@@ -42,13 +43,21 @@ class Obstacle(Contact):
         origin = middle_of(setup) + values[:3]
         radius = values[3]
 
-        def gap(x: Tensor) -> Tensor:
-            arm = x - origin
-            across = arm - (arm * axis).sum(-1, keepdim=True) * axis
-            return torch.sqrt((across * across).sum(-1) + 1e-16) - radius
+        plane = torch.eye(3, dtype=torch.float64) - axis[:, None] * axis  # across the bar
+
+        def distance(x: Tensor) -> tuple[Tensor, Tensor]:
+            across = (x - origin) @ plane
+            return across, torch.sqrt((across * across).sum(-1) + TINY)
+
+        def shape(x: Tensor) -> tuple[Tensor, Tensor]:
+            across, far = distance(x)
+            normal = across / far[..., None]
+            square = normal[..., :, None] * normal[..., None, :]
+            return normal, (plane - square) / far[..., None, None]
 
         # A bar touches few nodes: every one of them may be among these.
-        return with_contact(setup, gap, torch.ones(setup.segments + 1, dtype=torch.float64))
+        every = torch.ones(setup.segments + 1, dtype=torch.float64)
+        return with_contact(setup, lambda x: distance(x)[1] - radius, every, shape)
 
     def start_sd(self, setup: Setup) -> np.ndarray:
         """Hold the bar near its start: along itself it could slide freely."""

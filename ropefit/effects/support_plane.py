@@ -45,7 +45,8 @@ class SupportPlane(Contact):
         def gap(x: Tensor) -> Tensor:
             return ((x - origin) * normal).sum(-1)
 
-        return with_contact(setup, gap, touching(setup.segments))
+        flat = torch.zeros((), dtype=torch.float64)
+        return with_contact(setup, gap, touching(setup.segments), lambda x: (normal, flat))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
         """Propose the level of the lowest data, where the fitted rope sinks below it."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -16,7 +17,8 @@ import torch
 from torch import Tensor
 
 from ropefit.models.response import Change, Point
-from ropefit.models.terms import Term, applied, moved
+from ropefit.models.terms import Term, applied, value_at
+from ropefit.models.watched import Done, differing, done
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
 from ropefit.solvers.equilibrium.solution import States
@@ -107,20 +109,34 @@ class Model(ABC):
 
     def changes(self, u: np.ndarray) -> list[Change]:
         """Return the change of the setup by each search variable, at u (P,)."""
-        changes, setup, parts = [], self.base, self.split(u)
-        for number, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
-            for k in range(term.size):
-                changes.append(self._change(setup, parts, number, k))
-            setup = applied(setup, term, torch.from_numpy(term.value(part)))
-        return changes
+        parts = self.split(u)
+        setup, made = self.base._replace(past=None), []
+        for term, part in zip(self.terms, parts, strict=True):
+            value = torch.from_numpy(term.value(part))
+            made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
+            setup = made[-1].after
+        change = self._past_change if setup.remembers else partial(self._change, made)
+        return [
+            partial(change, parts, number, k)
+            for number, term in enumerate(self.terms)
+            for k in range(term.size)
+        ]
 
-    def _change(self, before: Setup, parts: list[np.ndarray], number: int, k: int) -> Change:
-        """One term's k-th value changes; before: the setup on which that term acts."""
+    def _change(
+        self, made: list[Done], parts: list[np.ndarray], number: int, k: int, step: float
+    ) -> Setup:
+        """Return the setup where one term's k-th value has moved by a step; made: by all terms."""
+        term = self.terms[number]
+        before = made[number - 1].after if number else self.base._replace(past=None)
+        setup = term.apply(before, value_at(term, parts[number], k, step))
+        moved = differing(setup, made[number].after)
+        for later in made[number + 1 :]:
+            setup, moved = later.again(setup, moved)
+        return setup
 
-        def changed(step: float) -> Setup:
-            setup = moved(before, self.terms[number], parts[number], k, step)
-            for term, part in zip(self.terms[number + 1 :], parts[number + 1 :], strict=True):
-                setup = applied(setup, term, torch.from_numpy(term.value(part)))
-            return setup
-
-        return changed
+    def _past_change(self, parts: list[np.ndarray], number: int, k: int, step: float) -> Setup:
+        """Return the same of a rope that remembers, with the frames of its past."""
+        setup = self.base
+        for n, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
+            setup = applied(setup, term, value_at(term, part, k, step if n == number else 0.0))
+        return setup

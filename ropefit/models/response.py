@@ -102,15 +102,16 @@ class Slopes:
 
 def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> Slopes:
     """still: the rod's fields' derivatives where nothing that it is built from changes."""
-    a, b = changed(-STEP), changed(STEP)
+    a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
     rod = still
     if not _equal(_built_from(a), _built_from(b)):
         rod = [slope(p, q) for p, q in zip(a.rod(), b.rod(), strict=True)]
     force = None
-    if not _equal(_energies(a, x), _energies(b, x)):
+    if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
         force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
-    return Slopes(rod, force, slope(a.ends, b.ends), clamp, sensor_slope(a, b, x))
+    ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
+    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x))
 
 
 def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
@@ -139,12 +140,12 @@ def _built_from(setup: Setup) -> list[Tensor]:
 
 
 def _equal(first: Iterable[Tensor], second: Iterable[Tensor]) -> bool:
-    return all(torch.equal(p, q) for p, q in zip(first, second, strict=True))
+    return all(p is q or torch.equal(p, q) for p, q in zip(first, second, strict=True))
 
 
 def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
     """(F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes `now`."""
-    if torch.equal(torch.nan_to_num(before), torch.nan_to_num(after)):
+    if before is after or torch.equal(before.nan_to_num(), after.nan_to_num()):
         return np.zeros((*now.shape[:-1], 3))
     turns = (conjugate_product(now, clamp)[..., 1:] for clamp in (before, after))
     return 2 * slope(*turns)

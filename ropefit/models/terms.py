@@ -97,11 +97,12 @@ def applied(setup: Setup, term: Term, value: Tensor) -> Setup:
     return setup.after(lambda s: term.apply(s, value))
 
 
-def moved(setup: Setup, term: Term, u: np.ndarray, k: int, step: float) -> Setup:
-    """Return a setup after a term at search variables u (n,), the k-th one a step further."""
-    return applied(setup, term, torch.from_numpy(term.value(u + step * np.eye(term.size)[k])))
+def value_at(term: Term, u: np.ndarray, k: int, step: float) -> Tensor:
+    """Return a term's values in SI where the k-th of its search variables u (n,) has moved."""
+    return torch.from_numpy(term.value(u + step * (np.arange(term.size) == k)))
 
 
 def change_by(setup: Setup, term: Term, k: int) -> Change:
     """Return the change of a setup by a further term's k-th value, from the term's start."""
-    return lambda step: moved(setup, term, np.zeros(term.size), k, step)
+    start = np.zeros(term.size)
+    return lambda step: applied(setup, term, value_at(term, start, k, step))

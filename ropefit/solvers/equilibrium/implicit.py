@@ -180,7 +180,8 @@ def _one_rope_each(problem: Problem) -> Problem:
 
 
 def _or_zero(given: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
-    """Return a copy of what is given, spread to a shape; zeros where nothing is."""
+    """Return a copy of what is given, spread to a shape; zeros where nothing is. In C order: the
+    solver is compiled anew for every other order."""
     if given is None:
         return np.zeros(shape)
-    return np.array(np.broadcast_to(given, shape), dtype=np.float64)
+    return np.array(np.broadcast_to(given, shape), dtype=np.float64, order="C")

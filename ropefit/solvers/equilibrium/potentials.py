@@ -38,6 +38,13 @@ def force_and_stiffness(
     x = x.detach()
     force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if with_stiffness else 0)
     for p in potentials:
+        if p.derivatives is not None:
+            with torch.no_grad():
+                slope, rows = p.derivatives(x)
+                force -= p.share[:, None] * slope
+                if with_stiffness:
+                    stiffness += p.share[:, None, None] * rows
+            continue
         share = p.share.detach()[:, None].expand_as(x[..., :1])
         if p.cornered:  # friction knows every node's past
             slope, rows = _slopes(p, x, share, with_stiffness)
@@ -137,8 +144,9 @@ def _settle(
     """Replace the potentials by supports until no node moves by more than `still` [m], in every
     frame by itself. A frame that goes astray stays where it began, marked.
 
-    Where the slope of a potential has corners (friction), a step goes as far along as the forces
-    drive it: that of the rod, which is known at both of its ends, and those of the potentials.
+    Frames that touch nothing, before and after they settle without the potentials, are done. Where
+    the slope of a potential has corners (friction), a step goes as far along as the forces drive
+    it: that of the rod, which is known at both of its ends, and those of the potentials.
     """
     x, frames = start.x.copy(), len(start.x)
     far = conditions.far_supports
@@ -148,7 +156,14 @@ def _settle(
     own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
     near = np.full(frames, NEAR * float(rod.length.detach().sum(-1).max()))
     bold, share = np.full(frames, cornered), np.ones(frames)
-    going = np.ones(frames, dtype=bool)
+    going = ~_untouched(potentials, x)
+    if not going.all():
+        mine = np.flatnonzero(~going)
+        alone = solve(rod.frames(mine), conditions.frames(mine), current.frames(mine), limit=LIMIT)
+        done = alone.converged & _untouched(potentials, alone.x)
+        current.put(mine[done], alone, done)
+        x[mine[done]], moved[mine[done]] = alone.x[done], 0.0
+        going[mine[~done]] = True
     for _ in range(CORNERED_ROUNDS if cornered else ROUNDS):
         mine = np.flatnonzero(going)
         if not len(mine):
@@ -191,6 +206,16 @@ def _settle(
     return found
 
 
+def _untouched(potentials: tuple[Potential, ...], x: np.ndarray) -> np.ndarray:
+    """Return (F,) bool: frames whose nodes x (F, K, 3) are outside of everything; none of them
+    where a potential acts everywhere."""
+    out = np.full(len(x), all(p.hardness is not None for p in potentials))
+    if out.any():
+        for p in potentials:
+            out &= ~_acting(p, torch.from_numpy(x)).any(-1).numpy()
+    return out
+
+
 def _replaced(
     rod: Rod,
     conditions: Conditions,
@@ -223,6 +248,8 @@ def _pulling_back(stiffness: Tensor) -> Tensor:
     From afar, a rope would slide off a bar.
     """
     some = (stiffness != 0).any(-1).any(-1)
+    if not some.any():
+        return stiffness
     values, vectors = torch.linalg.eigh(stiffness[some])
     pulling = stiffness.clone()
     pulling[some] = (vectors * values.clamp_min(0.0)[..., None, :]) @ vectors.transpose(-1, -2)
