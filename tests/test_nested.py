@@ -135,4 +135,4 @@ def test_two_heavier_sections_are_two_weights():
     assert [one.candidate.hypothesis.name for one in named] == ["point_mass", "point_mass"]
     assert all("mass_section" in [c.hypothesis.name for c in one.equivalent] for one in named)
     found = [one.candidate.values() for one in named]
-    np.testing.assert_allclose(found, [[0.004, 0.3], [0.003, 0.65]], rtol=0.1)
+    np.testing.assert_allclose(np.array(found), [[0.004, 0.3], [0.003, 0.65]], rtol=0.1)

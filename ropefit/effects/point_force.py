@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -45,10 +46,10 @@ class PointForce(Effect):
         return Exported(beside, note=note)
 
     def sentence(self, values: dict[str, float]) -> str:
-        down, *across = (values[q.name] for q in self.quantities)
+        down, first, second = (values[q.name] for q in self.quantities)
         return (
             f"a steady force acts on the rope at {values['arc_length']:.3f} m, {down:.3g} N "
-            f"downwards and {float(np.hypot(*across)):.3g} N sideways"
+            f"downwards and {math.hypot(first, second):.3g} N sideways"
         )
 
 
