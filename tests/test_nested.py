@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from ropefit.diagnosis.accepted import accept
+from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NARROWEST, NO_PLACE, Hypothesis
 from ropefit.diagnosis.nested import is_special_case
+from ropefit.diagnosis.reassessment import reassessed
 from ropefit.effects import (
     CATALOGUE,
     FreeCurvature,
@@ -116,3 +117,22 @@ def test_edges_lead_on():
     assert lighter is None
     lifting = PointForce.special_cases[0].values(rope(20), np.array([-0.02, 0.0, 0.0, 0.4]))
     assert lifting is None
+
+
+def test_two_heavier_sections_are_two_weights():
+    """Each becomes a weight beside the other."""
+    setup = rope(288)
+    for mass in ([0.004, 0.3], [0.003, 0.65]):
+        setup = PointMass().apply(setup, tensor(mass))
+    nominal = compared(recorded(setup, seed=108))
+    section = Hypothesis(MassSection(), NO_PLACE)
+    first = fit_candidate(nominal, section, np.array([0.004, 0.3, 0.1]))
+    assert first is not None
+    second = fit_candidate(first.fit, section, np.array([0.003, 0.65, 0.1]))
+    assert second is not None
+    sections = [Accepted(one, [], one.evidence, 0.0) for one in (first, second)]
+    _, named = reassessed(second.fit, sections, 6.0, 20)
+    assert [one.candidate.hypothesis.name for one in named] == ["point_mass", "point_mass"]
+    assert all("mass_section" in [c.hypothesis.name for c in one.equivalent] for one in named)
+    found = [one.candidate.values() for one in named]
+    np.testing.assert_allclose(np.array(found), [[0.004, 0.3], [0.003, 0.65]], rtol=0.1)

@@ -210,7 +210,9 @@ def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[s
         spread = float(np.hypot(spread, size * max(q.inexact for q in effect.quantities)))
         out[name] = Size(value=size, unit=unit, ci95=(max(size - t * spread, 0), size + t * spread))
     searched = zip(*candidate.interval(t), strict=True)
-    for q, v, s, ends in zip(effect.quantities, values, sd, searched, strict=False):
+    limits = zip(candidate.term.lower, candidate.term.upper, strict=True)
+    every = zip(effect.quantities, values, sd, searched, limits, strict=False)
+    for q, v, s, ends, (least, most) in every:
         half = t * float(np.hypot(s, q.inexact * v))
         low, high = ends if q.saturates else (v - half, v + half)
         if q.derived:
@@ -219,7 +221,7 @@ def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[s
             out[q.derived.name] = Size(
                 value=of(float(v)), unit=q.derived.unit, ci95=(ends[0], ends[1])
             )
-        bounded = (float(max(low, q.lower)), float(min(high, q.upper)))
+        bounded = (float(max(low, least)), float(min(high, most)))
         out[q.name] = Size(value=float(v), unit=q.unit, ci95=bounded)
     return out
 

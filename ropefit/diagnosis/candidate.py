@@ -108,7 +108,7 @@ def fit_candidate(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Ca
         forward = smaller.forward.with_terms([*smaller.forward.terms, term], smaller.point.solution)
         begin = np.concatenate([_revived(smaller), np.zeros(term.size)])
         first = settled(forward, begin)
-        if first.converged.all():
+        if first.converged.all() and first.setup.possible:
             break
     else:
         return None

@@ -57,13 +57,14 @@ class Hypothesis:
             "arc_length": (0.0, length), "centre": (0.0, length),
             "width": (NARROWEST * length, WIDEST * length),
         }  # fmt: skip
+        lower, upper = self.effect.bounds(setup)
         place, step = self.effect.place_names, PLACE_SCALE * length
         return Term(
             self.name, self.effect.names, (*(q.unit for q in quantities), *("m" for _ in place)),
             self.effect.apply, np.asarray(values, dtype=float),
             np.array([*(q.size(setup) for q in quantities), *(step for _ in place)]),
-            np.array([*(q.lower for q in quantities), *(limits[p][0] for p in place)]),
-            np.array([*(q.upper for q in quantities), *(limits[p][1] for p in place)]),
+            np.array([*lower, *(limits[p][0] for p in place)]),
+            np.array([*upper, *(limits[p][1] for p in place)]),
             self.effect.start_sd(setup), effect=self.effect,
             saturating=np.array([*(q.saturates for q in quantities), *(False for _ in place)]),
         )  # fmt: skip
@@ -73,14 +74,15 @@ class Hypothesis:
         fixed."""
         k, fixed = self.size, torch.tensor(values[self.size :])
         quantities = self.effect.quantities[:k]
+        lower, upper = self.effect.bounds(setup)
 
         def apply(setup: Setup, v: torch.Tensor) -> Setup:
             return self.effect.apply(setup, torch.cat([v, fixed]))
 
         return Term(
             self.name, tuple(q.name for q in quantities), tuple(q.unit for q in quantities), apply,
-            values[:k], self.scales(setup), np.array([q.lower for q in quantities]),
-            np.array([q.upper for q in quantities]), np.full(k, np.inf), effect=self.effect,
+            values[:k], self.scales(setup), np.array(lower[:k]), np.array(upper[:k]),
+            np.full(k, np.inf), effect=self.effect,
             saturating=np.array([q.saturates for q in quantities]),
         )  # fmt: skip
 

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, compared
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.effects import Effect
 from ropefit.effects.base import SpecialCase
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import Fit, attempted
 
 MOST_SIGNIFICANCE = 6.0  # standard errors from zero: beyond, a quantity is there
 
@@ -37,12 +37,28 @@ def with_special_cases(
             if values is None or not special.applies(setup) or not vanishing(one, case):
                 continue
             hypothesis = Hypothesis(special, NO_PLACE)
-            fitted, known = fit_candidate(without, hypothesis, values), out.get(hypothesis.key)
+            fitted, known = _fitted_from(one, hypothesis, values, without), out.get(hypothesis.key)
             if fitted is not None and (known is None or fitted.evidence > known.evidence):
                 out[hypothesis.key] = fitted
             if hypothesis.key in out:
                 general.append(out[hypothesis.key])
     return sorted(out.values(), key=lambda c: -c.evidence)
+
+
+def _fitted_from(
+    general: Candidate, hypothesis: Hypothesis, values: np.ndarray, without: Fit
+) -> Candidate | None:
+    """Return a special case fitted in the general one's place, all else beginning as it was there;
+    None if it cannot be."""
+    model = general.fit.forward
+    term, parts = hypothesis.term(model.base, values), model.split(general.fit.point.u)
+    others = [(t, u) for t, u in zip(model.terms, parts, strict=True) if t is not general.term]
+    forward = model.with_terms([*(t for t, _ in others), term], general.fit.point.solution)
+    begin = np.concatenate([*(u for _, u in others), np.zeros(term.size)])
+    fitted = attempted(forward, without.problem, begin, EVALUATIONS, tolerance=1e-5)
+    if fitted is None or not fitted.point.converged.all() or len(fitted.z) != len(without.z):
+        return None
+    return compared(hypothesis, term, without, fitted)
 
 
 def vanishing(candidate: Candidate, case: SpecialCase) -> bool:

@@ -174,6 +174,10 @@ class Effect(ABC):
     def sentence(self, values: dict[str, float]) -> str:
         """Describe the effect, given quantities and place by name (arc_length, centre, width)."""
 
+    def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
+        """Return the least and the greatest quantities that this rope allows."""
+        return [q.lower for q in self.quantities], [q.upper for q in self.quantities]
+
     @property
     def tangent(self) -> bool:
         """Whether the scan takes the derivative at zero, or the response to a finite size."""

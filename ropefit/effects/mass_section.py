@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from torch import Tensor
 
@@ -25,6 +27,10 @@ class MassSection(Effect):
     quantities = (Quantity("mass", "kg", 0.01, by_weight=1.0),)
 
     special_cases = (SpecialCase(PointMass, ("width",), gathered),)
+
+    def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
+        """Return the bounds: nothing is lighter by more than all that it weighs."""
+        return [-float((setup.properties.density * setup.properties.length).sum())], [math.inf]
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         p = setup.properties

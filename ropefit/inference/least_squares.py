@@ -72,7 +72,8 @@ def fit(
 ) -> Fit:
     """Minimise the whitened residual and the priors, from `start` (search variables).
 
-    Raises ArithmeticError when the start itself does not settle in any frame.
+    Raises ArithmeticError when the start itself does not settle in any frame, or is not possible:
+    a fit stays where length, rigidity and density are positive.
     """
     u = forward.start() if start is None else np.asarray(start, dtype=float)
     prior = forward.prior()
@@ -80,6 +81,8 @@ def fit(
     known = Known(forward, u)
     first = known.first
     settled, used = first.converged, problem
+    if not first.setup.possible:
+        raise ArithmeticError("the start is a rope that no matter makes")
     if not settled.any():
         raise ArithmeticError("no frame reaches an equilibrium from the start")
     if not settled.all():
@@ -99,6 +102,8 @@ def fit(
         if key not in cache:
             point = known.at(v)
             bad = np.isnan(point.seen).any(axis=(1, 2)) & settled
+            if not point.setup.possible:
+                bad = settled
             now = used.match(_fill(point.seen, settled & ~bad))
             residual = aligned(now, stations, now.residual)
             z = whitener(residual)

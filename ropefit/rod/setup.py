@@ -137,6 +137,14 @@ class Setup(NamedTuple):
         return bool(self.memory) or any(p.friction is not None for p in self.potentials)
 
     @property
+    def possible(self) -> bool:
+        """Whether matter can be so: lengths, rigidities and density are positive everywhere, and
+        nothing gets longer under compression."""
+        p = self.properties
+        positive = (p.length, p.bend, p.twist, p.density)
+        return all(bool((v > 0).all()) for v in positive) and bool((self.stretch >= 0).all())
+
+    @property
     def clock(self) -> Tensor:
         """Return (F,) [s] the time of the frames, a second a frame where none is known."""
         return torch.arange(len(self.ends), dtype=torch.float64) if self.time is None else self.time
