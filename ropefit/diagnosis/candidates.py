@@ -45,7 +45,9 @@ class Fits:
             self.best_of[candidate.hypothesis.key] = candidate
 
     def _fitted(self, start: Start) -> Candidate | None:
-        return fit_candidate(self.current, *start, self.data, self.noise, self.bins)
+        best = self.best()
+        lowest = best.fit.cost if best else np.inf
+        return fit_candidate(self.current, *start, self.data, self.noise, self.bins, lowest)
 
     def best(self) -> Candidate | None:
         return max(self.best_of.values(), key=lambda c: c.evidence, default=None)

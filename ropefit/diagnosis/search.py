@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -92,12 +92,13 @@ def search(
     nominal = on_right_branches(nominal, data, noise, bins)
     every, data = data, data.settled(nominal.point.seen)
     progress(0.1, "scan")
-    nominal, noise = _with_noise(nominal, data, noise, bins, rules)
+    nominal, noise, known = _with_noise(nominal, data, noise, bins, rules)
     current, accepted, refused = nominal, [], []
     first, limits, crowded, most = None, None, False, rules.most_effects
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(0.2 + 0.16 * round_, "scan")
-        scan = Scan(current, sensitivities(current, data, bins, accepted, rules.effects))
+        scan = Scan(current, sensitivities(current, data, bins, accepted, rules.effects, known))
+        known = []  # of the nominal model
         if first is None or limits is None:
             first, limits = scan, _limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
@@ -142,38 +143,44 @@ def search(
 
 def _with_noise(
     nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules
-) -> tuple[Fit, Noise]:
-    """Measure the noise and fit the nominal model with it."""
+) -> tuple[Fit, Noise, list[Sensitivity]]:
+    """Measure the noise and fit the nominal model with it; and the sensitivities that were needed
+    for it."""
     if not data.material:  # one white noise for all fits, as at the nominal one
         seen = match(data, nominal.point.seen, bins).scatter[0]
         noise = replace(noise, white=tuple(float(v) for v in seen))
         nominal = fit(nominal.forward, data, noise, bins, nominal.point.u, 5, tolerance=1e-5)
-    noise = _noise(nominal, data, noise, bins, rules)
+    noise, known = _noise(nominal, data, noise, bins, rules)
     forward = nominal.forward.starting_from(nominal.point.solution)
-    return fit(forward, data, noise, bins, nominal.point.u, 20, tolerance=1e-5), noise
+    return fit(forward, data, noise, bins, nominal.point.u, 20, tolerance=1e-5), noise, known
 
 
-def _noise(nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules) -> Noise:
-    """Measure the noise beside what effects explain.
+def _noise(
+    nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules
+) -> tuple[Noise, list[Sensitivity]]:
+    """Measure the noise beside what effects explain; and the sensitivities of the nominal model,
+    where they were computed for that.
 
     Effects that no scan shows to the full (contact, path dependence) are fitted: otherwise they
     would be taken for noise of the ends, and then for nothing. Nor can noise be measured against a
     rope at rest that is in motion.
     """
     if rules.noise == "white":
-        return replace(noise, correlated=0.0, ends=None)
+        return replace(noise, correlated=0.0, ends=None), []
+    at_rest = nominal
     for choices in proposals(nominal, slow=False, names=rules.effects):
         fitted = (fit_candidate(nominal, *start, data, noise, bins) for start in choices)
         moving = next((c for c in fitted if c is not None), None)
         if moving is not None and moving.evidence > rules.least_evidence:
             nominal = moving.fit
     steady = sensitivities(nominal, data, bins, [], rules.effects)
+    known = steady if nominal is at_rest else []
     measured = measured_noise(nominal, steady, noise, [])
     if not measured.coloured:
-        return measured
+        return measured, known
     scan = Scan(nominal, steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
-        return measured
+        return measured, known
     hidden = [s for s in scan.scores if s.hypothesis.effect.shaping]
     candidates = fit_candidates(
         nominal, hidden, [], scan.contact(rules), data, noise, bins, rules.least_evidence,
@@ -183,7 +190,7 @@ def _noise(nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules) -> N
     moves = [
         seen - c.fit.stations.residual for c in candidates if c.evidence > rules.least_evidence
     ]
-    return measured_noise(nominal, steady, noise, moves) if moves else measured
+    return measured_noise(nominal, steady, noise, moves) if moves else measured, known
 
 
 def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
@@ -222,11 +229,15 @@ def _verdict(
 
 def sensitivities(
     current: Fit, data: Data, bins: int, accepted: list[Accepted],
-    names: tuple[str, ...] | None = None,
+    names: tuple[str, ...] | None = None, nearby: Sequence[Sensitivity] = (),
 ) -> list[Sensitivity]:  # fmt: skip
-    """Return the sensitivities to every hypothesis, but to accepted ones with no other place."""
+    """Return the sensitivities to every hypothesis, but to accepted ones with no other place.
+
+    nearby: known ones, of the same model in perhaps nearly the same shapes.
+    """
     responses = Sensitivities(current, data, bins)
     known = [one.candidate.hypothesis for one in accepted]
     taken = {h.key for h in known if not h.effect.place_names}
     every = hypotheses(current.point.setup, names)
-    return [responses.of(h) for h in every if h.key not in taken]
+    before = {one.hypothesis.key: one for one in nearby}
+    return [responses.of(h, before.get(h.key)) for h in every if h.key not in taken]
