@@ -9,6 +9,7 @@ from ropefit.effects import Effect
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Forward
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
@@ -74,4 +75,4 @@ def nominal_fit(data: Data, segments: int = 144) -> Fit:
     setup = rope(segments, len(data.points), bend=3e-4)
     terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))]
     forward = Forward(setup, [*terms, *calibration(setup, Priors(), False)])
-    return fit(forward, data, Noise(), BINS)
+    return fit(forward, FitProblem(data, Noise(), BINS))

@@ -111,6 +111,7 @@ def test_every_format_and_option_is_described() -> None:
 
 TRY_JET = """
 import numpy as np, torch
+from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Forward
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.diagnosis.scan import Projection, Scorer
@@ -135,9 +136,9 @@ x = Forward(blown, []).at(np.empty(0)).seen
 share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
 points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
-noise = Noise(marker=0.0005)
-found = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), data, noise, 40)
-responses, project = Sensitivities(found, data, 40), Projection(found)
+problem = FitProblem(data, Noise(marker=0.0005), 40)
+found = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
+responses, project = Sensitivities(found), Projection(found)
 best = max(
     (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in hypotheses(setup)),
     key=lambda s: s.log_factor,
@@ -168,6 +169,7 @@ from ropefit.models.equilibrium import Forward
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.inference.bins import Data
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
@@ -188,10 +190,10 @@ assert point.solution.converged.all()
 share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
 points = point.seen + 0.0005 * np.random.default_rng(0).normal(size=point.seen.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
-noise = Noise(marker=0.0005)
-nominal = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), data, noise, 40)
+problem = FitProblem(data, Noise(marker=0.0005), 40)
+nominal = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
 slow = proposals(nominal, slow=True, names=("post",))
-found = fit_candidates(nominal, [], [], slow, data, noise, 40, 6.0, ("post",))
+found = fit_candidates(nominal, [], [], slow, 6.0, ("post",))
 best = first_acceptable(found, 6.0, nominal, [])
 assert by_stretches(best.fit) and not by_stretches(nominal)
 values = best.values()

@@ -13,6 +13,7 @@ from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Forward
 from ropefit.models.priors import shift_camera
 from ropefit.models.response import Point
@@ -40,12 +41,12 @@ def test_a_table_is_found_although_the_camera_is_off(higher):
     data = recorded(shift_camera(table, off), seed=8)
     nominal = nominal_fit(data)
     data = data.settled(nominal.point.seen)
-    nominal = fit(nominal.forward, data, Noise(), BINS, nominal.point.u)
+    nominal = fit(nominal.forward, FitProblem(data, Noise(), BINS), nominal.point.u)
     ((hypothesis, start),) = next(
         p for p in proposals(nominal, slow=True) if p[0][0].name == "support_plane"
     )
     assert start[0] == pytest.approx(height, abs=0.0015)
-    candidate = fit_candidate(nominal, hypothesis, start, data, Noise(), BINS)
+    candidate = fit_candidate(nominal, hypothesis, start)
     assert candidate is not None
     assert candidate.evidence > 30
     assert candidate.values()[0] == pytest.approx(height, abs=0.001)

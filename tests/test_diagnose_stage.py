@@ -10,11 +10,11 @@ from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.artifacts import Model, Observations
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.effects import AxialExtensibility, ContactFriction, SoftSection, StiffSection
+from ropefit.fitting.nominal import with_what_is_missed
 from ropefit.inference.noise import Noise
 from ropefit.runs.loading import load
 from ropefit.runs.protocol import Context
 from ropefit.stages import diagnose
-from ropefit.stages.diagnose import with_what_is_missed
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 from tests.test_checkpoints import compute
@@ -119,7 +119,7 @@ def test_rules_without_calibration_leave_its_errors_out(tmp_path, monkeypatch):
     def fitted(setup, terms, *_):
         raise Reached([term.name for term in terms])
 
-    monkeypatch.setattr(diagnose, "_nominal", fitted)
+    monkeypatch.setattr(diagnose, "nominal_at_rest", fitted)
     for rules, named in ((RULES, True), (Rules(calibration=False), False)):
         with pytest.raises(Reached) as caught:
             diagnose.diagnosed(inputs, diagnose.DiagnoseSettings(), Context(), rules)

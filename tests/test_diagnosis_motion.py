@@ -14,7 +14,9 @@ from ropefit.diagnosis.next_motion import next_motion
 from ropefit.diagnosis.proposals import proposals
 from ropefit.effects import Inertia
 from ropefit.inference.bins import Data
-from ropefit.inference.least_squares import Noise, fit
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Forward
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
@@ -88,9 +90,9 @@ def test_inertia_is_found_from_a_rigid_model():
     setup, data = shaken()
     bend = PARAMETERS["EI"].within(Range(100 * EI, 1e-4 * EI, 1e6 * EI))
     noise = Noise(marker=1e-3)
-    nominal = fit(Forward(setup, [bend]), data, noise, 1)
+    nominal = fit(Forward(setup, [bend]), FitProblem(data, noise, 1))
     ((hypothesis, start),) = proposals(nominal, slow=False)[0]
-    candidate = fit_candidate(nominal, hypothesis, start, data, noise, 1)
+    candidate = fit_candidate(nominal, hypothesis, start)
     assert candidate is not None
     assert candidate.values()[0] == pytest.approx(1, abs=0.05)
     assert bend.value(candidate.fit.point.u[:1])[0] == pytest.approx(EI, rel=0.05)
@@ -98,7 +100,7 @@ def test_inertia_is_found_from_a_rigid_model():
     assert (candidate.gains > 0).all()
     assert proposals(candidate.fit, slow=False) == []
     at_rest = nominal.forward.base._replace(motion=None)
-    still = fit(Forward(at_rest, [bend]), data, noise, 1, evaluations=1)
+    still = fit(Forward(at_rest, [bend]), FitProblem(data, noise, 1), evaluations=1)
     assert proposals(still, slow=False) == []
     name, apart = next_motion(candidate, candidate)  # a rival is like itself in every slow motion
     assert (name, apart) == ("", 0.0)

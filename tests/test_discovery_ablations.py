@@ -3,7 +3,7 @@ pays for it."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +21,7 @@ from ropefit.diagnosis.rules import RULES, Rules, Selection
 from ropefit.effects import StiffSection
 from ropefit.effects.intrinsic_curvature import IntrinsicCurvature
 from ropefit.inference.noise import Noise
-from tests.concealed import BINS, nominal_fit, recorded, rope, with_effect
+from tests.concealed import nominal_fit, recorded, rope, with_effect
 
 SETUP = rope(24, 3)
 
@@ -47,7 +47,7 @@ def test_a_free_rope_absorbs_a_stiff_stretch_and_pays_on_a_clean_recording():
     found = {}
     for name, data in (("stiff", stiff), ("clean", clean)):
         nominal = nominal_fit(data, 48)
-        candidate = free_rope(nominal, data, Noise(), BINS)
+        candidate = free_rope(nominal)
         assert candidate is not None
         assert candidate.fit.cost <= nominal.cost
         found[name] = candidate
@@ -78,17 +78,18 @@ def test_with_white_noise():
     data = recorded(rope(48), seed=3)
     nominal = nominal_fit(data, 24)
     noise = Noise(correlated=1e-3, white=(1e-6, 1e-6))
-    white = engine._noise(nominal, data, noise, BINS, VARIANTS["white"].rules({}))
+    nominal = replace(nominal, problem=nominal.problem.under(noise))
+    white = engine._noise(nominal, VARIANTS["white"].rules({}))
     assert white.ends is None
     assert white.correlated == 0
     assert white.white == (1e-6, 1e-6)
-    assert engine._noise(nominal, data, noise, BINS, RULES).ends is not None
+    assert engine._noise(nominal, RULES).ends is not None
 
 
 def test_the_restart_is_counted_and_left_out(monkeypatch):
     again, told = object(), {}
     monkeypatch.setattr(Selection, "restarted", lambda *_: again)
-    arguments: tuple = (None, None, None, None, 0, 0.2)
+    arguments: tuple = (None, None, 0.2)
     assert VARIANTS[WHOLE].rules(told).selection.restarted(*arguments) is again
     assert told["restarts"] == 1
     assert VARIANTS[WITHOUT_RESTART].rules({}).selection.restarted(*arguments) is None
@@ -110,14 +111,14 @@ def test_naive_bic_counts_values_and_asks_no_gate(monkeypatch):
     few, many = candidate(40.0, 960.0), candidate(50.0, 955.0, "stiff_section")
     asked = []
 
-    def fitted(self, now, scan, quick, slow, data, noise, bins, threshold, names):
+    def fitted(self, now, scan, quick, slow, threshold, names):
         asked.append(threshold)
         return [many, few]
 
     monkeypatch.setattr(Selection, "candidates", fitted)
     monkeypatch.setattr("benchmarks.discovery.left_out.replace", changed_copy)
     naive: Any = VARIANTS["bic"].rules({}).selection
-    candidates = naive.candidates(current, [], [], [], None, Noise(), BINS, 12.0, None)
+    candidates = naive.candidates(current, [], [], [], 12.0, None)
     assert asked == [0.0]
     sizes = {c.hypothesis.name: len(c.hypothesis.effect.names) for c in candidates}
     for c in candidates:

@@ -6,10 +6,20 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ropefit.effects import CATALOGUE, Effect, Obstacle, StiffSection, SupportPlane, Tether
+from ropefit.effects import (
+    CATALOGUE,
+    Effect,
+    FreeKink,
+    Kink,
+    Obstacle,
+    StiffSection,
+    SupportPlane,
+    Tether,
+)
 from ropefit.effects.place import horizontal
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium import Forward
 from ropefit.models.equilibrium_rope import EquilibriumRope
+from ropefit.models.terms import Term
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium.branches import wound
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -18,7 +28,12 @@ from ropefit.solvers.equilibrium.solve import solve
 from tests.concealed import rope
 
 PLACES = {"point": [0.403], "interval": [0.411, 0.207]}
-VALUES = {SupportPlane: [-0.38, 0.01, -0.02], Obstacle: [0.05, 0.02, -0.3, 0.03, 1.4]}
+VALUES = {
+    SupportPlane: [-0.38, 0.01, -0.02],
+    Obstacle: [0.05, 0.02, -0.3, 0.03, 1.4],
+    Kink: [0.09, 0.09, -4.0, 0.403],
+    FreeKink: [0.09, -4.0, 0.403],
+}
 DRAWN = [(kind, end) for kind in CATALOGUE for end in ((0, 1) if kind.locus == "end" else (0,))]
 
 
@@ -39,8 +54,12 @@ def moving(setup: Setup) -> Setup:
 
 
 def clamped() -> Setup:
-    """The same with both ends clamped along its own tangents."""
-    setup = pinned()
+    """The same with both ends clamped."""
+    return held(pinned())
+
+
+def held(setup: Setup) -> Setup:
+    """The setup with both ends clamped along its own tangents."""
     x = Forward(setup, []).at(np.empty(0)).solution.q
     clamp = torch.from_numpy(np.stack([x[:, 0], x[:, -1]], axis=1))
     return setup._replace(clamp=clamp, clamped=(True, True))
@@ -56,7 +75,7 @@ def test_nothing_happens_at_zero(kind, end):
     setup = setup_for(effect)
     if setup is None:
         pytest.skip("occurs at end 1 only")
-    if kind in VALUES:
+    if kind in (SupportPlane, Obstacle):
         values = [-5.0, 0, 0] if kind is SupportPlane else [0, 0, -5.0, 0.02, 0]  # far away
     else:
         values = [0.0] * len(effect.quantities) + PLACES.get(effect.locus, [])

@@ -12,9 +12,11 @@ from ropefit.diagnosis.reassessment import reassessed
 from ropefit.effects import ContactFriction, SupportPlane
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.inference.problem import FitProblem
+from ropefit.models.equilibrium import Forward
 from ropefit.models.history import WalkedPoint
 from ropefit.models.parameters import PARAMETERS, Range, set_bend
+from ropefit.models.terms import Term
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
 from ropefit.rod.rod import uniform
@@ -143,23 +145,23 @@ def test_friction_is_found_where_a_rope_lies():
     data, noise = recorded(rough(swept(120), ROUGH), seed=2), Noise()
     setup = swept(60)._replace(potentials=())
     bend = PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))
-    nominal = fit(Forward(setup, [bend]), data, noise, BINS)
+    nominal = fit(Forward(setup, [bend]), FitProblem(data, noise, BINS))
     assert not any(
         isinstance(c[0][0].effect, ContactFriction) for c in proposals(nominal, slow=True)
     )
     assert any(isinstance(c[0][0].effect, SupportPlane) for c in proposals(nominal, slow=True))
     hypothesis = Hypothesis(SupportPlane(), NO_PLACE)
-    plane = fit_candidate(nominal, hypothesis, np.array([-0.15, 0.0, 0.0]), data, noise, BINS)
+    plane = fit_candidate(nominal, hypothesis, np.array([-0.15, 0.0, 0.0]))
     assert plane is not None
     ((hypothesis, start), *_), *others = proposals(plane.fit, slow=True)
     assert isinstance(hypothesis.effect, ContactFriction)
     assert not any(isinstance(c[0][0].effect, SupportPlane) for c in others)
-    drag = fit_candidate(plane.fit, hypothesis, start, data, noise, BINS)
+    drag = fit_candidate(plane.fit, hypothesis, start)
     assert drag is not None
     assert drag.evidence > 100
     assert drag.values()[0] == pytest.approx(ROUGH, abs=0.05)
     named = [Accepted(r, [], r.evidence, 0.0) for r in (plane, drag)]
-    kept, causes = reassessed(drag.fit, named, 5.0, 20, data, noise, BINS)
+    kept, causes = reassessed(drag.fit, named, 5.0, 20)
     assert [one.candidate.hypothesis.name for one in causes] == [
         "support_plane",
         "contact_friction",

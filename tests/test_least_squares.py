@@ -14,6 +14,7 @@ import torch
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
+from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.models.equilibrium import Forward
 from ropefit.models.parameters import PARAMETERS, Range
@@ -73,8 +74,8 @@ def free(name: str, start: float):
 def found(base: Setup, data: Data, *names_and_starts, sd: float = SD):
     forward = Forward(base, [free(*item) for item in names_and_starts])
     noise = Noise(marker=sd)
-    result = fit(forward, data, noise, BINS)
-    return result, profile_intervals(result, data, noise, BINS).of
+    result = fit(forward, FitProblem(data, noise, BINS))
+    return result, profile_intervals(result).of
 
 
 def holds(told, truth: float) -> bool:
@@ -301,21 +302,21 @@ def test_frames_that_do_not_settle_are_left_out_of_the_fit():
     torn = ends()
     torn[2, 1] *= 3
     forward = Forward(setup(30, torn), [free("EI", 1e-3)])
-    result = fit(forward, data, Noise(marker=SD), BINS)
+    result = fit(forward, FitProblem(data, Noise(marker=SD), BINS))
     assert not result.point.solution.converged[2]
     assert np.isnan(result.point.seen[2]).all()
     assert not np.any(result.stations.frame == 2)
     assert abs(np.log(float(forward.terms[0].value(result.point.u)[0]) / 8e-4)) < 0.1
     torn[:, 1] *= 3
     with pytest.raises(ArithmeticError, match="no frame"):
-        fit(Forward(setup(30, torn), [free("EI", 1e-3)]), data, Noise(marker=SD), BINS)
+        fit(Forward(setup(30, torn), [free("EI", 1e-3)]), FitProblem(data, Noise(marker=SD), BINS))
 
 
 def test_calibration_errors_are_held_to_their_priors():
     """An error that the data cannot see stays at zero, with the prior's own uncertainty."""
     blind = nuisance("nothing", ["a"], ["m"], lambda setup, v: setup, [0.002])
     forward = Forward(setup(30, ends()), [free("EI", 1e-3), blind])
-    result = fit(forward, markers(setup(60, ends())), Noise(marker=SD), BINS)
+    result = fit(forward, FitProblem(markers(setup(60, ends())), Noise(marker=SD), BINS))
     assert result.point.u[1] == pytest.approx(0, abs=1e-6)
     assert result.sd()[1] == pytest.approx(1)
 

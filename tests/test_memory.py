@@ -8,10 +8,10 @@ import torch
 from ropefit.diagnosis.search import search
 from ropefit.effects import BendingHysteresis, PlasticSet, ViscoelasticCreep
 from ropefit.effects.revisit import revisits
-from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium import Forward
 from ropefit.models.history import WalkedPoint, laws_of, vectors
 from ropefit.models.parameters import set_bend
+from ropefit.models.terms import Term
 from ropefit.rod import memory
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
@@ -225,9 +225,7 @@ def test_only_recordings_that_come_back_can_show_memory():
 
 
 def diagnosed(data):
-    return search(
-        concealed.nominal_fit(data, 72), data, Noise(), concealed.BINS, 0, lambda share, text: None
-    )
+    return search(concealed.nominal_fit(data, 72), 0, lambda share, text: None)
 
 
 @pytest.fixture

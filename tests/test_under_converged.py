@@ -5,13 +5,12 @@ import torch
 
 from ropefit.diagnosis.search import search
 from ropefit.effects import AxialExtensibility, UnderConverged
-from ropefit.inference.noise import Noise
 from ropefit.models.equilibrium import Forward
 from ropefit.rod.strains import straight_rest
 from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
-from tests.concealed import BINS, nominal_fit, recorded, rope, scanned, with_effect
+from tests.concealed import nominal_fit, recorded, rope, scanned, with_effect
 
 DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
 
@@ -65,14 +64,14 @@ def test_what_is_kept_is_of_the_same_rope_and_the_same_iterations():
 def test_a_solver_that_stopped_early_is_named():
     shapes = papers(20, 100, 0.0127, (1.19, 0.8, 1.19, 0.8, 0.79))  # the paper's weights
     data = scanned(shapes, seed=4)
-    d = search(nominal_fit(data), data, Noise(), BINS, 0, lambda share, text: None)
+    d = search(nominal_fit(data), 0, lambda share, text: None)
     assert d.verdict == "found"
     assert d.accepted[0].candidate.hypothesis.name == "under_converged"
 
 
 def test_a_rope_that_stretches_is_no_solver_that_stopped():
     data = recorded(with_effect(AxialExtensibility(), [0.06]), seed=1)
-    d = search(nominal_fit(data), data, Noise(), BINS, 0, lambda share, text: None)
+    d = search(nominal_fit(data), 0, lambda share, text: None)
     candidate = d.accepted[0].candidate
     assert candidate.hypothesis.name == "axial_extensibility"
     assert abs(candidate.values()[0] - 0.06) < 4 * candidate.sd()[0]

@@ -22,6 +22,7 @@ from ropefit.fitting.equilibrium import calibrated_fit
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.models.equilibrium import Forward
 from ropefit.models.parameters import PARAMETERS, Range
@@ -111,14 +112,19 @@ def judge(number: int) -> dict[str, float] | None:
     if with_length:
         terms.append(PARAMETERS["length"].within(Range(1.0, 0.8, 1.25)))
     noise = Noise(marker=case.sd if markers else 0.0)
-    first = fit(Forward(setup, terms), case.data, noise, NODES - 1, evaluations=15)
+    problem = FitProblem(case.data, noise, NODES - 1)
+    first = fit(Forward(setup, terms), problem, evaluations=15)
     full = Forward(setup, [*terms, *calibration(setup, Priors(), shared=False)])
     loose = max(1.0, first.scale) if markers else 1.0
-    found, noise = calibrated_fit(full, first.point.u, case.data, noise, NODES - 1, 60, loose)
+    found = calibrated_fit(full, first.point.u, problem, 60, loose)
     if not found.converged:
         return None
-    out = {"scale": found.scale, "correlated": noise.correlated, "seed": float(number)}
-    for name, told in profile_intervals(found, case.data, noise, NODES - 1).of.items():
+    out = {
+        "scale": found.scale,
+        "correlated": found.problem.noise.correlated,
+        "seed": float(number),
+    }
+    for name, told in profile_intervals(found).of.items():
         if told.interval is None:
             continue
         low, high = np.log(told.interval)

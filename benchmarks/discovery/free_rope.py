@@ -12,12 +12,9 @@ from ropefit.diagnosis.candidate import SIZE_PRIOR_SD, Candidate, fit_candidate,
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.sensitivities import PROBE
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.intrinsic_curvature import twist_held
-from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Term
-from ropefit.rod.setup import Setup
+from ropefit.models.terms import Term
+from ropefit.rod.setup import Setup, twist_held
 
 KNOTS = 8
 NAME = "free_rope"
@@ -63,7 +60,7 @@ class FreeHypothesis(Hypothesis):
         return replace(term, prior=SIZE_PRIOR_SD * term.scale)
 
 
-def free_rope(smaller: Fit, data: Data, noise: Noise, bins: int) -> Candidate | None:
+def free_rope(smaller: Fit) -> Candidate | None:
     """The free rope fitted on top of a model. None if it cannot settle.
 
     Its log evidence is Laplace's, like every rival's: the priors are in its cost, and so must not
@@ -73,7 +70,7 @@ def free_rope(smaller: Fit, data: Data, noise: Noise, bins: int) -> Candidate | 
     start = np.zeros(3 * KNOTS)
     if not twist_held(smaller.point.setup):  # at zero curvature it has no slope
         start[KNOTS : 2 * KNOTS] = PROBE * hypothesis.scales(smaller.point.setup)[KNOTS : 2 * KNOTS]
-    candidate = fit_candidate(smaller, hypothesis, start, data, noise, bins)
+    candidate = fit_candidate(smaller, hypothesis, start)
     if candidate is None:
         return None
     prior = candidate.fit.prior.copy()

@@ -18,9 +18,7 @@ from ropefit.diagnosis.candidates import unexplained
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.rules import RULES, Rules, Selection
 from ropefit.diagnosis.scan import Score
-from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.noise import Noise
 
 Notes = dict[str, Any]  # what a variant notes while it runs
 Starts = list[list[Start]]
@@ -42,11 +40,9 @@ class Watched(Selection):
         self.told = told
         told["restarts"], told["restart_seconds"] = 0, 0.0
 
-    def restarted(
-        self, current: Fit, best: Candidate, data: Data, noise: Noise, bins: int, share: float
-    ) -> Fit | None:
+    def restarted(self, current: Fit, best: Candidate, share: float) -> Fit | None:
         begin = time.process_time()
-        again = super().restarted(current, best, data, noise, bins, share)
+        again = super().restarted(current, best, share)
         self.told["restart_seconds"] += time.process_time() - begin
         self.told["restarts"] += again is not None
         return again
@@ -63,12 +59,12 @@ class NaiveBic(Selection):
     """The effect with the lowest BIC is accepted if it lowers it at all."""
 
     def candidates(
-        self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, data: Data,
-        noise: Noise, bins: int, threshold: float, names: tuple[str, ...] | None,
+        self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, threshold: float,
+        names: tuple[str, ...] | None,
     ) -> list[Candidate]:  # fmt: skip
         worth = [replace(s, log_factor=0.5 * (s.score - penalty(current, s))) for s in scan]
         worth.sort(key=lambda s: -s.log_factor)
-        fitted = super().candidates(current, worth, quick, slow, data, noise, bins, 0.0, names)
+        fitted = super().candidates(current, worth, quick, slow, 0.0, names)
         return by_bic(current, fitted)
 
     def acceptable(self, candidates: list[Candidate], *_: Any) -> Candidate | None:
@@ -95,13 +91,13 @@ class WithFreeRope(Selection):
         told["rounds"] = self.rounds
 
     def candidates(
-        self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, data: Data,
-        noise: Noise, bins: int, threshold: float, names: tuple[str, ...] | None,
+        self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, threshold: float,
+        names: tuple[str, ...] | None,
     ) -> list[Candidate]:  # fmt: skip
-        fitted = super().candidates(current, scan, quick, slow, data, noise, bins, threshold, names)
+        fitted = super().candidates(current, scan, quick, slow, threshold, names)
         free = None
         if all(term.name != NAME for term in current.forward.terms):
-            free = free_rope(current, data, noise, bins)
+            free = free_rope(current)
         if free is None:
             return fitted
         best = _noted(current, fitted[0]) if fitted else None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,23 +21,36 @@ from ropefit.diagnosis.regions import misfit, regions
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.sandwich import INTERVAL
-from ropefit.models.equilibrium import Forward
 
 ACTING_SHARE = 0.02  # of the greatest move of a node: frames with less are not acted on
 LEAST_HALF_WIDTH = 0.005  # of the length: of the interval of a place
 
 
-def content(
-    o: Observations, d: engine.Diagnosis, used: np.ndarray, every: int, bins: int
-) -> dict[str, Any]:
-    """Return the fields of the artifact. used: indices of the compared frames; every: nodes of the
-    solved rod for each of the model's."""
-    length = o.length
+@dataclass(frozen=True)
+class Layout:
+    """How a model's rows are those of a recording.
+
+    frames (F,): numbers of the rows' frames, of which those in `shown` are kept; first, length [m]:
+    where the model's rope begins, and how long it is; nodes: from the model's nodes in all rows to
+    the recording's (S, K, 3), in the rows shown.
+    """
+
+    frames: np.ndarray
+    shown: np.ndarray
+    first: float
+    length: float
+    nodes: Callable[[np.ndarray], np.ndarray]
+
+
+def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, Any]:
+    """Return the fields of the artifact."""
+    length = layout.length
     first, last = d.nominal, d.final
+    noise_found, bins = first.problem.noise, first.problem.bins
     along = by_stretches(last)
     before, noise = heldout_rms(first, along)
     after, _ = heldout_rms(last, along)
-    frames = o.frames[used]
+    frames, shown = layout.frames, layout.shown
     motion, separates = "", []
     for item in d.accepted:
         if item.equivalent:
@@ -49,19 +63,16 @@ def content(
                 )
             break
     gap = [np.linalg.norm(misfit(f, bins)[:, :bins], axis=-1) for f in (first, last)]
-    nodes = len(o.node_arc)
     return {
         "recording": o.recording,
         "verdict": d.verdict,
-        "causes": {
-            f"cause_{k}": _cause(item, last, frames, length) for k, item in enumerate(d.accepted)
-        }
+        "causes": {f"cause_{k}": _cause(item, last, layout) for k, item in enumerate(d.accepted)}
         if d.verdict == "found"
         else {},
         "scan": {f"{k:02d}_{s.hypothesis.name}": _scanned(s) for k, s in enumerate(d.scan)},
         "mismatch": [
             Region(
-                arc_length=(r.arc[0] * length, r.arc[1] * length),
+                arc_length=(layout.first + r.arc[0] * length, layout.first + r.arc[1] * length),
                 frames=(int(frames[r.frames[0]]), int(frames[r.frames[1]])),
                 rms=r.rms,
                 direction=tuple(float(v) for v in r.direction),  # type: ignore[arg-type]
@@ -73,8 +84,8 @@ def content(
         "refused": d.refused + _in_part(d),
         "threshold": d.threshold,
         "noise_white": noise,
-        "noise_correlated": d.noise.correlated,
-        "correlation_length": d.noise.length * length,
+        "noise_correlated": noise_found.correlated,
+        "correlation_length": noise_found.length * length,
         "rms_before": before,
         "rms_after": after,
         "detectable": {
@@ -87,16 +98,16 @@ def content(
         "calibration": calibration_of(last),
         "motion": motion,
         "separates": separates,
-        "frames": frames,
+        "frames": frames[shown],
         "node_arc": o.node_arc,
-        "x_before": first.point.seen[:, ::every][:, :nodes],
-        "x_after": last.point.seen[:, ::every][:, :nodes],
-        "station_arc": (np.arange(bins) + 0.5) / bins * length,
-        "misfit_before": gap[0],
-        "misfit_after": gap[1],
-        "force_arc": d.latent.arc * length,
-        "force": d.latent.force,
-        "force_sd": d.latent.sd,
+        "x_before": layout.nodes(first.point.seen),
+        "x_after": layout.nodes(last.point.seen),
+        "station_arc": layout.first + (np.arange(bins) + 0.5) / bins * length,
+        "misfit_before": gap[0][shown],
+        "misfit_after": gap[1][shown],
+        "force_arc": layout.first + d.latent.arc * length,
+        "force": d.latent.force[shown],
+        "force_sd": d.latent.sd[shown],
         "force_evidence": d.latent.evidence,
         "force_threshold": d.latent.threshold,
     }
@@ -134,7 +145,7 @@ def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     return out
 
 
-def _cause(item: engine.Accepted, last: Fit, frames: np.ndarray, length: float) -> Cause:
+def _cause(item: engine.Accepted, last: Fit, layout: Layout) -> Cause:
     # Sizes as fitted beside all effects that were accepted later.
     candidate, effect = replace(item.candidate, fit=last), item.candidate.hypothesis.effect
     values, sd = candidate.values(), candidate.sd()
@@ -144,8 +155,8 @@ def _cause(item: engine.Accepted, last: Fit, frames: np.ndarray, length: float) 
         kind=effect.kind,
         variant=type(effect).__name__,
         end=effect.end if effect.locus == "end" else None,
-        arc_length=_stretch(candidate, named, sd, length),
-        frames=_acting(item.candidate, frames),
+        arc_length=_stretch(candidate, named, sd, layout),
+        frames=_acting(item.candidate, layout),
         parameters=sizes_of(candidate, values, sd),
         values=values,
         value_names=list(effect.names),
@@ -158,9 +169,10 @@ def _cause(item: engine.Accepted, last: Fit, frames: np.ndarray, length: float) 
 
 
 def _stretch(
-    candidate: Candidate, named: dict[str, float], sd: np.ndarray, length: float
+    candidate: Candidate, named: dict[str, float], sd: np.ndarray, layout: Layout
 ) -> tuple[float, float] | None:
     """Return where it acts [m]: an interval as fitted, a point with its confidence interval."""
+    first, length = layout.first, layout.length
     effect = candidate.hypothesis.effect
     if effect.locus == "point":
         half = min(max(INTERVAL * float(sd[-1]), LEAST_HALF_WIDTH * length), 0.5 * length)
@@ -169,20 +181,21 @@ def _stretch(
         low = named["centre"] - named["width"] / 2
         high = named["centre"] + named["width"] / 2
     elif effect.locus == "end":
-        return (0.0, 0.0) if effect.end == 0 else (length, length)
+        low = high = 0.0 if effect.end == 0 else length
     else:
-        return (0.0, length)
-    return float(np.clip(low, 0, length)), float(np.clip(high, 0, length))
+        low, high = 0.0, length
+    low, high = np.clip((low, high), 0, length)
+    return first + float(low), first + float(high)
 
 
-def _acting(candidate: Candidate, frames: np.ndarray) -> np.ndarray:
+def _acting(candidate: Candidate, layout: Layout) -> np.ndarray:
     """Return the frames in which the effect moves the rope (contact acts in some only)."""
     whole = candidate.fit.forward
-    without = Forward(whole.base, whole.terms[:-1], candidate.fit.point.solution)
+    without = whole.with_terms(whole.terms[:-1], candidate.fit.point.solution)
     x = without.at(candidate.fit.point.u[: -candidate.term.size]).seen
     moved = np.nanmax(np.abs(x - candidate.fit.point.seen), axis=(1, 2))
     acting = moved > ACTING_SHARE * max(float(np.nanmax(moved)), 1e-12)
-    return frames[acting]
+    return layout.frames[layout.shown[acting[layout.shown]]]
 
 
 def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[str, Size]:
@@ -192,17 +205,20 @@ def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[s
     if effect.vector:
         name, unit = effect.vector
         size, spread = candidate.magnitude()
+        spread = float(np.hypot(spread, size * max(q.inexact for q in effect.quantities)))
         out[name] = Size(value=size, unit=unit, ci95=(max(size - t * spread, 0), size + t * spread))
-    for q, v, s in zip(effect.quantities, values, sd, strict=False):
+    searched = zip(*candidate.interval(t), strict=True)
+    for q, v, s, ends in zip(effect.quantities, values, sd, searched, strict=False):
         half = t * float(np.hypot(s, q.inexact * v))
-        low, high = max(v - half, q.lower), min(v + half, q.upper)
+        low, high = ends if q.saturates else (v - half, v + half)
         if q.derived:
             of = q.derived.of
-            ends = sorted((of(float(v - half)), of(float(v + half))))
+            ends = sorted((of(float(low)), of(float(high))))
             out[q.derived.name] = Size(
                 value=of(float(v)), unit=q.derived.unit, ci95=(ends[0], ends[1])
             )
-        out[q.name] = Size(value=float(v), unit=q.unit, ci95=(float(low), float(high)))
+        bounded = (float(max(low, q.lower)), float(min(high, q.upper)))
+        out[q.name] = Size(value=float(v), unit=q.unit, ci95=bounded)
     return out
 
 

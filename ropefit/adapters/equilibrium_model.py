@@ -14,22 +14,22 @@ from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement
 from ropefit.inference.intervals import Estimates
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.noise import Noise
 from ropefit.models import rest_curve
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.equilibrium import Forward
 from ropefit.models.equilibrium_rope import rope_values
 from ropefit.models.parameters import AT_REST, PARAMETERS
 from ropefit.models.response import Point
+from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import other_states
 from ropefit.solvers.equilibrium.stability import stability
 
-Part = tuple[Fit, Noise, Point, Estimates]
+Part = tuple[Fit, Point, Estimates]
 
 
 def describe_group(part: Part, frames: np.ndarray, o: Observations) -> ParameterGroup:
     """Return values, intervals and verdicts of one fit, in the units in which they are stated."""
-    found, _, point, estimates = part
+    found, point, estimates = part
     # Rest curves that were not fitted are part of the setup.
     names = [n for n in AT_REST if n in estimates.of or n not in rest_curve.NAMES]
     ranges = {name: PARAMETERS[name].range(found.forward.base) for name in names}
@@ -54,9 +54,10 @@ def fitted_model(
 
     parts: (frames' indices, fit) of each group; the rest as in `model_of`. Raises NotConverged.
     """
-    found, noise, _, _ = parts[0][1]
+    found = parts[0][1][0]
+    noise = found.problem.noise
     model = model_of(
-        o, loss, "least-squares", node, started, data, [(mine, p[2]) for mine, p in parts],
+        o, loss, "least-squares", node, started, data, [(mine, p[1]) for mine, p in parts],
         groups, out, train, np.array(found.trace),
     )  # fmt: skip
     assert model.balance is not None

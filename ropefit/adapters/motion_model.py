@@ -33,7 +33,7 @@ def motion_model(
     for number, frames in enumerate(clips):
         clip[frames] = number
     reached = clip >= 0
-    x, before = (_at_observed_nodes(o, span, p.seen, reached) for p in (point, first))
+    x, before = (at_observed_nodes(o, span, p.seen, reached) for p in (point, first))
     middle = 0.5 * (o.node_arc[1:] + o.node_arc[:-1])
     segments = point.setup.segments
     share = (middle - span.first) / (span.last - span.first)
@@ -96,7 +96,7 @@ def _rms(data: Data, x: np.ndarray, reached: np.ndarray) -> np.ndarray:
     return np.where(reached, np.sqrt(square / np.maximum(mask.sum(1), 1)), 0.0)
 
 
-def _at_observed_nodes(
+def at_observed_nodes(
     o: Observations, span: Span, seen: np.ndarray, reached: np.ndarray
 ) -> np.ndarray:
     """(F, K, 3) [m] the simulated rope at the observations' nodes; as observed outside the grips

@@ -56,21 +56,33 @@ def centrelines(o: Observations, arc: np.ndarray) -> np.ndarray:
     """(F, N+1, 3) [m] the observed rope at arc length arc (N+1,) [m]: a spline through what was
     seen of it and its held ends, NaN in frames where that is too little."""
     out = np.full((len(o.frames), len(arc), 3), np.nan)
+    alike: dict[bytes, tuple[np.ndarray, list[int], list[np.ndarray]]] = {}
     for t in range(len(o.frames)):
-        if o.source == "markers":
-            rows = slice(o.point_start[t], o.point_start[t + 1])
-            at, points = o.point_arc[rows], o.points[rows]
-        else:
-            seen = np.isfinite(o.centreline[t]).all(-1)
-            at, points = o.node_arc[seen], o.centreline[t, seen]
-        for end, place in ((0, 0.0), (1, o.length)):
-            held = np.isfinite(o.end_position[t, end]).all()
-            if held and np.abs(at - place).min(initial=np.inf) > NEAR:
-                at, points = np.append(at, place), np.vstack([points, o.end_position[t, end]])
-        if len(at) >= FEWEST:
-            order = np.argsort(at)
-            out[t] = CubicSpline(at[order], points[order])(arc)
+        at, points = _seen_of(o, t)
+        if len(at) >= FEWEST:  # one spline for all frames that show the rope at the same places
+            _, rows, lines = alike.setdefault(at.tobytes(), (at, [], []))
+            rows.append(t)
+            lines.append(points)
+    for at, rows, lines in alike.values():
+        out[rows] = CubicSpline(at, np.stack(lines), axis=1)(arc)
     return out
+
+
+def _seen_of(o: Observations, t: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return arc lengths (M,) [m], increasing, and points (M, 3) [m] of what frame t shows,
+    with its held ends."""
+    if o.source == "markers":
+        rows = slice(o.point_start[t], o.point_start[t + 1])
+        at, points = o.point_arc[rows], o.points[rows]
+    else:
+        seen = np.isfinite(o.centreline[t]).all(-1)
+        at, points = o.node_arc[seen], o.centreline[t, seen]
+    for end, place in ((0, 0.0), (1, o.length)):
+        held = np.isfinite(o.end_position[t, end]).all()
+        if held and np.abs(at - place).min(initial=np.inf) > NEAR:
+            at, points = np.append(at, place), np.vstack([points, o.end_position[t, end]])
+    order = np.argsort(at)
+    return at[order], points[order]
 
 
 def clips_of(time: np.ndarray) -> list[np.ndarray]:

@@ -37,9 +37,7 @@ def _refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
     along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
     before, after = (heldout_rms(fit, along)[0] for fit in (current, candidate.fit))
-    k = candidate.hypothesis.size
-    sizes = np.abs(candidate.values()[:k]) / candidate.term.scale[:k]
-    if effect.linear and sizes.max() > IMPLAUSIBLE_SIZE:
+    if effect.linear and np.abs(candidate.usual_sizes()).max() > IMPLAUSIBLE_SIZE:
         return "larger than anything plausible"
     if candidate.significance() < LEAST_SIGNIFICANCE:
         return "its size is not significantly different from zero"

@@ -8,6 +8,7 @@ import numpy as np
 
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import equivalents, ordered
+from ropefit.diagnosis.nested import with_special_cases
 from ropefit.inference.least_squares import Fit
 
 CLOSE_EVIDENCE = 0.5  # of the best's: candidates with less do not win beside other effects either
@@ -33,6 +34,7 @@ def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: in
     without: the model without any of them; tried: how many hypotheses were scanned, for which the
     p-value is corrected (Bonferroni).
     """
+    candidates = with_special_cases(best, candidates, without)
     first, same = ordered(best, equivalents(best, candidates, without.cost))
     p = min(1.0, tried * float(np.exp(-min(first.evidence, 690.0))))
     close = [

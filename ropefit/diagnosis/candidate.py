@@ -9,11 +9,9 @@ import numpy as np
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection
-from ropefit.inference.bins import Data
 from ropefit.inference.known import settled
 from ropefit.inference.least_squares import Fit, attempted, sensitivity
-from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.terms import Term
 
 SIZE_PRIOR_SD = 3.0  # usual sizes
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
@@ -39,24 +37,37 @@ class Candidate:
     gains: np.ndarray
 
     def values(self) -> np.ndarray:
-        """Return (k + p,) values in SI."""
-        return self.term.value(self._mine(self.fit.point.u))
+        """Return (k + p,) values in SI, directions of unit length."""
+        return self._raw() / self._length()
 
     def sd(self) -> np.ndarray:
         """Return (k + p,) standard errors in SI."""
-        return self._mine(self.fit.sd()) * self.term.slope(self._mine(self.fit.point.u))
+        sd = np.sqrt(np.maximum(np.diag(self.covariance()), 0.0))
+        return sd * self.term.slope(self._mine(self.fit.point.u)) / self._length()
 
     def covariance(self) -> np.ndarray:
         """Return (k + p, k + p) the covariance of its values in search coordinates."""
         mine = self._mine(np.arange(len(self.fit.point.u)))
-        return self.fit.covariance[np.ix_(mine, mine)]
+        out = self.fit.covariance[np.ix_(mine, mine)]
+        along = np.where(self._pointing(), self._raw() / self.term.scale, 0.0)
+        if along.any():  # across a direction: its length changes nothing
+            across = np.eye(len(along)) - np.outer(along, along) / (along @ along)
+            out = across @ out @ across
+        return out
+
+    def interval(self, width: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return (k + p,), (k + p,) values in SI `width` standard errors to either side."""
+        return self.term.interval(self._mine(self.fit.point.u), self.covariance(), width)
+
+    def usual_sizes(self) -> np.ndarray:
+        """Return (k,) its sizes as multiples of usual ones, at most 1 of one that saturates."""
+        k, zero = self.hypothesis.size, self.term.search(np.zeros(self.term.size))
+        return (self._mine(self.fit.point.u) - zero)[:k]
 
     def significance(self) -> float:
         """Return how many standard errors its sizes are from zero, together."""
-        mine, k = self._mine(self.fit.point.u), self.hypothesis.size
-        zero = self.term.search(np.zeros(self.term.size))[:k]
+        off, k = self.usual_sizes(), self.hypothesis.size
         covariance = self.covariance()[:k, :k]
-        off = mine[:k] - zero
         return float(np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0)))
 
     def magnitude(self) -> tuple[float, float]:
@@ -67,6 +78,19 @@ class Candidate:
         along = slope * values / max(size, 1e-300)
         return size, float(np.sqrt(max(along @ self.covariance()[:k, :k] @ along, 0.0)))
 
+    def _raw(self) -> np.ndarray:
+        """Return (k + p,) values in SI as they were fitted."""
+        return self.term.value(self._mine(self.fit.point.u))
+
+    def _pointing(self) -> np.ndarray:
+        """Return (k + p,) bool: components of a direction."""
+        return np.isin(self.term.names, self.hypothesis.effect.direction)
+
+    def _length(self) -> np.ndarray:
+        """Return (k + p,) the length of the direction for its components, else 1."""
+        pointing = self._pointing()
+        return np.where(pointing, np.linalg.norm(self._raw()[pointing]), 1.0)
+
     def _mine(self, u: np.ndarray) -> np.ndarray:
         """Return its part of the fit's values (P,), whatever was added to the model after it."""
         forward = self.fit.forward
@@ -75,9 +99,8 @@ class Candidate:
 
 
 def fit_candidate(
-    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, data: Data, noise: Noise, bins: int,
-    lowest: float = np.inf,
-) -> Candidate | None:  # fmt: skip
+    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf
+) -> Candidate | None:
     """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle.
 
     lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
@@ -87,10 +110,10 @@ def fit_candidate(
     for share in START_SHARES if hypothesis.effect.linear else (1.0,):
         at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
         term = hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
-        forward = Forward(setup, [*smaller.forward.terms, term], smaller.point.solution)
+        forward = smaller.forward.with_terms([*smaller.forward.terms, term], smaller.point.solution)
         begin = np.concatenate([_revived(smaller), np.zeros(term.size)])
         first = settled(forward, begin)
-        if first.solution.converged.all():
+        if first.converged.all():
             break
     else:
         return None
@@ -100,26 +123,24 @@ def fit_candidate(
     if slow and np.allclose(first.seen, smaller.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there is no gradient
     most = SLOW_EVALUATIONS if slow else EVALUATIONS
-    fitted = attempted(forward, data, noise, bins, begin, most, tolerance=1e-5)
+    fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5)
     if slow and fitted is not None and fitted.cost < smaller.cost:
-        fitted = _continued(smaller.cost, fitted, data, noise, bins, lowest)
-    if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.solution.converged.all():
+        fitted = _continued(smaller.cost, fitted, lowest)
+    if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.converged.all():
         return None
     if len(fitted.z) != len(smaller.z):  # a frame did not settle at the start: no comparison
         return None
     return compared(hypothesis, term, smaller, fitted)
 
 
-def _continued(
-    before: float, fitted: Fit, data: Data, noise: Noise, bins: int, lowest: float
-) -> Fit:
+def _continued(before: float, fitted: Fit, lowest: float) -> Fit:
     """Continue a slow fit as long as it gains: contact comes and goes, and gains soon shrink. One
     that even at its present pace could not reach the cost `lowest` stays as it is."""
     for left in range(SLOW_ROUNDS, 0, -1):
         if fitted.converged or fitted.cost - left * SLOW_EVALUATIONS * _pace(fitted) > lowest:
             break
         again = attempted(
-            fitted.forward, data, noise, bins, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4
+            fitted.forward, fitted.problem, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4
         )
         least = max(SLOW_COST, SLOW_SHARE * (before - fitted.cost))
         if again is None or again.cost > fitted.cost - least:

@@ -12,9 +12,7 @@ from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
 from ropefit.effects.base import MAY_LEAVE
-from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.noise import Noise
 
 MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
@@ -26,9 +24,6 @@ class Fits:
     """Candidates on top of one model, the best of each hypothesis."""
 
     current: Fit
-    data: Data
-    noise: Noise
-    bins: int
     best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
 
     def add(self, choices: list[Start]) -> None:
@@ -37,7 +32,7 @@ class Fits:
         candidate = next((c for c in fitted if c is not None), None)
         if candidate is None:
             return
-        better = on_right_branches(candidate.fit, self.data, self.noise, self.bins)
+        better = on_right_branches(candidate.fit)
         if better is not candidate.fit:
             candidate = self._fitted((candidate.hypothesis, candidate.values())) or candidate
         known = self.best_of.get(candidate.hypothesis.key)
@@ -46,8 +41,7 @@ class Fits:
 
     def _fitted(self, start: Start) -> Candidate | None:
         best = self.best()
-        lowest = best.fit.cost if best else np.inf
-        return fit_candidate(self.current, *start, self.data, self.noise, self.bins, lowest)
+        return fit_candidate(self.current, *start, best.fit.cost if best else np.inf)
 
     def best(self) -> Candidate | None:
         return max(self.best_of.values(), key=lambda c: c.evidence, default=None)
@@ -59,15 +53,14 @@ class Fits:
 
 def fit_candidates(
     current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
-    data: Data, noise: Noise, bins: int, threshold: float,
-    names: tuple[str, ...] | None = None,
+    threshold: float, names: tuple[str, ...] | None = None,
 ) -> list[Candidate]:  # fmt: skip
     """Fit the leaders of a scan and what effects propose, on top of a model; best first.
 
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
     effects that may be proposed; None: all.
     """
-    fits = Fits(current, data, noise, bins)
+    fits = Fits(current)
     for choices in _leaders(scan, threshold) + quick:
         fits.add(choices)
     first = fits.best()
@@ -77,7 +70,7 @@ def fit_candidates(
         and first.evidence > threshold
         and not fits.explained_by(first)
     ):
-        start = significant_interval(current, first.hypothesis, data, noise, bins)
+        start = significant_interval(current, first.hypothesis)
         fits.add([] if start is None else [(first.hypothesis, start)])
         first = fits.best()
     if first is None or not fits.explained_by(first) or uneven(first.fit):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.hypotheses import NARROWEST
+from ropefit.diagnosis.nested import is_special_case
 
 TIE_NATS = 3.0
 SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little behind
-UNRESOLVED_WIDTH = 1.5  # narrowest widths: a section below is no better than a point
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 
 
@@ -37,13 +34,14 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
 
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """Of a tie, name the candidate with the fewest values first. A section too narrow to be
-    resolved is a point."""
-    width = dict(zip(best.term.names, best.values(), strict=True)).get("width", np.inf)
-    length = float(best.fit.forward.base.properties.length.sum())
-    reach = SAME_NATS if width < UNRESOLVED_WIDTH * NARROWEST * length else TIE_NATS
-    tied = [c for c in (best, *same) if best.evidence - c.evidence < reach]
-    first = min(tied, key=lambda c: (c.term.size, -c.evidence))
+    """Of a tie, name the candidate with the fewest values first. A special case of the best one is
+    within reach wherever it explains as much."""
+    general = best.hypothesis.effect
+    tied = [best] + [
+        c for c in same
+        if best.evidence - c.evidence < TIE_NATS or is_special_case(c.hypothesis.effect, general)
+    ]  # fmt: skip
+    first = min(tied, key=lambda c: (c.term.size, c is best, -c.evidence))
     return first, [c for c in (best, *same) if c is not first]
 
 

@@ -20,7 +20,7 @@ def block_of_rows(fitted: Fit, along: bool) -> np.ndarray:
     """Return (M D,) the block of each whitened row: of neighbouring frames, or of every fifth
     station along the rope."""
     s, frames = fitted.stations, len(fitted.point.seen)
-    block = s.bin % BLOCKS if along else (np.arange(frames) * BLOCKS // frames)[s.frame]
+    block = s.bin % BLOCKS if along else fitted.forward.folds(frames, BLOCKS)[s.frame]
     return np.repeat(block, s.residual.shape[1])
 
 
@@ -55,7 +55,8 @@ def heldout_rms(fitted: Fit, along: bool = False) -> tuple[float, float]:
     residual = fitted.whitener.undo(predicted(fitted, along)).reshape(s.residual.shape)
     white = s.scatter.mean(axis=0)
     if not white.any():  # markers: their noise is in the whitener
-        noise = float(np.sqrt(fitted.whitener.variance() * 3))
+        repeats = fitted.problem.noise.repeats
+        noise = float(np.sqrt(fitted.whitener.variance() * 3 / repeats))
         return float(np.sqrt((residual**2).sum(axis=1).mean())), noise
     weight = s.count[:, None] / s.count.sum()  # by points, as if each were compared by itself
     extra = (weight * (residual**2 - np.diagonal(s.white(), axis1=1, axis2=2))).sum(axis=0)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from ropefit.effects import Effect
-from ropefit.models.equilibrium import Term
+from ropefit.models.terms import Term
 from ropefit.plugins import concrete
 from ropefit.rod.setup import Setup
 
@@ -65,6 +65,7 @@ class Hypothesis:
             np.array([*(q.lower for q in quantities), *(limits[p][0] for p in place)]),
             np.array([*(q.upper for q in quantities), *(limits[p][1] for p in place)]),
             self.effect.start_sd(setup), effect=self.effect,
+            saturating=np.array([*(q.saturates for q in quantities), *(False for _ in place)]),
         )  # fmt: skip
 
     def term_at(self, setup: Setup, values: np.ndarray) -> Term:
@@ -80,6 +81,7 @@ class Hypothesis:
             self.name, tuple(q.name for q in quantities), tuple(q.unit for q in quantities), apply,
             values[:k], self.scales(setup), np.array([q.lower for q in quantities]),
             np.array([q.upper for q in quantities]), np.full(k, np.inf), effect=self.effect,
+            saturating=np.array([q.saturates for q in quantities]),
         )  # fmt: skip
 
 
@@ -97,5 +99,6 @@ def effects_of(setup: Setup, names: tuple[str, ...] | None = None) -> Iterator[E
     for kind in concrete(Effect, "ropefit.effects"):
         for end in (0, 1) if kind.locus == "end" else (0,):
             effect = kind(end)  # pyright: ignore[reportAbstractUsage]
-            if (names is None or effect.name in names) and effect.applies(setup):
+            possible = setup.damping is None or effect.in_motion
+            if possible and (names is None or effect.name in names) and effect.applies(setup):
                 yield effect

@@ -9,10 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import loads_to_nodes
 from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.models.response import Change
+from ropefit.rod.setup import Setup
 
 ARC_KNOTS = 10
 ARC_CORRELATION = 0.15  # of the length
@@ -68,10 +71,15 @@ def latent_force(fitted: Fit, project: Projection) -> LatentForce:
     for k in range(ARC_KNOTS):
         for a in range(3):
             load[:, 3 * k + a, :, a] = hats[:, k] * (length / (nodes - 1)) * weight
-    whitened = sensitivity(loads_to_nodes(point, load), s, s, fitted.whitener)
-    times = np.linspace(0, 1, TIME_KNOTS)
+    if fitted.forward.instantaneous:
+        moves, many = loads_to_nodes(point, load), TIME_KNOTS
+    else:  # what a force does lasts: a steady one
+        steady = torch.from_numpy(load[0])
+        moves, many = point.respond([_loaded(setup, one) for one in steady]), 1
+    whitened = sensitivity(moves, s, s, fitted.whitener)
+    times = np.linspace(0, 1, many)
     over = np.linspace(0, 1, frames)
-    when = np.maximum(0, 1 - np.abs(over[:, None] - times) * (TIME_KNOTS - 1))  # (F, TIME_KNOTS)
+    when = np.maximum(0, 1 - np.abs(over[:, None] - times) * (many - 1))  # (F, many)
     of = when[np.repeat(s.frame, s.residual.shape[1])]
     columns = (of[:, :, None] * whitened[:, None, :]).reshape(len(of), -1)
     mixing = np.kron(
@@ -90,9 +98,13 @@ def latent_force(fitted: Fit, project: Projection) -> LatentForce:
     covariance = np.eye(right.shape[1]) - (right.T * (size * strength * shrink)) @ right
     root = mixing @ np.linalg.cholesky(covariance + 1e-9 * np.eye(len(covariance)))
     sd = np.sqrt((root**2).sum(1)) * size * weight
-    latent.force = np.einsum("fj,jka->fka", when, (mixing @ mean).reshape(TIME_KNOTS, ARC_KNOTS, 3))
-    latent.sd = np.einsum("fj,jka->fka", when, sd.reshape(TIME_KNOTS, ARC_KNOTS, 3))
+    latent.force = np.einsum("fj,jka->fka", when, (mixing @ mean).reshape(many, ARC_KNOTS, 3))
+    latent.sd = np.einsum("fj,jka->fka", when, sd.reshape(many, ARC_KNOTS, 3))
     return latent
+
+
+def _loaded(setup: Setup, load: torch.Tensor) -> Change:
+    return lambda step: setup._replace(load=setup.load + step * load)
 
 
 def _root(at: np.ndarray, scale: float) -> np.ndarray:

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.models.equilibrium import Forward
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Motion, Setup
 
@@ -70,6 +69,8 @@ def next_motion(first: Candidate, second: Candidate) -> tuple[str, float]:
     An empty name where none settles.
     """
     best, name = 0.0, ""
+    if not first.fit.forward.instantaneous:  # the motions are series of poses
+        return name, best
     for label, (ends, clamp) in motions(first.fit.forward.base).items():
         shapes = []
         for candidate in (first, second):
@@ -84,7 +85,8 @@ def next_motion(first: Candidate, second: Candidate) -> tuple[str, float]:
             moved = base._replace(
                 ends=ends, clamp=clamp, seen=seen, motion=slow, time=None, past=None
             )
-            point = Forward(moved, candidate.fit.forward.terms).at(candidate.fit.point.u)
+            forward = candidate.fit.forward
+            point = forward.of_setup(moved, None, forward.terms).at(candidate.fit.point.u)
             shapes.append(point.seen)
         apart = float(np.sqrt(np.nanmean(((shapes[0] - shapes[1]) ** 2).sum(-1))))
         if apart > best:

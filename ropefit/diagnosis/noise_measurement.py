@@ -27,9 +27,7 @@ UNUSUAL_RATIO = 2.0  # of a frame's mean square to the median one
 USUAL_SHARE = 0.75  # at least, of the frames are usual
 
 
-def measured_noise(
-    fitted: Fit, sensitivities: list[Sensitivity], noise: Noise, moves: list[np.ndarray]
-) -> Noise:
+def measured_noise(fitted: Fit, sensitivities: list[Sensitivity], moves: list[np.ndarray]) -> Noise:
     """Return white and correlated noise of the stations of a nominal fit, and that of its ends.
 
     moves: (M, D) [m] each, what further effects may have done to the stations.
@@ -46,7 +44,7 @@ def measured_noise(
     mine = _usual_frames(every, residual)
     few = Stations(*(getattr(every, name)[mine] for name in Stations.__dataclass_fields__))
     rows = np.repeat(mine, fitted.stations.residual.shape[1])
-    return estimate(few, replace(noise, ends=end_noise(fitted)), design[rows])
+    return estimate(few, replace(fitted.problem.noise, ends=end_noise(fitted)), design[rows])
 
 
 def end_noise(fitted: Fit) -> EndNoise:

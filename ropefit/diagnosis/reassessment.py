@@ -14,18 +14,16 @@ from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.candidate import Candidate, compared, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, attempted
-from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.inference.problem import FitProblem
+from ropefit.models.terms import Term
 
 EVALUATIONS = 20
 
 
 def reassessed(
-    current: Fit, accepted: list[Accepted], threshold: float, tried: int, data: Data, noise: Noise,
-    bins: int,
-) -> tuple[Fit, list[Accepted]]:  # fmt: skip
+    current: Fit, accepted: list[Accepted], threshold: float, tried: int
+) -> tuple[Fit, list[Accepted]]:
     """Return the model and its effects, each compared once more beside the others.
 
     The last one is compared only if another changed: it was accepted beside them. tried: how many
@@ -35,23 +33,21 @@ def reassessed(
     for index, one in enumerate(accepted):
         if one is accepted[-1] and not changed:
             break
-        without = _without(current, one.candidate, data, noise, bins)
+        without = _without(current, one.candidate)
         after = [f.candidate for f in accepted[index + 1 :]]
         if without is None or not all(
             c.hypothesis.effect.applies(without.point.setup) for c in after
         ):  # a later effect needs it, as friction needs contact
             continue
-        held = _refitted_beside(replace(one.candidate, fit=current), [], without, data, noise, bins)
+        held = _refitted_beside(replace(one.candidate, fit=current), [], without)
         if held is None:
             continue
-        fitted = [
-            fit_candidate(without, c.hypothesis, c.values(), data, noise, bins) for c in one.beaten
-        ]
+        fitted = [fit_candidate(without, c.hypothesis, c.values()) for c in one.beaten]
         later = [replace(c, fit=current) for c in after]
         # The other parameters, as fitted with the effect, are a bad start for another one in its
         # place; but where that one was beaten, effects stood beside it that may have changed.
         if later and not changed:
-            fitted += [_refitted_beside(c, later, without, data, noise, bins) for c in one.beaten]
+            fitted += [_refitted_beside(c, later, without) for c in one.beaten]
         candidates = _best_of([held, *fitted])
         better = [
             c for c in candidates
@@ -70,14 +66,14 @@ def reassessed(
 
 
 def _refitted_beside(
-    candidate: Candidate, later: list[Candidate], without: Fit, data: Data, noise: Noise, bins: int
+    candidate: Candidate, later: list[Candidate], without: Fit
 ) -> Candidate | None:
     """Return a candidate from where its own fit left it, with later effects beside it."""
     parts = [
         *_parts(candidate.fit), *(p for c in later for p in _parts(c.fit) if p[0] is c.term),
     ]  # fmt: skip
     parts.sort(key=lambda part: part[0] is candidate.term)
-    fitted = _refitted(candidate.fit, parts, data, noise, bins)
+    fitted = _refitted(candidate.fit, parts, without.problem)
     if fitted is None or len(fitted.z) != len(without.z):
         return None
     return compared(candidate.hypothesis, candidate.term, without, fitted)
@@ -91,20 +87,18 @@ def _best_of(fitted: list[Candidate | None]) -> list[Candidate]:
     return list(out.values())
 
 
-def _without(current: Fit, candidate: Candidate, data: Data, noise: Noise, bins: int) -> Fit | None:
+def _without(current: Fit, candidate: Candidate) -> Fit | None:
     """Return the model without an effect."""
     rest = [part for part in _parts(current) if part[0] is not candidate.term]
-    return _refitted(current, rest, data, noise, bins)
+    return _refitted(current, rest, current.problem)
 
 
 def _parts(fitted: Fit) -> list[tuple[Term, np.ndarray]]:
     return list(zip(fitted.forward.terms, fitted.forward.split(fitted.point.u), strict=True))
 
 
-def _refitted(
-    fitted: Fit, parts: list[tuple[Term, np.ndarray]], data: Data, noise: Noise, bins: int
-) -> Fit | None:
+def _refitted(fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem) -> Fit | None:
     """Refit a model of some terms of a fit, in that order, from their values there."""
-    forward = Forward(fitted.forward.base, [term for term, _ in parts], fitted.point.solution)
+    forward = fitted.forward.with_terms([term for term, _ in parts], fitted.point.solution)
     begin = np.concatenate([part for _, part in parts])
-    return attempted(forward, data, noise, bins, begin, EVALUATIONS, tolerance=1e-5)
+    return attempted(forward, problem, begin, EVALUATIONS, tolerance=1e-5)

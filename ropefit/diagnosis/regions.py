@@ -41,10 +41,11 @@ def regions(fitted: Fit, bins: int) -> list[Mismatch]:
     s = fitted.stations
     place, edges = _places(s, bins)
     bins = len(edges) - 1
-    offset = np.full((len(fitted.point.seen), bins, 3), np.nan)
-    offset[s.frame, place] = np.einsum("md,mda->ma", s.residual, s.basis)
+    rows, row = np.unique(s.frame, return_inverse=True)  # of a motion, not every frame counts
+    offset = np.full((len(rows), bins, 3), np.nan)
+    offset[row, place] = np.einsum("md,mda->ma", s.residual, s.basis)
     z = np.zeros((len(offset), bins, s.residual.shape[1]))
-    z[s.frame, place] = fitted.z.reshape(s.residual.shape)
+    z[row, place] = fitted.z.reshape(s.residual.shape)
     seen = np.isfinite(offset[..., 0]).astype(float)
     kernel = np.ones((3, 3))
     count = ndimage.convolve(seen, kernel, mode="constant")
@@ -69,7 +70,7 @@ def regions(fitted: Fit, bins: int) -> list[Mismatch]:
         out.append(
             Mismatch(
                 (float(edges[places.min()]), float(edges[places.max() + 1])),
-                (int(frames.min()), int(frames.max())),
+                (int(rows[frames.min()]), int(rows[frames.max()])),
                 float(np.sqrt((vectors**2).sum(-1).mean())),
                 direction / size if size > 0 else np.zeros(3),
             )

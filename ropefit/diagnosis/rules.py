@@ -10,10 +10,7 @@ from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
-from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, attempted
-from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Forward
 
 RESTART_EVALUATIONS = 20
 
@@ -23,22 +20,20 @@ class Selection:
 
     def candidates(
         self, current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
-        data: Data, noise: Noise, bins: int, threshold: float, names: tuple[str, ...] | None,
+        threshold: float, names: tuple[str, ...] | None,
     ) -> list[Candidate]:  # fmt: skip
         """Return the candidates of a round, highest evidence first; see `fit_candidates`."""
-        return fit_candidates(current, scan, quick, slow, data, noise, bins, threshold, names)
+        return fit_candidates(current, scan, quick, slow, threshold, names)
 
-    def restarted(
-        self, current: Fit, best: Candidate, data: Data, noise: Noise, bins: int, share: float
-    ) -> Fit | None:
+    def restarted(self, current: Fit, best: Candidate, share: float) -> Fit | None:
         """Return the smaller model as fitted from the best candidate's values, if that is better.
 
         The smaller model had then been in a local minimum. share: of the candidate's evidence, at
         least gained without it.
         """
         begin = best.fit.point.u[: current.forward.size]
-        forward = Forward(current.forward.base, current.forward.terms, best.fit.point.solution)
-        again = attempted(forward, data, noise, bins, begin, RESTART_EVALUATIONS, tolerance=1e-5)
+        forward = current.forward.with_terms(current.forward.terms, best.fit.point.solution)
+        again = attempted(forward, current.problem, begin, RESTART_EVALUATIONS, tolerance=1e-5)
         if again is None:
             return None
         return again if again.cost < current.cost - share * best.evidence else None

@@ -116,9 +116,9 @@ class Scorer:
         second = None
         at = self.hypothesis.places
         if at.shape[1]:
-            apart = np.abs(at[:, 0] - at[best, 0]) > SECOND_DISTANCE * (
-                at[:, 0].max() - at[:, 0].min()
-            )
+            shaping = self.hypothesis.effect.shaping
+            along = at[:, shaping if at.shape[1] > shaping else 0]
+            apart = np.abs(along - along[best]) > SECOND_DISTANCE * np.ptp(along)
             other = int(np.argmax(np.where(apart, places, -np.inf)))
             if apart[other] and places[other] > SECOND_FACTOR * places[best]:
                 second = (self._sizes(z, other)[0], at[other])

@@ -21,7 +21,7 @@ from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
-from ropefit.inference.bins import Data, match
+from ropefit.diagnosis.wander import wandering_noise
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
@@ -38,7 +38,6 @@ class Diagnosis:
     accepted: list[Accepted]
     nominal: Fit
     final: Fit
-    noise: Noise
     scan: list[Score]
     threshold: float
     latent: LatentForce
@@ -83,21 +82,18 @@ class Limits:
     units: dict[str, str]
 
 
-def search(
-    nominal: Fit, data: Data, noise: Noise, bins: int, seed: int, progress: Progress,
-    rules: Rules = RULES,
-) -> Diagnosis:  # fmt: skip
+def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) -> Diagnosis:
     """Diagnose a recording, from a nominal fit with white noise."""
     rng = np.random.default_rng(seed)
-    nominal = on_right_branches(nominal, data, noise, bins)
-    every, data = data, data.settled(nominal.point.seen)
+    nominal = on_right_branches(nominal)
+    every = nominal.problem.data
     progress(0.1, "scan")
-    nominal, noise, known = _with_noise(nominal, data, noise, bins, rules)
+    nominal, known = _with_noise(nominal, rules)
     current, accepted, refused = nominal, [], []
     first, limits, crowded, most = None, None, False, rules.most_effects
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(0.2 + 0.16 * round_, "scan")
-        scan = Scan(current, sensitivities(current, data, bins, accepted, rules.effects, known))
+        scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
         known = []  # of the nominal model
         if first is None or limits is None:
             first, limits = scan, _limits(scan, rng, rules)
@@ -111,12 +107,10 @@ def search(
         progress(0.24 + 0.16 * round_, "fits of the leaders")
         candidates = rules.selection.candidates(
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
-            scan.contact(rules), data, noise, bins, limits.threshold, rules.effects,
+            scan.contact(rules), limits.threshold, rules.effects,
         )  # fmt: skip
         if candidates and candidates[0].evidence >= limits.threshold:
-            again = rules.selection.restarted(
-                current, candidates[0], data, noise, bins, rules.restart_share
-            )
+            again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:
                 current = again
                 continue
@@ -127,37 +121,35 @@ def search(
         accepted.append(accept(best, candidates, current, tried))
         best = accepted[-1].candidate
         most += not best.hypothesis.effect.counted
-        data = every.settled(best.fit.point.seen)
+        problem = replace(current.problem, data=every.settled(best.fit.point.seen))
+        if not current.forward.instantaneous:  # less is left, and what is left wanders less
+            problem = problem.under(wandering_noise(best.fit, scan.sensitivities))
         forward = best.fit.forward.starting_from(best.fit.point.solution)
-        current = fit(forward, data, noise, bins, best.fit.point.u, 10, tolerance=1e-5)
-        current, accepted = reassessed(
-            current, accepted, limits.threshold, tried, data, noise, bins
-        )
+        current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
+        current, accepted = reassessed(current, accepted, limits.threshold, tried)
     assert first is not None
     assert limits is not None
     return Diagnosis(
-        _verdict(nominal, current, accepted, latent, crowded), accepted, nominal, current, noise,
+        _verdict(nominal, current, accepted, latent, crowded), accepted, nominal, current,
         first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
 
 
-def _with_noise(
-    nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules
-) -> tuple[Fit, Noise, list[Sensitivity]]:
-    """Measure the noise and fit the nominal model with it; and the sensitivities that were needed
-    for it."""
-    if not data.material:  # one white noise for all fits, as at the nominal one
-        seen = match(data, nominal.point.seen, bins).scatter[0]
-        noise = replace(noise, white=tuple(float(v) for v in seen))
-        nominal = fit(nominal.forward, data, noise, bins, nominal.point.u, 5, tolerance=1e-5)
-    noise, known = _noise(nominal, data, noise, bins, rules)
+def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
+    """Measure the noise and fit the nominal model with it; and the sensitivities of the nominal
+    model, where they were needed for that."""
+    problem = nominal.problem.settled(nominal.point.seen)
+    if not problem.data.material:  # one white noise for all fits, as at the nominal one
+        seen = problem.match(nominal.point.seen).scatter[0]
+        problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
+        nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
+    noise, known = _noise(nominal, rules)
     forward = nominal.forward.starting_from(nominal.point.solution)
-    return fit(forward, data, noise, bins, nominal.point.u, 20, tolerance=1e-5), noise, known
+    again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
+    return again, known
 
 
-def _noise(
-    nominal: Fit, data: Data, noise: Noise, bins: int, rules: Rules
-) -> tuple[Noise, list[Sensitivity]]:
+def _noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity]]:
     """Measure the noise beside what effects explain; and the sensitivities of the nominal model,
     where they were computed for that.
 
@@ -165,32 +157,36 @@ def _noise(
     would be taken for noise of the ends, and then for nothing. Nor can noise be measured against a
     rope at rest that is in motion.
     """
+    noise = nominal.problem.noise
+    if not nominal.forward.instantaneous:
+        steady = sensitivities(nominal, [], rules.effects)
+        return wandering_noise(nominal, steady), steady
     if rules.noise == "white":
         return replace(noise, correlated=0.0, ends=None), []
     at_rest = nominal
     for choices in proposals(nominal, slow=False, names=rules.effects):
-        fitted = (fit_candidate(nominal, *start, data, noise, bins) for start in choices)
+        fitted = (fit_candidate(nominal, *start) for start in choices)
         moving = next((c for c in fitted if c is not None), None)
         if moving is not None and moving.evidence > rules.least_evidence:
             nominal = moving.fit
-    steady = sensitivities(nominal, data, bins, [], rules.effects)
+    steady = sensitivities(nominal, [], rules.effects)
     known = steady if nominal is at_rest else []
-    measured = measured_noise(nominal, steady, noise, [])
+    measured = measured_noise(nominal, steady, [])
     if not measured.coloured:
         return measured, known
     scan = Scan(nominal, steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
         return measured, known
-    hidden = [s for s in scan.scores if s.hypothesis.effect.shaping]
+    # For the noise, the best place of each is enough.
+    hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.shaping]
     candidates = fit_candidates(
-        nominal, hidden, [], scan.contact(rules), data, noise, bins, rules.least_evidence,
-        rules.effects,
+        nominal, hidden, [], scan.contact(rules), rules.least_evidence, rules.effects
     )  # fmt: skip
     seen = nominal.stations.residual
     moves = [
         seen - c.fit.stations.residual for c in candidates if c.evidence > rules.least_evidence
     ]
-    return measured_noise(nominal, steady, noise, moves) if moves else measured, known
+    return measured_noise(nominal, steady, moves) if moves else measured, known
 
 
 def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
@@ -228,16 +224,16 @@ def _verdict(
 
 
 def sensitivities(
-    current: Fit, data: Data, bins: int, accepted: list[Accepted],
-    names: tuple[str, ...] | None = None, nearby: Sequence[Sensitivity] = (),
+    current: Fit, accepted: list[Accepted], names: tuple[str, ...] | None = None,
+    nearby: Sequence[Sensitivity] = (),
 ) -> list[Sensitivity]:  # fmt: skip
     """Return the sensitivities to every hypothesis, but to accepted ones with no other place.
 
     nearby: known ones, of the same model in perhaps nearly the same shapes.
     """
-    responses = Sensitivities(current, data, bins)
+    responses = Sensitivities(current)
     known = [one.candidate.hypothesis for one in accepted]
     taken = {h.key for h in known if not h.effect.place_names}
-    every = hypotheses(current.point.setup, names)
     before = {one.hypothesis.key: one for one in nearby}
+    every = hypotheses(current.point.setup, names)
     return [responses.of(h, before.get(h.key)) for h in every if h.key not in taken]

@@ -8,10 +8,9 @@ import numpy as np
 import torch
 
 from ropefit.diagnosis.hypotheses import Hypothesis
-from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit, sensitivity
-from ropefit.models.equilibrium import Forward, change_by
 from ropefit.models.response import Point
+from ropefit.models.terms import change_by
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 NEAR = 1e-3  # of the length: shapes that differ by less answer alike
@@ -32,9 +31,9 @@ class Sensitivity:
 class Sensitivities:
     """Compute sensitivities at a fit's point; what they share is computed once."""
 
-    def __init__(self, fit: Fit, data: Data, bins: int) -> None:
+    def __init__(self, fit: Fit) -> None:
         self.fit, self.point = fit, fit.point
-        self.now = match(data, np.where(np.isfinite(fit.point.seen), fit.point.seen, 0.0), bins)
+        self.now = fit.problem.match(np.where(np.isfinite(fit.point.seen), fit.point.seen, 0.0))
         self.setup = fit.point.setup
 
     def whiten(self, dx: np.ndarray) -> np.ndarray:
@@ -62,7 +61,7 @@ class Sensitivities:
         )
 
     def _nodes(self, hypothesis: Hypothesis) -> np.ndarray:
-        loads = self._loads(hypothesis)
+        loads = self._loads(hypothesis) if self.fit.forward.instantaneous else None
         if loads is not None:
             return loads_to_nodes(self.point, loads)
         if hypothesis.effect.tangent:
@@ -78,7 +77,7 @@ class Sensitivities:
         point = self.point
         if hypothesis.effect.path_dependent:
             start = np.zeros(sum(term.size for term in terms))
-            point = Forward(self.setup, terms, point.solution).at(start)
+            point = self.fit.forward.of_setup(self.setup, point.solution, terms).at(start)
         return point.respond(
             [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
         )
@@ -96,7 +95,7 @@ class Sensitivities:
     def response(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return (F, K, 3) nodes as seen with the effect at values (k + p,), NaN if unsettled."""
         setup = self.setup.after(lambda s: hypothesis.effect.apply(s, torch.from_numpy(values)))
-        return Forward(setup, [], self.point.solution).at(np.empty(0)).seen
+        return self.fit.forward.of_setup(setup, self.point.solution).at(np.empty(0)).seen
 
     def _loads(self, hypothesis: Hypothesis) -> np.ndarray | None:
         """Return (F, Q k, K, 3) [N] on the nodes per usual size, where an effect is such a load."""

@@ -12,19 +12,14 @@ import numpy as np
 
 from ropefit.diagnosis.candidate import SIZE_PRIOR_SD
 from ropefit.diagnosis.hypotheses import Hypothesis
-from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, attempted
-from ropefit.inference.noise import Noise
-from ropefit.models.equilibrium import Forward
 
 STRETCHES = 10
 NONLINEAR_START = 0.3  # usual sizes: effects without a tangent have no slope at zero
 MOST_EVALUATIONS = 15
 
 
-def significant_interval(
-    smaller: Fit, hypothesis: Hypothesis, data: Data, noise: Noise, bins: int
-) -> np.ndarray | None:
+def significant_interval(smaller: Fit, hypothesis: Hypothesis) -> np.ndarray | None:
     """Return sizes, centre and width (k + 2,) in SI of the most significant interval.
 
     The sizes of a hypothesis are fitted in each of `STRETCHES` stretches at once, on top of a
@@ -39,11 +34,11 @@ def significant_interval(
     for centre in centres:
         term = hypothesis.term_at(setup, np.array([*zero, centre, width]))
         terms.append(replace(term, prior=SIZE_PRIOR_SD * term.scale))
-    forward = Forward(setup, [*smaller.forward.terms, *terms], smaller.point.solution)
+    forward = smaller.forward.with_terms([*smaller.forward.terms, *terms], smaller.point.solution)
     own = STRETCHES * hypothesis.size
     small = 0.0 if hypothesis.effect.linear else NONLINEAR_START
     begin = np.concatenate([smaller.point.u, np.full(own, small)])
-    fitted = attempted(forward, data, noise, bins, begin, MOST_EVALUATIONS, tolerance=1e-4)
+    fitted = attempted(forward, smaller.problem, begin, MOST_EVALUATIONS, tolerance=1e-4)
     if fitted is None:
         return None
     scale = np.tile(terms[0].scale, STRETCHES)

@@ -9,7 +9,7 @@ from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.bending_hysteresis import BendingHysteresis
 from ropefit.effects.clamped_end import ClampedEnd, TiltedClamp
 from ropefit.effects.contact_friction import ContactFriction
-from ropefit.effects.damping import Damping
+from ropefit.effects.damping import Damping, DampingInMotion
 from ropefit.effects.depth_bias import DepthBias, DepthGain
 from ropefit.effects.distributed_load import DistributedLoad
 from ropefit.effects.end_offset import EndOffset
@@ -18,11 +18,14 @@ from ropefit.effects.gravity_misalignment import GravityMisalignment
 from ropefit.effects.inertia import Inertia
 from ropefit.effects.intrinsic_curvature import FreeCurvature, IntrinsicCurvature
 from ropefit.effects.kink import FreeKink, Kink
+from ropefit.effects.length_error import LengthError
 from ropefit.effects.lost_out_of_plane import LostOutOfPlane
 from ropefit.effects.mass_section import MassSection
 from ropefit.effects.obstacle import Obstacle
 from ropefit.effects.plastic_set import PlasticSet
+from ropefit.effects.point_force import PointForce
 from ropefit.effects.point_mass import PointMass
+from ropefit.effects.rest_shape import RestShape
 from ropefit.effects.scale_error import ScaleError
 from ropefit.effects.soft_section import SoftSection
 from ropefit.effects.stiff_section import StiffSection
@@ -32,12 +35,14 @@ from ropefit.effects.time_lag import TimeLag
 from ropefit.effects.too_coarse import TooCoarse
 from ropefit.effects.under_converged import UnderConverged
 from ropefit.effects.viscoelastic_creep import ViscoelasticCreep
+from ropefit.effects.weight_error import WeightError
 
 CATALOGUE: tuple[type[Effect], ...] = (
     PointMass,
     MassSection,
     IntrinsicCurvature,
     FreeCurvature,
+    RestShape,
     Kink,
     FreeKink,
     StiffSection,
@@ -48,6 +53,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     TiltedClamp,
     EndTwist,
     Tether,
+    PointForce,
     SupportPlane,
     Obstacle,
     ContactFriction,
@@ -56,12 +62,15 @@ CATALOGUE: tuple[type[Effect], ...] = (
     ViscoelasticCreep,
     Inertia,
     Damping,
+    DampingInMotion,
     DepthGain,
     TimeLag,
     DepthBias,
     ScaleError,
     GravityMisalignment,
     EndOffset,
+    WeightError,
+    LengthError,
     LostOutOfPlane,
     TooCoarse,
     UnderConverged,

@@ -44,7 +44,8 @@ class Quantity:
     weight and length: size = scale * weight**by_weight * length**by_length; and be one of times:
     then it is a multiple of the recording's duration [s] as well. `inexact` is the relative error
     that remains without noise: added to the standard error in quadrature. `derived` is reported
-    beside the quantity.
+    beside the quantity. `saturates`: sizes far above the usual one do the same, and infinity is
+    within reach.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Quantity:
     by_time: float = 0.0
     inexact: float = 0.0
     derived: Derived | None = None
+    saturates: bool = False
 
     def size(self, setup: Setup) -> float:
         """Return the usual size for this rope, in SI."""
@@ -79,6 +81,19 @@ class Calibration:
     prior: str
     degrees: bool = False
     own_sensor: bool = False
+
+
+class SpecialCase(NamedTuple):
+    """What an effect is where some of its values are not significantly different from zero (those
+    with a lower bound above zero: from that bound).
+
+    effect: the special one; vanishing: names of those values; values: its values (SI) from those
+    of the general one, None where it cannot have them.
+    """
+
+    effect: type[Effect]
+    vanishing: tuple[str, ...]
+    values: Callable[[Setup, np.ndarray], np.ndarray | None]
 
 
 class Exported(NamedTuple):
@@ -115,10 +130,18 @@ class Effect(ABC):
     # Quantities that are components of one vector are reported as its size, of this name and unit.
     vector: ClassVar[tuple[str, str] | None] = None
 
+    # Names of quantities that are components of a direction: their common size changes nothing.
+    direction: ClassVar[tuple[str, ...]] = ()
+
+    # Simpler effects that this one contains: one of them is named where it explains as much.
+    special_cases: ClassVar[tuple[SpecialCase, ...]] = ()
+
     # The scan looks for it at small sizes; if not, only its own `starts` do.
     scanned: ClassVar[bool] = True
     # Its response depends on the frames before even at zero size: the derivative follows the path.
     path_dependent: ClassVar[bool] = False
+    # It can be simulated in motion: no potential, no memory, nothing that needs a rope at rest.
+    in_motion: ClassVar[bool] = True
     # Fits are slow (contact comes and goes): after all others, and only while they gain.
     slow: ClassVar[bool] = False
     # What is held out to test it: blocks of frames, or stretches of rope where it acts in so few

@@ -19,6 +19,7 @@ class BendingHysteresis(Effect):
     first frame."""
 
     name = "bending_hysteresis"
+    in_motion = False
     quantities = (
         Quantity("moment", "N m", 3e-4, 0.0, by_weight=1.0, by_length=1.0),
         Quantity("range", "1/m", 1.0, 1e-3, 1e3, by_length=-1.0),

@@ -2,47 +2,67 @@
 
 from __future__ import annotations
 
+from itertools import product
+
+import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity, one_end, turned_clamp, where
+from ropefit.effects.base import Derived, Effect, Quantity, one_end, turned_clamp, where
 from ropefit.rod.quaternion import smallest_rotation
 from ropefit.rod.setup import Setup
 
+RIGID = 1e3  # N m/rad: no rope shows that a clamp this stiff yields
+LARGEST = 1e12  # rad/(N m): beyond, it is no clamp
+# From the middle of a cube to its corners, edges and faces.
+DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+
 
 class ClampedEnd(Effect):
-    """A pinned end with an elastic clamp: `stiffness` [N m/rad], to a direction fixed in space.
-
-    The three values are that direction (from end 0 towards end 1) times the stiffness, so that an
-    end without a clamp is zero; a rigid clamp is a large stiffness.
-    """
+    """A pinned end with an elastic clamp: `stiffness` [N m/rad], infinite where it is rigid, to a
+    direction fixed in space (from end 0 towards end 1), of any length."""
 
     name = "clamped_end"
     locus = "end"
-    vector = ("stiffness", "N m/rad")
-    quantities = tuple(
-        Quantity(f"stiffness_{axis}", "N m/rad", 0.003, by_weight=1.0, by_length=1.0)
-        for axis in "xyz"
-    )
-
-    @property
-    def tangent(self) -> bool:
-        return False  # at zero stiffness the direction has no derivative
+    quantities = (
+        Quantity(
+            "stiffness", "N m/rad", 0.02, lower=0.0, by_weight=1.0, by_length=1.0, saturates=True,
+            derived=Derived("compliance", "rad/(N m)", lambda k: 1 / max(k, 1 / LARGEST)),
+        ),
+        *(Quantity(f"direction_{axis}", "1", 0.3) for axis in "xyz"),
+    )  # fmt: skip
+    shaping = 3
+    direction = ("direction_x", "direction_y", "direction_z")
 
     def applies(self, setup: Setup) -> bool:
         free = bool(torch.isnan(setup.ends[:, self.end]).any())
         return not setup.clamped[self.end] and not free
 
+    def scan_places(self, setup: Setup) -> np.ndarray:
+        """Return (26, 3) directions, evenly spread."""
+        return DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+
+    def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Return the clamp's moment on the last segment t, t x direction, as the force across it
+        on its inner node."""
+        held, inner = (0, 1) if self.end == 0 else (-1, -2)
+        segment = (x[:, inner] - x[:, held]) * (1 if self.end == 0 else -1)
+        length = np.linalg.norm(segment, axis=-1, keepdims=True)
+        tangent = segment / length
+        load = np.zeros((len(x), 1, *x.shape[1:]))
+        across = place - (tangent @ place)[:, None] * tangent
+        load[:, 0, inner] = across / length * (1 if self.end == 0 else -1)
+        return load
+
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        size = torch.sqrt((values * values).sum() + 1e-30)
         up = torch.tensor([0.0, 0.0, 1.0], dtype=values.dtype)
-        frame = smallest_rotation(up, values / size)
+        way = values[1:4] / torch.sqrt((values[1:4] * values[1:4]).sum() + 1e-30)
         wide = torch.zeros(2, 1, dtype=torch.bool)
         wide[self.end] = True
-        clamp = torch.where(wide, frame, setup.clamp)
+        clamp = torch.where(wide, smallest_rotation(up, way), setup.clamp)
         # The spring bends only: pinned ends let the rope spin.
-        bend = one_end(self.end, 1 / size)
-        loose = one_end(self.end, torch.full_like(size, torch.inf))
+        bend = one_end(self.end, 1 / values[0])
+        loose = one_end(self.end, torch.full_like(values[0], torch.inf))
         clamped = tuple(True if e == self.end else c for e, c in enumerate(setup.clamped))
         return setup._replace(
             clamp=clamp,
@@ -51,8 +71,9 @@ class ClampedEnd(Effect):
         )
 
     def sentence(self, values: dict[str, float]) -> str:
-        size = sum(values[f"stiffness_{axis}"] ** 2 for axis in "xyz") ** 0.5
-        return f"{where(self.end)} holds the rope's direction, with {size:.3g} N·m per radian"
+        size = values["stiffness"]
+        how = "rigidly" if size > RIGID else f"with {size:.3g} N·m per radian"
+        return f"{where(self.end)} holds the rope's direction, {how}"
 
 
 class TiltedClamp(Effect):

@@ -30,6 +30,7 @@ class Contact(Effect):
     scanned = False
     slow = True
     held_out = "stretches"
+    in_motion = False
 
 
 def hardness(setup: Setup) -> Tensor:

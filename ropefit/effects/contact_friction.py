@@ -30,6 +30,7 @@ class ContactFriction(Effect):
     """
 
     name = "contact_friction"
+    in_motion = False
     quantities = (Quantity("coefficient", "1", 0.3, 0.0, 2.0, inexact=0.25),)
     path_dependent = True
     slow = True

@@ -16,6 +16,8 @@ class Damping(Effect):
     name = "damping"
     quantities = (Quantity("air", "N s/m^2", 0.05, 0.0, by_weight=1.0, by_length=-1.0),)
 
+    in_motion = False
+
     def applies(self, setup: Setup) -> bool:
         return setup.motion is not None
 
@@ -26,3 +28,28 @@ class Damping(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the rope is slowed by {values['air']:.3g} N per metre of it and m/s"
+
+
+class DampingInMotion(Effect):
+    """More damping of a rope that is simulated in motion: of the air, and of its own bending."""
+
+    name = "damping"
+    quantities = (
+        Quantity("air", "N s/m^2", 0.05, 0.0, by_weight=1.0, by_length=-1.0),
+        Quantity("bend", "N m^2 s", 3e-4, 0.0, by_weight=1.0, by_length=2.0),
+    )
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.damping is not None
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        assert setup.damping is not None
+        d, (air, bend) = setup.damping, values
+        more = d._replace(air=d.air + air, bend=d.bend + bend, twist=d.twist + bend)
+        return setup._replace(damping=more)
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"the rope is damped more: by the air with {values['air']:.3g} N s/m², by its bending "
+            f"with {values['bend']:.3g} N m² s"
+        )

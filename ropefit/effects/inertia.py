@@ -22,6 +22,7 @@ class Inertia(Effect):
     name = "inertia"
     quantities = (Quantity("share", "1", 1.0, 0.0, 3.0, inexact=0.04),)
     counted = False  # every rope in motion has it
+    in_motion = False
     exact = False  # no motion is explained down to the noise of its markers
     may_leave = 0.5
 
@@ -30,7 +31,7 @@ class Inertia(Effect):
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         assert setup.motion is not None
-        mass = node_share(setup, setup.properties.density)
+        mass = node_share(setup, setup.properties.density) + setup.mass
         return setup._replace(
             load=setup.load - values[0] * mass[:, None] * setup.motion.acceleration
         )

@@ -6,11 +6,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Effect, Quantity, SpecialCase
+from ropefit.effects.kink import FreeKink, Kink, log_width
 from ropefit.effects.place import over_interval
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import Setup, twist_held
 
 WHOLE = 0.9  # of the length: what is wider has no edges that could move
+
+
+def sharp_bend(setup: Setup, values: np.ndarray) -> np.ndarray:
+    """Return angles and place of a sharp bend that turns the rope by as much."""
+    *curvature, centre, width = values
+    return np.array([*(width * c for c in curvature), log_width(setup), centre])
 
 
 class IntrinsicCurvature(Effect):
@@ -27,6 +34,8 @@ class IntrinsicCurvature(Effect):
         Quantity("curvature_1", "1/m", 0.3, by_length=-1.0),
         Quantity("curvature_2", "1/m", 0.3, by_length=-1.0),
     )
+
+    special_cases = (SpecialCase(Kink, ("width",), sharp_bend),)
 
     def applies(self, setup: Setup) -> bool:
         return twist_held(setup)
@@ -55,6 +64,7 @@ class FreeCurvature(IntrinsicCurvature):
 
     vector = None
     quantities = (Quantity("curvature", "1/m", 0.3, lower=0.0, by_length=-1.0),)
+    special_cases = (SpecialCase(FreeKink, ("width",), sharp_bend),)
     linear = False
 
     def applies(self, setup: Setup) -> bool:
@@ -66,11 +76,3 @@ class FreeCurvature(IntrinsicCurvature):
 
     def sentence(self, values: dict[str, float]) -> str:
         return super().sentence({"curvature_1": values["curvature"], **values})
-
-
-def twist_held(setup: Setup) -> bool:
-    """Return whether an end keeps the rope from spinning about its tangent."""
-    return any(
-        held and bool(torch.isfinite(setup.clamp_compliance[end, 1]))
-        for end, held in enumerate(setup.clamped)
-    )

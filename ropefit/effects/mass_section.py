@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Effect, Quantity, SpecialCase
 from ropefit.effects.place import over_interval
+from ropefit.effects.point_mass import PointMass
 from ropefit.rod.setup import Setup
+
+
+def gathered(setup: Setup, values: np.ndarray) -> np.ndarray | None:
+    """Return mass and place of a heavier section of no width; None for a lighter one."""
+    return values[:2].copy() if values[0] > 0 else None
 
 
 class MassSection(Effect):
@@ -15,6 +22,8 @@ class MassSection(Effect):
     name = "mass_section"
     locus = "interval"
     quantities = (Quantity("mass", "kg", 0.01, by_weight=1.0),)
+
+    special_cases = (SpecialCase(PointMass, ("width",), gathered),)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         p = setup.properties

@@ -11,6 +11,8 @@ from ropefit.rod.setup import Setup
 SCAN_POINTS = 25  # places of a point effect along the rope
 SCAN_WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
 
+SPREAD = (torch.arange(16, dtype=torch.float64) + 0.5) / 16 - 0.5  # of a width: where it is summed
+
 
 def points_along(length: float) -> np.ndarray:
     """Return (Q, 1) arc lengths [m] at which a scan tries a point effect."""
@@ -38,6 +40,26 @@ def at_point(arc: Tensor, place: Tensor) -> Tensor:
     left, right = torch.zeros_like(arc), torch.zeros_like(arc)
     left[index - 1], right[index] = 1.0, 1.0
     return out + (1 - share) * left + share * right
+
+
+def around_point(arc: Tensor, place: Tensor, width: Tensor) -> Tensor:
+    """Return (K,) shares of the nodes in something spread evenly over `width` [m] about a place.
+
+    Cubic interpolation: the shares have the moments of the spread up to the third, so that neither
+    the place between two nodes nor a width below a segment is lost. The sum is 1.
+    """
+    arc = arc.detach()
+    at = torch.clamp(place + width * SPREAD, min=0.0)
+    at = torch.minimum(at, arc[-1])
+    low = (torch.searchsorted(arc, at.detach(), right=True) - 2).clamp(0, len(arc) - 4)
+    index = low[:, None] + torch.arange(4)
+    node = arc[index]  # (S, 4)
+    other = ~torch.eye(4, dtype=torch.bool)
+    steps = (at[:, None, None] - node[:, None, :]) / torch.where(
+        other, node[:, :, None] - node[:, None, :], 1.0
+    )
+    share = torch.where(other, steps, 1.0).prod(-1) / len(at)
+    return torch.zeros_like(arc).index_add(0, index.reshape(-1), share.reshape(-1))
 
 
 def over_interval(arc: Tensor, centre: Tensor, width: Tensor) -> Tensor:

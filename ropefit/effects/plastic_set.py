@@ -19,6 +19,7 @@ class PlasticSet(Effect):
     stays as rest curvature. In the first frame the rope has its rest shape."""
 
     name = "plastic_set"
+    in_motion = False
     quantities = (
         Quantity("share", "1", 0.2, 0.0, 0.95),
         Quantity("yield_curvature", "1/m", 3.0, 1e-3, 1e3, by_length=-1.0),

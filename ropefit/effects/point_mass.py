@@ -25,7 +25,7 @@ class PointMass(Effect):
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         share = at_point(setup.arc, values[1])
-        return setup._replace(load=setup.load + values[0] * share[:, None] * setup.gravity)
+        return setup._replace(mass=setup.mass + values[0] * share)
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]

@@ -9,9 +9,15 @@ import torch
 from torch import Tensor
 
 from ropefit import attachments as records
-from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
 from ropefit.effects.place import at_point, middle_of, nearest_node
+from ropefit.effects.point_force import PointForce, axes_of
 from ropefit.rod.setup import Potential, Setup
+
+
+def steady_pull(setup: Setup, values: np.ndarray) -> np.ndarray:
+    """Return force and place of a tether that pulls the same wherever the rope is."""
+    return np.array([*(axes_of(setup).numpy() @ values[1:4]), values[4]])
 
 
 class Tether(Effect):
@@ -23,10 +29,13 @@ class Tether(Effect):
 
     name = "tether"
     locus = "point"
+    in_motion = False
     quantities = (
         Quantity("stiffness", "N/m", 0.1, lower=0.0, by_weight=1.0, by_length=-1.0),
         *(Quantity(f"pull_{axis}", "N", 0.03, by_weight=1.0) for axis in "xyz"),
     )
+
+    special_cases = (SpecialCase(PointForce, ("stiffness",), steady_pull),)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         share = at_point(setup.arc, values[4])

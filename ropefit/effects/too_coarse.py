@@ -24,6 +24,7 @@ class TooCoarse(Effect):
 
     name = "too_coarse"
     kind = "solver"
+    in_motion = False
     quantities = (Quantity("amount", "1", 0.5, 0.0, 60.0),)
 
     def applies(self, setup: Setup) -> bool:
@@ -54,6 +55,7 @@ def coarse_error(setup: Setup) -> Tensor:
     coarse = setup._replace(
         properties=few,
         load=torch.zeros(nodes, 3, dtype=torch.float64),
+        mass=torch.zeros(nodes, dtype=torch.float64),
         kinks=torch.zeros(nodes, 3, dtype=torch.float64),
         stretch=setup.stretch.detach().reshape(-1, COARSENING).mean(1),
         potentials=(),

@@ -36,6 +36,7 @@ class UnderConverged(Effect):
 
     name = "under_converged"
     kind = "solver"
+    in_motion = False
     quantities = (
         Quantity("amount", "1", 0.1, 0.0, 1.0),
         Quantity("drop", "m", 0.003, 0.0, by_length=1.0),
@@ -76,7 +77,8 @@ def _cached(setup: Setup, drop: float, reach: float) -> tuple[Tensor, Tensor]:
     """
     rod = setup._replace(potentials=()).rod()
     held = Conditions(setup.ends.detach(), setup.clamp.detach())
-    arrays = (*rod, held.ends, held.clamp, setup.gravity, setup.properties.length)
+    # Neither the catenary nor the iterations know a bending stiffness.
+    arrays = (rod.length, rod.flexibility, rod.load, held.ends, held.clamp, setup.gravity)
     key = (drop, reach, setup.clamped, *(a.detach().numpy().tobytes() for a in arrays))
     result = _latest.get(key)
     if result is None:

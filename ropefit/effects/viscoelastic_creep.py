@@ -18,6 +18,7 @@ class ViscoelasticCreep(Effect):
     constant `time` [s]. It is fully relaxed in the first frame."""
 
     name = "viscoelastic_creep"
+    in_motion = False
     quantities = (
         Quantity("share", "1", 0.3, 0.0, 10.0),
         Quantity("time", "s", 0.15, 1e-3, 1e6, by_time=1.0),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit
 from ropefit.solvers.equilibrium.branches import other_states
 from ropefit.solvers.equilibrium.solution import Solution
 
 
-def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
+def nearer_branch(result: Fit) -> Solution:
     """Of two stable states of a frame, the one that the data show."""
     point = result.point
     found, apart = other_states(point.solution)
@@ -18,7 +17,7 @@ def nearer_branch(result: Fit, data: Data, bins: int) -> Solution:
     for t in np.flatnonzero(np.isfinite(apart)):
         one = np.array([t])
         gaps = [
-            np.median(np.abs(match(data.frames(one), s.x[one], bins).residual))
+            np.median(np.abs(result.problem.frames(one).match(s.x[one]).residual))
             for s in (last, found)
         ]
         if gaps[1] < gaps[0]:

@@ -21,6 +21,7 @@ from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise, estimate
+from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.models import parameters
 from ropefit.models.equilibrium import Forward
@@ -83,12 +84,12 @@ def nominal_fit(
     o: Observations,
     evaluations: int,
     progress: Progress = lambda share, text: None,
-) -> tuple[Fit, Noise]:
+) -> Fit:
     """Fit the free parameters and the calibration errors, noise estimated on the way.
 
     Raises NotConverged when no start settles.
     """
-    bins, noise = len(o.node_arc) - 1, noise_of(o, data)
+    problem = FitProblem(data, noise_of(o, data), len(o.node_arc) - 1)
     best: Fit | None = None
     terms = parameters.terms(setup, sorted(free))
     screened = SCREEN if "EI" in free else (0.0,)
@@ -102,39 +103,38 @@ def nominal_fit(
         states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
         forward = forward.starting_from(states)
         try:
-            found = fit(forward, data, noise, bins, start, 12 if start.size else 1)
+            found = fit(forward, problem, start, 12 if start.size else 1)
         except ArithmeticError:
             continue
         if best is None or found.cost < best.cost:
             best = found
     if best is None:
         raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
-    last = nearer_branch(best, data, bins)
+    last = nearer_branch(best)
     progress(0.5, "least squares")
     # What the rope misses must not be forced on the errors of the set-up.
     loose = max(1.0, best.scale) if data.material else 1.0
     full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
-    return calibrated_fit(full, best.point.u, data, noise, bins, evaluations, loose)
+    return calibrated_fit(full, best.point.u, problem, evaluations, loose)
 
 
 def calibrated_fit(
     full: Forward,
     rope: np.ndarray,
-    data: Data,
-    noise: Noise,
-    bins: int,
+    problem: FitProblem,
     evaluations: int,
     loose: float,
-) -> tuple[Fit, Noise]:
+) -> Fit:
     """Fit rope and calibration together, from search variables `rope` of the first terms; measure
     what is left of noise, and fit once more under it. loose: how many times the markers' noise the
     rope alone misses; the errors of the set-up may take their share of that."""
     start = full.start()
     start[: rope.size] = rope
-    first = fit(full, data, replace(noise, marker=loose * noise.marker), bins, start, evaluations)
+    own = problem.noise.marker
+    first = fit(full, problem.under(replace(problem.noise, marker=loose * own)), start, evaluations)
     missed = max(1.0, loose * first.scale) if loose > 1 else 1.0
-    noise = estimate(first.stations, Noise(marker=missed * noise.marker))
-    return fit(full, data, noise, bins, first.point.u, evaluations), noise
+    noise = estimate(first.stations, Noise(marker=missed * own))
+    return fit(full, problem.under(noise), first.point.u, evaluations)
 
 
 def _fit_group(
@@ -148,10 +148,10 @@ def _fit_group(
 ) -> Part:
     """Fit on the training frames (mask `inside`), then settle all of the group's frames."""
     few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)
-    found, noise = nominal_fit(few, seen, free, o, settings.evaluations, progress)
+    found = nominal_fit(few, seen, free, o, settings.evaluations, progress)
     progress(0.9, "intervals")
-    estimates = profile_intervals(found, seen, noise, len(o.node_arc) - 1)
+    estimates = profile_intervals(found)
     whole = Forward(setup, found.forward.terms)
     start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u)).states
     start.put(inside, found.point.solution)
-    return found, noise, whole.at(found.point.u, start), estimates
+    return found, whole.at(found.point.u, start), estimates

@@ -16,14 +16,15 @@ from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.choices import held_node
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference.bins import Data
-from ropefit.inference.least_squares import Noise, data_without, fit
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.inference.sandwich import BLOCK, block_estimates
 from ropefit.models import parameters, rest_curve
-from ropefit.models.dynamics import MotionForward, MotionPoint
-from ropefit.models.equilibrium import Term
+from ropefit.models.dynamics import Dynamics, MotionPoint
 from ropefit.models.grips import grips
 from ropefit.models.parameters import IN_MOTION, offered
+from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
@@ -50,7 +51,6 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     train, out = held_back(clips, len(o.frames), settings.holdout)
     train = train[: max(1, settings.most_frames * OF_MOTION // len(train[0]))]
     forward = _forward(o, span, terms, train)
-    seen = _within(span.data, train)
     # What a motion misses wanders for a swing or so: of its many samples, few are news.
     noise, step = Noise(marker=LEAST_NOISE), float(np.median(np.diff(o.time)))
     context.progress(0.1, "least squares")
@@ -59,12 +59,12 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     for seconds in HORIZONS:  # a rope far off swings out of step: first, as long as it is in step
         few = [c[: max(SHORTEST, round(seconds / step))] for c in train]
         short = _forward(o, span, terms, few)
-        near = fit(short, _within(span.data, few), noise, 1, start, LOOK, tolerance=1e-3)
+        near = fit(short, _within(span, noise, few), start, LOOK, tolerance=1e-3)
         start = near.point.u
         rms = float(np.sqrt((near.stations.residual**2).mean()))
         noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
     context.progress(0.3, "least squares")
-    found = fit(forward, seen, noise, 1, start, settings.evaluations, tolerance=1e-4)
+    found = fit(forward, _within(span, noise, train), start, settings.evaluations, tolerance=1e-4)
     context.progress(0.8, "all clips")
     whole = _forward(o, span, terms, clips)
     point, first = whole.at(found.point.u), whole.at(forward.start())
@@ -87,8 +87,17 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
     """The motion of a recording as an identified rope makes it, of this recording or of another of
     the same rope in the same grips: each clip open loop from its first two frames."""
-    assert model.stepped is not None
     span = span_of(o)
+    forward, u = model_of(o, model, span, long_clips(o))
+    return span, forward.at(u)
+
+
+def model_of(
+    o: Observations, model: FittedModel, span: Span, clips: list[np.ndarray]
+) -> tuple[Dynamics, np.ndarray]:
+    """Return the model of some clips by what was free in a fit, and the search variables (P,) that
+    the fit came to."""
+    assert model.stepped is not None
     group = next(iter(model.groups.values()))
     terms, u = terms_of(o, span.setup, group.free_names), []
     stated = stated_units(o)
@@ -98,7 +107,7 @@ def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPo
         else:
             values = [group.parameters[term.name].value / stated[term.name].factor]
         u.append(term.search(np.array(values)))
-    return span, _forward(o, span, terms, long_clips(o)).at(np.concatenate(u))
+    return _forward(o, span, terms, clips), np.concatenate(u)
 
 
 def long_clips(o: Observations) -> list[np.ndarray]:
@@ -148,18 +157,14 @@ def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
     return parameters.terms(setup, free) + grips(setup, priors_of(o).end_orientation)
 
 
-def _forward(
-    o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]
-) -> MotionForward:
-    return MotionForward(
-        span.setup, terms, time=o.time, clips=clips, observed=span.lines, every=EVERY
-    )
+def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]) -> Dynamics:
+    return Dynamics(span.setup, terms, time=o.time, clips=clips, observed=span.lines, every=EVERY)
 
 
-def _within(data: Data, clips: list[np.ndarray]) -> Data:
+def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:
     """The data of some clips."""
-    used = np.isin(np.arange(len(data.points)), np.concatenate(clips))
-    return data_without(data, ~used)
+    used = np.isin(np.arange(len(span.data.points)), np.concatenate(clips))
+    return FitProblem(span.data, noise, 1).without(~used)
 
 
 def _check(point: MotionPoint, clips: list[np.ndarray]) -> None:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ropefit.models.equilibrium import Forward
+from ropefit.models.model import Model
 from ropefit.models.response import Point
 from ropefit.runs.arrays import within
 from ropefit.runs.journal import Arrays, journal
 
 
-def settled(forward: Forward, u: np.ndarray, name: str = "") -> Point:
+def settled(forward: Model, u: np.ndarray, name: str = "") -> Point:
     """The model at u, kept under a name, or known."""
     name = name or journal().next("settled")
     known = journal().recall(name)
@@ -28,7 +28,7 @@ class Known:
     given is kept, and the latest state, from which the next would be found; of one that is done,
     where it began and ended."""
 
-    def __init__(self, forward: Forward, start: np.ndarray):
+    def __init__(self, forward: Model, start: np.ndarray):
         self.forward, self.name = forward, journal().next("fit")
         self.done = journal().recall(self.name)
         if self.done and not np.array_equal(self.done["start"], start):

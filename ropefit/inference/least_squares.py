@@ -9,10 +9,11 @@ import numpy as np
 from scipy import optimize, stats
 from threadpoolctl import threadpool_limits
 
-from ropefit.inference.bins import Data, Stations, aligned, match
+from ropefit.inference.bins import Stations, aligned
 from ropefit.inference.known import Known
-from ropefit.inference.noise import Noise, Whitener
-from ropefit.models.equilibrium import Forward
+from ropefit.inference.noise import Whitener
+from ropefit.inference.problem import FitProblem
+from ropefit.models.model import Model
 from ropefit.models.response import Point
 from ropefit.runs.journal import Arrays
 
@@ -23,11 +24,13 @@ FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 class Fit:
     """The best point and everything the fit knows there.
 
-    z (M D,): whitened residual; jacobian (M D, P) of the model in the search variables, whitened;
+    problem: what the model was fitted to; z (M D,): whitened residual; jacobian (M D, P) of the
+    model in the search variables, whitened;
     covariance (P, P) of the search variables; cost: χ² with the priors' share; scale: sd of z.
     """
 
-    forward: Forward
+    forward: Model
+    problem: FitProblem
     point: Point
     stations: Stations
     whitener: Whitener
@@ -60,10 +63,8 @@ Report = Callable[[float], None]
 
 
 def fit(
-    forward: Forward,
-    data: Data,
-    noise: Noise,
-    bins: int,
+    forward: Model,
+    problem: FitProblem,
     start: np.ndarray | None = None,
     evaluations: int = 60,
     report: Report | None = None,
@@ -78,17 +79,17 @@ def fit(
     held = np.isfinite(prior)
     known = Known(forward, u)
     first = known.first
-    settled = first.solution.converged
+    settled, used = first.converged, problem
     if not settled.any():
         raise ArithmeticError("no frame reaches an equilibrium from the start")
     if not settled.all():
-        data = data_without(data, ~settled)
+        used = problem.without(~settled)
     seen = _fill(first.seen, settled)
-    stations = match(data, seen, bins)
-    if noise.white is not None and not data.material:
-        same = np.broadcast_to(noise.white, stations.residual.shape).copy()
+    stations = used.match(seen)
+    if problem.noise.white is not None and not problem.data.material:
+        same = np.broadcast_to(problem.noise.white, stations.residual.shape).copy()
         stations = replace(stations, scatter=same)
-    whitener = Whitener.of(stations, noise)
+    whitener = Whitener.of(stations, problem.noise)
     low, high = forward.bounds()
     trace: list[float] = []
     cache: dict[bytes, tuple[Point, Stations, np.ndarray]] = {}
@@ -98,7 +99,7 @@ def fit(
         if key not in cache:
             point = known.at(v)
             bad = np.isnan(point.seen).any(axis=(1, 2)) & settled
-            now = match(data, _fill(point.seen, settled & ~bad), bins)
+            now = used.match(_fill(point.seen, settled & ~bad))
             residual = aligned(now, stations, now.residual)
             z = whitener(residual)
             if bad.any():
@@ -155,25 +156,20 @@ def fit(
     scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
     current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
-        forward, point, current, whitener, z, jacobian, prior, np.linalg.pinv(scaled, rcond=1e-14),
-        2 * float(cost), freedom, bool(status > 0), int(nfev), best["trace"].tolist(),
+        forward, problem, point, current, whitener, z, jacobian, prior,
+        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), freedom, bool(status > 0), int(nfev),
+        best["trace"].tolist(),
     )  # fmt: skip
 
 
 def attempted(
-    forward: Forward, data: Data, noise: Noise, bins: int, start: np.ndarray, evaluations: int,
-    tolerance: float,
-) -> Fit | None:  # fmt: skip
+    forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float
+) -> Fit | None:
     """The same; None where a rope so described does not settle, or its numbers run away."""
     try:
-        return fit(forward, data, noise, bins, start, evaluations, tolerance=tolerance)
+        return fit(forward, problem, start, evaluations, tolerance=tolerance)
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
         return None
-
-
-def data_without(data: Data, dropped: np.ndarray) -> Data:
-    """The data with some frames (F,) bool blanked."""
-    return replace(data, mask=data.mask & ~dropped[:, None])
 
 
 def sensitivity(

@@ -45,12 +45,14 @@ class EndNoise:
 @dataclass(frozen=True)
 class Noise:
     """sd [m] of the correlated part and its length, a share of the rope's; marker: sd [m] of
-    markers, whose scatter cannot be seen within one frame; white (D,) [m²]: variance of a point,
+    markers, whose scatter cannot be seen within one frame; repeats: of how many samples one is
+    independent, where what a motion misses wanders; white (D,) [m²]: variance of a point,
     measured at the start of a fit if not given; ends. Fits that are compared must share it."""
 
     correlated: float = 0.0
     length: float = 0.06
     marker: float = 0.0
+    repeats: float = 1.0
     white: tuple[float, ...] | None = None
     ends: EndNoise | None = None
 
@@ -102,7 +104,7 @@ class Whitener:
 def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Of each frame: its rows in (M D,), and their covariance [m²]."""
     dims = s.residual.shape[1]
-    white = s.white() + (FLOOR**2 + noise.marker**2) * np.eye(dims)
+    white = s.white() + (FLOOR**2 + noise.repeats * noise.marker**2) * np.eye(dims)
     ends = noise.ends.columns(s) if noise.ends is not None and any(noise.ends.sd) else None
     starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
     for part in np.split(np.arange(len(s.frame)), starts[1:]):

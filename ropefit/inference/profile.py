@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ropefit.inference.bins import Data
 from ropefit.inference.intervals import WIDEST, Estimate, Estimates, condition_of, correlation_of
 from ropefit.inference.least_squares import Fit, fit
-from ropefit.inference.noise import Noise
 from ropefit.inference.verdict import at_bound, is_wide, partners, verdict
-from ropefit.models.equilibrium import Forward, Term
+from ropefit.models.model import Model
+from ropefit.models.terms import Term
 
 ONE_SIDED = 1.645**2  # rise of χ² at a 95 % limit
 TWO_SIDED = 1.96**2
@@ -21,7 +20,7 @@ VANISHING = np.log(1e-3)  # a thousandth of the best value stands for nothing at
 DEAD = 1e-6  # whitened sensitivity, all stations together, of what does nothing
 
 
-def profile_intervals(found: Fit, data: Data, noise: Noise, bins: int) -> Estimates:
+def profile_intervals(found: Fit) -> Estimates:
     """Return estimates of the rope parameters of a least-squares fit of shapes.
 
     From the parabola at the minimum where that is narrow; of a logarithm where it is not, by the
@@ -36,7 +35,7 @@ def profile_intervals(found: Fit, data: Data, noise: Noise, bins: int) -> Estima
             trades = partners(correlation, place, labels)
             out[term.name] = _estimate(
                 found, place, term, found.quantile * sd[place], trades,
-                (low[place], high[place]), data, noise, bins,
+                (low[place], high[place]),
             )  # fmt: skip
         place += term.size
     own = correlation[: len(out), : len(out)]
@@ -45,7 +44,7 @@ def profile_intervals(found: Fit, data: Data, noise: Noise, bins: int) -> Estima
 
 def _estimate(
     found: Fit, k: int, term: Term, half: float, trades: tuple[str, ...],
-    bounds: tuple[float, float], data: Data, noise: Noise, bins: int,
+    bounds: tuple[float, float],
 ) -> Estimate:  # fmt: skip
     """The k-th search variable, of a rope parameter; half: of its interval by the parabola."""
     u = found.point.u[k]
@@ -57,7 +56,7 @@ def _estimate(
     below = None
     trusted = not term.log or half < found.quantile * NARROW or (wide and bool(trades))
     if not (dead or bounded or trusted) and found.converged:
-        interval, below = _profile(found, k, value, data, noise, bins)
+        interval, below = _profile(found, k, value)
         wide = interval is None or is_wide(
             0.5 * float(np.log(interval[1] / interval[0])), True, *bounds
         )
@@ -69,9 +68,7 @@ def _estimate(
     return Estimate(value, judged, interval, below, trades)
 
 
-def _profile(
-    found: Fit, k: int, value: float, data: Data, noise: Noise, bins: int
-) -> tuple[tuple[float, float] | None, float | None]:
+def _profile(found: Fit, k: int, value: float) -> tuple[tuple[float, float] | None, float | None]:
     """Interval or upper limit, from the rise of χ² with the parameter held, others refitted."""
     spread = max(found.scale**2, 1e-12)
 
@@ -79,7 +76,7 @@ def _profile(
         """Of χ², in units of the residual's own size, with the logarithm moved by `shift`."""
         held = _without(found.forward, k, found.point.u[k] + shift)
         start = np.delete(found.point.u, k)
-        return (fit(held, data, noise, bins, start, 15).cost - found.cost) / spread
+        return (fit(held, found.problem, start, 15).cost - found.cost) / spread
 
     def crossing(goal: float, direction: float, most: float) -> float | None:
         inner, outer = 0.0, direction * 0.5
@@ -106,7 +103,7 @@ def _profile(
     return (value * float(np.exp(down)), value * float(np.exp(up))), None
 
 
-def _without(forward: Forward, k: int, held: float) -> Forward:
+def _without(forward: Model, k: int, held: float) -> Model:
     """The forward model with one of its one-value terms held at a search variable."""
     terms, place = [], 0
     base = forward.base

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from torch import Tensor
 
-from ropefit.models.equilibrium import Term
+from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 
 FARTHEST = 30.0  # standard deviations: how far a search may go

@@ -1,24 +1,15 @@
-"""From parameters to what would be seen, and its derivatives.
-
-Terms act on a setup, then the rod settles. A term is anything that changes a `Setup` by a few
-values: a rope parameter, a calibration error, an effect. Values are searched in units of the term's
-own scale, so that a step of one is a fair step.
-"""
+"""The rope at rest: every frame in equilibrium, with the exact derivatives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from functools import partial
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from ropefit.effects.base import Effect
 from ropefit.models.history import WalkedPoint, walk
-from ropefit.models.response import Change, Point
-from ropefit.models.watched import Done, differing, done
+from ropefit.models.model import Model
+from ropefit.models.response import Point
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.runs.arrays import as_arrays, from_arrays
@@ -31,71 +22,14 @@ from ropefit.solvers.equilibrium.solve import solve
 
 DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
 
-Apply = Callable[[Setup, Tensor], Setup]
-
-
-@dataclass(frozen=True)
-class Term:
-    """A part of a model: `apply` takes values in SI; a value is scale * (search variable).
-
-    start, lower, upper (n,) in SI; prior (n,) one-sigma in SI, inf for none; log: the search
-    variable is the logarithm of the value over its start. effect: that the term stands for, if any.
-    """
-
-    name: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    apply: Apply
-    start: np.ndarray
-    scale: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    prior: np.ndarray
-    log: bool = False
-    nuisance: bool = False
-    effect: Effect | None = None
-
-    @property
-    def size(self) -> int:
-        return len(self.names)
-
-    def value(self, u: np.ndarray) -> np.ndarray:
-        """(n,) in SI from search variables (n,)."""
-        return self.start * np.exp(u) if self.log else self.start + self.scale * u
-
-    def search(self, value: np.ndarray) -> np.ndarray:
-        """(n,) search variables of values in SI."""
-        return np.log(value / self.start) if self.log else (value - self.start) / self.scale
-
-    def slope(self, u: np.ndarray) -> np.ndarray:
-        """(n,) derivative of the values in the search variables."""
-        return self.value(u) if self.log else self.scale
-
-    def interval(
-        self, u: np.ndarray, covariance: np.ndarray, width: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(n,), (n,) values `width` standard deviations to either side, within the bounds;
-        covariance (n, n) of the search variables."""
-        half = width * np.sqrt(np.maximum(np.diag(covariance), 0))
-        least, most = self.search(self.lower), self.search(self.upper)
-        low, high = np.clip(u - half, least, most), np.clip(u + half, least, most)
-        return self.value(low), self.value(high)
-
 
 @dataclass
-class Forward:
-    """A base setup and the terms that act on it, in order. Remembers its last states, and those of
-    the frames in between that a rope with memory has been through."""
+class Forward(Model):
+    """Frames at rest. Remembers its last states, and those of the frames in between that a rope
+    with memory has been through."""
 
-    base: Setup
-    terms: list[Term]
-    last: States | None = field(default=None, repr=False)
     path: States | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
-
-    @property
-    def size(self) -> int:
-        return sum(term.size for term in self.terms)
 
     def starting_from(self, states: States) -> Forward:
         """Return the same model, which goes on from other states of its frames."""
@@ -103,37 +37,12 @@ class Forward:
         out.path, out.reached = self.path, self.reached
         return out
 
-    def split(self, u: np.ndarray) -> list[np.ndarray]:
-        """Search variables term by term."""
-        last = np.cumsum([term.size for term in self.terms], dtype=int)
-        return [u[end - t.size : end] for t, end in zip(self.terms, last, strict=True)]
-
-    def start(self) -> np.ndarray:
-        return np.zeros(self.size)
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """(P,), (P,) in search variables."""
-        low = np.concatenate([t.search(t.lower) for t in self.terms] or [np.empty(0)])
-        high = np.concatenate([t.search(t.upper) for t in self.terms] or [np.empty(0)])
-        return low, high
-
-    def prior(self) -> np.ndarray:
-        """(P,) one-sigma in search variables; inf for none."""
-        return np.concatenate([t.prior / t.scale for t in self.terms] or [np.empty(0)])
-
-    def setup(self, values: list[Tensor]) -> Setup:
-        setup = self.base
-        for term, value in zip(self.terms, values, strict=True):
-            setup = _applied(setup, term, value)
-        return setup
-
-    def setup_at(self, u: np.ndarray) -> Setup:
-        """The setup at search variables u (P,)."""
-        parts = zip(self.terms, self.split(u), strict=True)
-        return self.setup([torch.from_numpy(term.value(part)) for term, part in parts])
+    def folds(self, frames: int, count: int) -> np.ndarray:
+        """Return neighbouring frames in one fold."""
+        return np.arange(frames) * count // frames
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
-        """What holds the ends at search variables u (P,)."""
+        """Return what holds the ends at search variables u (P,)."""
         setup = self.setup_at(u)
         return Conditions(setup.ends, setup.clamp)
 
@@ -186,44 +95,6 @@ class Forward:
             self.last = from_arrays(States, "last.", arrays)
         return point
 
-    def jacobian(self, point: Point) -> np.ndarray:
-        """(P, F, K, 3) derivative of `seen` in the search variables."""
-        return point.respond(self.changes(point.u))
-
-    def changes(self, u: np.ndarray) -> list[Change]:
-        """One for each search variable, at u (P,)."""
-        parts = self.split(u)
-        setup, made = self.base._replace(past=None), []
-        for term, part in zip(self.terms, parts, strict=True):
-            value = torch.from_numpy(term.value(part))
-            made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
-            setup = made[-1].after
-        change = self._past_change if setup.remembers else partial(self._change, made)
-        return [
-            partial(change, parts, number, k)
-            for number, term in enumerate(self.terms)
-            for k in range(term.size)
-        ]
-
-    def _change(
-        self, made: list[Done], parts: list[np.ndarray], number: int, k: int, step: float
-    ) -> Setup:
-        """Return the setup where one term's k-th value has moved by a step; made: by all terms."""
-        term = self.terms[number]
-        before = made[number - 1].after if number else self.base._replace(past=None)
-        setup = term.apply(before, _value(term, parts[number], k, step))
-        moved = differing(setup, made[number].after)
-        for later in made[number + 1 :]:
-            setup, moved = later.again(setup, moved)
-        return setup
-
-    def _past_change(self, parts: list[np.ndarray], number: int, k: int, step: float) -> Setup:
-        """The same of a rope that remembers, with the frames of its past."""
-        setup = self.base
-        for n, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
-            setup = _applied(setup, term, _value(term, part, k, step if n == number else 0.0))
-        return setup
-
 
 def _rod_of(setup: Setup) -> Rod:
     """The rod, or one for each frame where loads differ."""
@@ -248,18 +119,3 @@ def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
         if retry.any():  # from the catenaries
             solution.put(retry, solve(rod, conditions), retry)
     return solution
-
-
-def _applied(setup: Setup, term: Term, value: Tensor) -> Setup:
-    return setup.after(lambda s: term.apply(s, value))
-
-
-def _value(term: Term, u: np.ndarray, k: int, step: float) -> Tensor:
-    """Return a term's values in SI where the k-th of its search variables u (n,) has moved."""
-    return torch.from_numpy(term.value(u + step * (np.arange(term.size) == k)))
-
-
-def change_by(setup: Setup, term: Term, k: int) -> Change:
-    """A further term's k-th value on top of a setup, from the term's start."""
-    start = np.zeros(term.size)
-    return lambda step: _applied(setup, term, _value(term, start, k, step))

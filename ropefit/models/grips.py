@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ropefit.models.equilibrium import Apply, Term
 from ropefit.models.priors import DEGREE, nuisance, turn_clamp
+from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup
 
 LOOSE = 50.0  # rad/(N m) per weight and length: how far a grip may yield, see `_grip`

@@ -18,7 +18,7 @@ import numpy as np
 from torch import Tensor
 
 from ropefit.models import rest_curve
-from ropefit.models.equilibrium import Apply, Term
+from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup
 
 

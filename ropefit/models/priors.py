@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ropefit.effects import CATALOGUE, Effect
 from ropefit.effects.base import turned_clamp
-from ropefit.models.equilibrium import Apply, Term
+from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup
 
 DEGREE = math.pi / 180

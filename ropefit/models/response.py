@@ -35,6 +35,11 @@ class Point:
     solution: Solution
     seen: np.ndarray
 
+    @property
+    def converged(self) -> np.ndarray:
+        """Return (F,) bool: which frames could be computed."""
+        return self.solution.converged
+
     def respond(self, changes: list[Change]) -> np.ndarray:
         """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
         if not changes:
@@ -104,12 +109,15 @@ def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> 
     force = None
     if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
         force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
-    clamp = np.zeros((*now.clamp.shape[:-1], 3))
-    if a.clamp is not b.clamp and not _equal([a.clamp.nan_to_num()], [b.clamp.nan_to_num()]):
-        clamp = turn_slope(now.clamp, a.clamp, b.clamp)
-    seen = np.zeros(1) if _equal(a.seen, b.seen) else slope(a.seen(x), b.seen(x))
+    clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
-    return Slopes(rod, force, ends, clamp, seen)
+    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x))
+
+
+def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
+    """Return (F, K, 3) the central difference of what is seen of nodes x that stay; (1,) zero where
+    the sensor does not change."""
+    return np.zeros(1) if _equal(a.seen, b.seen) else slope(a.seen(x), b.seen(x))
 
 
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
@@ -122,6 +130,7 @@ def _built_from(setup: Setup) -> list[Tensor]:
     loads = (
         setup.gravity,
         setup.load,
+        setup.mass,
         setup.moment,
         setup.clamp_compliance,
         setup.kinks,
@@ -136,6 +145,8 @@ def _equal(first: Iterable[Tensor], second: Iterable[Tensor]) -> bool:
 
 def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
     """(F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes `now`."""
+    if before is after or torch.equal(before.nan_to_num(), after.nan_to_num()):
+        return np.zeros((*now.shape[:-1], 3))
     turns = (conjugate_product(now, clamp)[..., 1:] for clamp in (before, after))
     return 2 * slope(*turns)
 

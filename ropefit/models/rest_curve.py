@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ropefit.models.equilibrium import Apply
+from ropefit.models.terms import Apply
 from ropefit.rod.setup import Setup
 
 PLACES = (0, 25, 50, 75, 100)  # % of the length: where a varying curvature is told

@@ -45,8 +45,8 @@ def undamped(p: Properties) -> Damping:
     return Damping(zero, zero, zero, zero)
 
 
-def moving(p: Properties, rod: Rod, damping: Damping) -> Moving:
-    """Return the rod of properties p in motion.
+def moving(p: Properties, rod: Rod, damping: Damping, attached: Tensor | None = None) -> Moving:
+    """Return the rod of properties p in motion; attached (N+1,) [kg]: masses on its nodes.
 
     The viscosity of a bend is its stiffness times the relaxation times bend/EI and twist/GJ [s] of
     the segments beside it, averaged by length.
@@ -55,10 +55,11 @@ def moving(p: Properties, rod: Rod, damping: Damping) -> Moving:
     bend = at_nodes(p.length * damping.bend / p.bend) / share
     twist = at_nodes(p.length * damping.twist / p.twist) / share
     zero = torch.zeros_like(damping.stretch)
+    own = at_nodes(0.5 * p.density * p.length)
     return Moving(
         rod=rod,
         strain_viscosity=torch.stack([zero, zero, damping.stretch], dim=-1),
         bend_viscosity=rod.stiffness * torch.stack([bend, bend, twist], dim=-1),
-        mass=at_nodes(0.5 * p.density * p.length),
+        mass=own if attached is None else own + attached,
         air=at_nodes(0.5 * damping.air * p.length),
     )

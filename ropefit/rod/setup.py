@@ -103,7 +103,8 @@ class Past(NamedTuple):
 class Setup(NamedTuple):
     """F frames of one rope of N segments.
 
-    properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) or (F, N+1, 3) [N]; moment
+    properties: see `Properties`; gravity (3,) [m/s²]; load (N+1, 3) or (F, N+1, 3) [N]; mass (N+1,)
+    [kg] attached to the nodes; moment
     (2, 3) [N m]; clamp_compliance (2, 2) [rad/(N m)]: rows of both ends, to bending and to twist;
     kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial compliance besides 1/EA; ends (F, 2, 3) [m],
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
@@ -114,6 +115,7 @@ class Setup(NamedTuple):
     properties: Properties
     gravity: Tensor
     load: Tensor
+    mass: Tensor
     moment: Tensor
     clamp_compliance: Tensor
     kinks: Tensor
@@ -188,10 +190,18 @@ class Setup(NamedTuple):
         rod = build(self.properties, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
         axial = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
         return rod._replace(
-            load=rod.load + self.load,
+            load=rod.load + self.mass[:, None] * self.gravity + self.load,
             moment=rod.moment + self.moment,
             flexibility=rod.flexibility + self.stretch[..., None] * axial,
         )
+
+
+def twist_held(setup: Setup) -> bool:
+    """Return whether an end keeps the rope from spinning about its tangent."""
+    return any(
+        held and bool(torch.isfinite(setup.clamp_compliance[end, 1]))
+        for end, held in enumerate(setup.clamped)
+    )
 
 
 def bare(
@@ -209,6 +219,7 @@ def bare(
         properties=properties,
         gravity=gravity,
         load=torch.zeros(segments + 1, 3, dtype=torch.float64),
+        mass=torch.zeros(segments + 1, dtype=torch.float64),
         moment=torch.zeros(2, 3, dtype=torch.float64),
         clamp_compliance=torch.zeros(2, 2, dtype=torch.float64),
         kinks=torch.zeros(segments + 1, 3, dtype=torch.float64),

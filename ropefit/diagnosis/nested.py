@@ -1,0 +1,65 @@
+"""Nested hypotheses: an effect that contains a simpler one (`Effect.special_cases`).
+
+Where what the general effect has besides is not significantly different from zero, the special one
+is fitted in full from its values. What the extra quantities are worth is the difference of the
+two's evidence; `equivalence` names the simplest within reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.effects import Effect
+from ropefit.effects.base import SpecialCase
+from ropefit.inference.least_squares import Fit
+
+MOST_SIGNIFICANCE = 6.0  # standard errors from zero: beyond, a quantity is there
+
+
+def with_special_cases(
+    best: Candidate, candidates: list[Candidate], without: Fit
+) -> list[Candidate]:
+    """Return candidates with the special cases of the best one, and theirs, as fitted from its
+    values if that is better than what is known of them; highest evidence first.
+
+    without: the model without any of them.
+    """
+    out = {c.hypothesis.key: c for c in (best, *candidates)}
+    general = [best]
+    for one in general:  # grows
+        effect, setup = one.hypothesis.effect, one.fit.forward.base
+        for case in effect.special_cases:
+            special, values = case.effect(effect.end), case.values(setup, one.values())
+            if values is None or not special.applies(setup) or not vanishing(one, case):
+                continue
+            hypothesis = Hypothesis(special, NO_PLACE)
+            fitted, known = fit_candidate(without, hypothesis, values), out.get(hypothesis.key)
+            if fitted is not None and (known is None or fitted.evidence > known.evidence):
+                out[hypothesis.key] = fitted
+            if hypothesis.key in out:
+                general.append(out[hypothesis.key])
+    return sorted(out.values(), key=lambda c: -c.evidence)
+
+
+def vanishing(candidate: Candidate, case: SpecialCase) -> bool:
+    """Return whether the quantities that a special case lacks may be zero."""
+    term = candidate.term
+    extra = np.isin(term.names, case.vanishing)
+    least = np.where(term.lower > 0, term.lower, 0.0)
+    off = candidate.values() - least
+    return bool((np.abs(off) <= MOST_SIGNIFICANCE * candidate.sd())[extra].all())
+
+
+def is_special_case(effect: Effect, of: Effect) -> bool:
+    """Return whether an effect is a special case of another one, or of one of its."""
+    return type(effect) in _contained(type(of))
+
+
+def _contained(kind: type[Effect]) -> Iterator[type[Effect]]:
+    for case in kind.special_cases:
+        yield case.effect
+        yield from _contained(case.effect)

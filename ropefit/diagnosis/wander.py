@@ -1,0 +1,58 @@
+"""How many samples of a motion's residual count as one.
+
+What an open-loop motion misses wanders for a swing or so, and neighbouring markers miss it alike:
+thousands of samples are worth as many as there are independent ones (effective sample size, Geyer
+1992, in time; participation ratio of the covariance along the rope).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ropefit.diagnosis.sensitivities import Sensitivity
+from ropefit.inference.bins import Stations
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.noise import Noise
+
+LEAST_CORRELATION = 0.05  # of the residual with itself: later lags count as independent
+EFFECT_PRIOR_SD = 10.0  # usual sizes
+FREE_PRIOR_SD = 10.0  # search variables: of parameters without a prior
+
+
+def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
+    """Return the noise of markers, with the repeats that one independent sample has.
+
+    Both are those of what the most flexible credible fit leaves: all effects at all places at once,
+    to first order. A mismatch with a cause is thus no noise.
+    """
+    spread = np.where(np.isfinite(fitted.prior), fitted.prior, FREE_PRIOR_SD)
+    own = [EFFECT_PRIOR_SD * s.values.reshape(len(s.values), -1) for s in sensitivities]
+    design = np.concatenate([fitted.jacobian * spread, *own], axis=1)
+    gram = design.T @ design + np.eye(design.shape[1])
+    left = fitted.z - design @ np.linalg.solve(gram, design.T @ fitted.z)
+    residual = fitted.whitener.undo(left).reshape(fitted.stations.residual.shape)
+    marker = float(np.sqrt((residual**2).mean()))
+    clips = getattr(fitted.forward, "clips", [])
+    return replace(
+        fitted.problem.noise, marker=marker, repeats=repeats(fitted.stations, residual, clips)
+    )
+
+
+def repeats(s: Stations, residual: np.ndarray, clips: list[np.ndarray]) -> float:
+    """Return of how many samples (M, D) one is independent, in time and along the rope."""
+    rows = np.unique(s.frame)
+    table = np.zeros((len(rows), int(s.bin.max()) + 1, residual.shape[1]))
+    table[np.searchsorted(rows, s.frame), s.bin] = residual
+    table = table.reshape(len(rows), -1)
+    covariance = table.T @ table
+    alike = (covariance**2).sum() / np.trace(covariance) ** 2 * np.count_nonzero(table.any(0))
+    parts = [table[np.isin(rows, clip)] for clip in clips]
+    whole, lag, correlation = float((table**2).mean()), 1, 0.0
+    while True:
+        pairs = [(part[:-lag] * part[lag:]).ravel() for part in parts if len(part) > lag]
+        shared = float(np.concatenate(pairs).mean()) / whole if pairs else 0.0
+        if shared < LEAST_CORRELATION:
+            return float(max(1 + 2 * correlation, 1.0) * max(alike, 1.0))
+        correlation, lag = correlation + shared, lag + 1

@@ -1,0 +1,29 @@
+"""A rope whose length is not the one told."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.setup import Setup
+
+
+class LengthError(Effect):
+    """The rope between its ends is 1 + `excess` times as long as told, the same everywhere.
+
+    Of a rope in motion only: at rest a scale error, stretch and misplaced ends look alike.
+    """
+
+    name = "length_error"
+    kind = "measurement"
+    quantities = (Quantity("excess", "1", 0.01, -0.2, 0.2),)
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.damping is not None
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        p = setup.properties
+        return setup._replace(properties=p._replace(length=p.length * (1 + values[0])))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return f"the rope is {100 * values['excess']:+.2g} % longer than told"

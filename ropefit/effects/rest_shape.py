@@ -1,0 +1,47 @@
+"""A rope whose unloaded shape is a curve in space, as of cables that were coiled."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.intrinsic_curvature import twist_held
+from ropefit.rod.setup import Setup
+
+PLACES = (0, 25, 50, 75, 100)  # % of the length, between which the curvature is linear
+
+
+class RestShape(Effect):
+    """Rest curvature [1/m] that varies along the whole rope, about its two directions across."""
+
+    name = "rest_curve"
+    vector = ("curvature", "1/m")
+    quantities = tuple(
+        Quantity(f"curvature_{axis}_at_{place}", "1/m", 0.5, by_length=-1.0)
+        for axis in (1, 2)
+        for place in PLACES
+    )
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.damping is not None and twist_held(setup)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        p = setup.properties
+        share = (setup.arc[1:] - 0.5 * p.length) / p.length.sum()
+        apart = 0.01 * (PLACES[1] - PLACES[0])
+        places = 0.01 * torch.tensor(PLACES, dtype=torch.float64)
+        near = torch.clamp(1 - (share[:, None] - places).abs() / apart, min=0)
+        across = near @ values.reshape(2, len(PLACES)).T
+        turn = torch.nn.functional.pad(across, (0, 1))
+        return setup._replace(properties=p._replace(curvature=p.curvature + turn))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        most = max(
+            (values[f"curvature_1_at_{p}"] ** 2 + values[f"curvature_2_at_{p}"] ** 2) ** 0.5
+            for p in PLACES
+        )
+        return (
+            "the unloaded rope is curved, differently along its length, with radii down to "
+            f"{1 / max(most, 1e-9):.2g} m"
+        )

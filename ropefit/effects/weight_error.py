@@ -1,0 +1,25 @@
+"""Everything weighs more or less than told: a wrong mass, or a wrong gravity."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Quantity
+from ropefit.rod.setup import Setup
+
+
+class WeightError(Effect):
+    """Gravity is 1 + `excess` times what is told. At rest a wrong mass does the same."""
+
+    name = "weight_error"
+    kind = "measurement"
+    quantities = (Quantity("excess", "1", 0.1, -0.9, 9.0),)
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        return setup._replace(gravity=setup.gravity * (1 + values[0]))
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return (
+            f"everything weighs {1 + values['excess']:.3g} times what was told: the mass of the "
+            "rope or gravity is wrong"
+        )

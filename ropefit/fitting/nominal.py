@@ -1,0 +1,136 @@
+"""The nominal model of a diagnosis at rest: the rope as identified, with errors of the set-up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from ropefit.adapters.equilibrium_model import calibration_name
+from ropefit.adapters.frozen import covariance_of, frozen_values
+from ropefit.adapters.priors import priors_of
+from ropefit.adapters.rope_setup import surface_sd
+from ropefit.adapters.start_values import started_setup
+from ropefit.artifacts import Model, Observations
+from ropefit.errors import NotConverged, WrongUsage
+from ropefit.fitting.branch import nearer_branch
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
+from ropefit.inference.sandwich import INTERVAL
+from ropefit.models import rest_curve
+from ropefit.models.correlated import correlated
+from ropefit.models.equilibrium import Forward
+from ropefit.models.parameters import PARAMETERS
+from ropefit.models.priors import calibration
+from ropefit.models.terms import Term
+from ropefit.rod.setup import Setup
+from ropefit.solvers.equilibrium.branches import follow
+
+GJ_PRIOR_SD = 0.5  # of the logarithm of GJ/EI, about that of a solid round section
+LEAST_PRIOR_SD = 1e-4  # search variables
+LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run knows an error
+
+
+def nominal_terms(
+    o: Observations, source: Model, setup: Setup, prior: bool
+) -> tuple[list[Term], Setup]:
+    """Return the rope's own parameters, starting where they were identified; at their usual values
+    where the search ran to a bound.
+
+    prior: they are known from another run, within that run's intervals, and the points of a rest
+    curve, which are correlated, within its covariance. GJ joins them where both clamps hold twist.
+    """
+    group = next(iter(source.nominal.groups.values()))
+    if prior:
+        values = {k: v for k, v in frozen_values(source, "--nominal", o).items() if k != "EA"}
+    else:
+        values = {
+            name: p.value
+            for name, p in group.parameters.items()
+            if name in ("EI", "GJ", *rest_curve.NAMES) and p.verdict not in ("fixed", "at bound")
+        }
+    curve = {name: values.pop(name) for name in rest_curve.NAMES if name in values}
+    setup = started_setup(setup, values, o)
+    names = ["EI"]
+    if all(setup.clamped) and bool(torch.isfinite(setup.clamp_compliance).all()):
+        names.append("GJ")
+    if o.length_source == "estimated":
+        names.append("length")
+    terms = []
+    for name in names:
+        term = PARAMETERS[name].term(setup)
+        if name == "GJ":  # without visible twist it is undetermined
+            term = _with_prior(term, GJ_PRIOR_SD)
+        p = group.parameters.get(name)
+        if prior and p is not None and p.ci95 is not None:
+            sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
+            term = _with_prior(term, sd)
+        terms.append(term)
+    bends = {name: PARAMETERS[name].term(setup, value) for name, value in curve.items()}
+    seen = [name for name in bends if prior and group.parameters[name].ci95 is not None]
+    if seen:
+        covariance = covariance_of(group, seen)
+        terms.append(correlated(rest_curve.SHORT, [bends.pop(n) for n in seen], covariance))
+    return [*terms, *bends.values()], setup
+
+
+def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
+    """Return the noise of markers, no smaller than the rms misfit of the rope in the recording it
+    was identified from: as much misfit here has no cause of its own."""
+    if o.source != "markers" or source.recording == o.recording:
+        return noise
+    return replace(noise, marker=max(noise.marker, source.nominal.rms_fit / 3**0.5))
+
+
+def _with_prior(term: Term, sd: float) -> Term:
+    return replace(term, prior=np.array([max(sd, LEAST_PRIOR_SD)]))
+
+
+def set_up_errors(setup: Setup, o: Observations, known: Model | None) -> list[Term]:
+    """Return the calibration errors, those of camera and gravity as another run knows them."""
+    errors = calibration(setup, priors_of(o), o.ends_assumed, surface_sd(o))
+    return calibrated(errors, known) if known else errors
+
+
+def calibrated(errors: list[Term], source: Model) -> list[Term]:
+    """Return the errors of camera and gravity as another run of the same set-up has them, with its
+    uncertainty; the ends are held anew in every recording. Raises WrongUsage."""
+    if source.nominal.balance is None or not source.nominal.balance.calibration:
+        raise WrongUsage(
+            "--calibration: that run has no calibration; identify it with --solver equilibrium"
+        )
+    known = source.nominal.balance.calibration
+    out = []
+    for term in errors:
+        found = [known.get(calibration_name(term, axis)) for axis in term.names]
+        if term.name.startswith(("end_", "clamp_")) or None in found:
+            out.append(term)
+            continue
+        value = np.array([item.value for item in found if item])
+        sd = np.array([item.sd for item in found if item])
+        prior = np.clip(sd, LEAST_CALIBRATION_SD * term.prior, term.prior)
+        out.append(replace(term, start=value, prior=prior))
+    return out
+
+
+def nominal_at_rest(setup: Setup, terms: list[Term], problem: FitProblem) -> Fit:
+    """Fit the nominal model. Raises NotConverged."""
+    forward = Forward(setup, terms)
+    start = forward.start()
+    states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
+    forward = forward.starting_from(states)
+    try:
+        # Twist is a small correction: while the set-up's errors are still large it would be misled.
+        late = np.repeat([t.name == "GJ" for t in terms], [t.size for t in terms])
+        if late.any():
+            early = Forward(setup, [t for t in terms if t.name != "GJ"], states)
+            start[~late] = fit(early, problem, None, 30, tolerance=1e-4).point.u
+            assert early.last is not None
+            forward = forward.starting_from(early.last)
+        first = fit(forward, problem, start, 30, tolerance=1e-5)
+        forward = first.forward.starting_from(nearer_branch(first))
+        return fit(forward, problem, first.point.u, 30, tolerance=1e-5)
+    except ArithmeticError as error:
+        raise NotConverged(f"{error}; look at the ends and the length of the recording")

@@ -1,0 +1,42 @@
+"""What a model is fitted to: data, their noise and the stations at which both are compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ropefit.inference.bins import Data, Stations, match
+from ropefit.inference.noise import Noise
+
+
+@dataclass(frozen=True)
+class FitProblem:
+    """The data of F frames, their noise, and the number of stations along the rope (of clouds).
+
+    Fits are compared only if they are of the same problem.
+    """
+
+    data: Data
+    noise: Noise
+    bins: int
+
+    def match(self, x: np.ndarray) -> Stations:
+        """Return the stations of the data against the curve through nodes x (F, K, 3) [m]."""
+        return match(self.data, x, self.bins)
+
+    def frames(self, index: np.ndarray) -> FitProblem:
+        """Return the problem of some of its frames."""
+        return replace(self, data=self.data.frames(index))
+
+    def without(self, dropped: np.ndarray) -> FitProblem:
+        """Return the problem without the data of some frames (F,) bool."""
+        return replace(self, data=replace(self.data, mask=self.data.mask & ~dropped[:, None]))
+
+    def settled(self, x: np.ndarray) -> FitProblem:
+        """Return the problem with only the points that count against the curve through nodes x."""
+        return replace(self, data=self.data.settled(x))
+
+    def under(self, noise: Noise) -> FitProblem:
+        """Return the problem with other noise."""
+        return replace(self, noise=noise)

@@ -1,0 +1,93 @@
+"""The state from which a clip is simulated, from its first two frames observed, and its derivative.
+
+Each of the two is the equilibrium of the rope that springs pull to what was observed; the speed is
+the one from which the rope, in one step, gets from the first to the second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ropefit.rod.fields import ROD, names
+from ropefit.rod.moving import Moving
+from ropefit.solvers.dynamics.derivatives import Directions, tangent
+from ropefit.solvers.dynamics.problem import Drive, Start
+from ropefit.solvers.dynamics.solve import Trajectory, solve
+from ropefit.solvers.equilibrium import implicit
+from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.solution import Solution
+from ropefit.solvers.equilibrium.solve import solve as settle
+
+SPRING = 2e-4  # m per weight of the rope: compliance of what pulls the first states to the data
+AT_REST = frozenset(names(ROD))
+CORRECTIONS = 3  # of the first speed, by where one step with it leads
+
+
+@dataclass(frozen=True)
+class FirstStates:
+    """The first states of C clips, and how they came about: the two equilibria of each, and the
+    first step with every speed that was tried."""
+
+    start: Start
+    equilibria: tuple[Solution, Solution]
+    steps: list[Trajectory]
+    time_step: np.ndarray
+
+    def respond(
+        self, rod: dict[str, np.ndarray], ends: np.ndarray, clamp: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return derivatives of the clips' first states in P directions: x0 (C, P, N+1, 3), v0
+        likewise, and the turns of q0 (C, P, N, 3).
+
+        rod: fields of `MOVING_ROD` (1, P, ...); ends, clamp (C, P, 2, 2, 3) at the first two times.
+        """
+        statics = {name: rod[name] for name in rod if name in AT_REST}
+        (x0, turn), (x1, _) = (
+            implicit.tangent(
+                s, implicit.Directions(**statics, ends=ends[:, :, t], clamp=clamp[:, :, t])
+            )
+            for t, s in enumerate(self.equilibria)
+        )
+        dt = self.time_step[:, None, None, None]
+        v0 = (x1 - x0) / dt
+        for step in self.steps:
+            moved = Directions(**rod, ends=ends, clamp=clamp, x0=x0, v0=v0, q0=turn)
+            v0 = v0 + np.nan_to_num(x1 - tangent(step, moved)[0][:, :, 1]) / dt
+        return x0, v0, turn
+
+
+def first_states(
+    rope: Moving, drive: Drive, observed: np.ndarray, every: int, weight: float
+) -> FirstStates:
+    """Return the first states of C clips.
+
+    drive: of their first two times; observed (C, 2, K, 3) [m]: centrelines at every `every`-th
+    node; weight [N] that the springs' stiffness is in proportion to.
+    """
+    clips, inner = len(observed), np.arange(1, observed.shape[2] - 1)
+    node = np.repeat(inner * every, 3)
+    across = torch.eye(3, dtype=torch.float64).repeat(len(inner), 1).expand(clips, -1, 3)
+    states, last = [], None
+    for t in (0, 1):
+        seen = np.isfinite(observed[:, t, inner]).all(-1)
+        pulled = Conditions(
+            drive.ends[:, t],
+            drive.clamp[:, t],
+            node,
+            across,
+            torch.from_numpy(np.nan_to_num(observed[:, t, inner]).reshape(clips, -1)),
+            torch.full((clips, len(node)), SPRING / weight, dtype=torch.float64),
+            np.repeat(seen, 3, axis=1),
+        )
+        last = settle(rope.rod, pulled, last)
+        states.append(last)
+    x0, x1, q0 = (torch.from_numpy(a) for a in (states[0].x, states[1].x, states[0].q))
+    step = drive.time[:, 1] - drive.time[:, 0]
+    v, tried = (x1 - x0) / step[:, None, None], []
+    for _ in range(CORRECTIONS):
+        tried.append(solve(rope, drive, Start(x0, q0, v)))
+        v = v + torch.nan_to_num(x1 - torch.from_numpy(tried[-1].x[:, 1])) / step[:, None, None]
+    return FirstStates(Start(x0, q0, v), (states[0], states[1]), tried, step.numpy())

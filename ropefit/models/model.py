@@ -1,0 +1,142 @@
+"""What inference and diagnosis know of a model: a setup, terms that act on it, and predictions.
+
+A model predicts where a recording shows the rope, frame by frame, says which frames it could
+compute, and gives the first-order change of its prediction in any change of the setup
+(`Point.respond`). `Equilibrium` settles every frame; `Dynamics` steps clips through time.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import ClassVar, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.models.response import Change, Point
+from ropefit.models.terms import Term, applied, value_at
+from ropefit.models.watched import Done, differing, done
+from ropefit.rod.setup import Setup
+from ropefit.runs.journal import Arrays
+from ropefit.solvers.equilibrium.solution import States
+
+
+@dataclass
+class Model(ABC):
+    """A base setup and the terms that act on it, in order; last: states from which it goes on.
+
+    instantaneous: each frame's shape follows from its own loads and ends alone.
+    """
+
+    base: Setup
+    terms: list[Term]
+    last: States | None = field(default=None, repr=False)
+
+    instantaneous: ClassVar[bool] = True
+
+    @abstractmethod
+    def at(self, u: np.ndarray, start: States | None = None) -> Point:
+        """Predict at search variables u (P,). Frames that cannot be computed are NaN in `seen`."""
+
+    @abstractmethod
+    def kept(self, point: Point) -> Arrays:
+        """Return what of a point, and of this model's memory, only computing it gives."""
+
+    @abstractmethod
+    def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
+        """Return the point at u that was kept; the model remembers what it did then."""
+
+    @abstractmethod
+    def folds(self, frames: int, count: int) -> np.ndarray:
+        """Return (F,) the fold of each frame, below `count`: folds are held out one by one."""
+
+    @property
+    def size(self) -> int:
+        """Return P, the number of search variables."""
+        return sum(term.size for term in self.terms)
+
+    def starting_from(self, states: States) -> Self:
+        """Return the same model, which goes on from other states of its frames."""
+        return replace(self, last=states)
+
+    def with_terms(self, terms: list[Term], states: States | None = None) -> Self:
+        """Return the model with other terms, which goes on from other states."""
+        return replace(self, terms=terms, last=states)
+
+    def of_setup(
+        self, setup: Setup, states: States | None = None, terms: list[Term] | None = None
+    ) -> Self:
+        """Return the model of another setup, with these terms only."""
+        return replace(self, base=setup, terms=terms or [], last=states)
+
+    def split(self, u: np.ndarray) -> list[np.ndarray]:
+        """Return search variables term by term."""
+        last = np.cumsum([term.size for term in self.terms], dtype=int)
+        return [u[end - t.size : end] for t, end in zip(self.terms, last, strict=True)]
+
+    def start(self) -> np.ndarray:
+        """Return (P,) search variables at the terms' starts."""
+        return np.zeros(self.size)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (P,), (P,) bounds of the search variables."""
+        low = np.concatenate([t.search(t.lower) for t in self.terms] or [np.empty(0)])
+        high = np.concatenate([t.search(t.upper) for t in self.terms] or [np.empty(0)])
+        return low, high
+
+    def prior(self) -> np.ndarray:
+        """Return (P,) one sigma of the search variables; inf for none."""
+        return np.concatenate([t.prior / t.scale for t in self.terms] or [np.empty(0)])
+
+    def setup(self, values: list[Tensor]) -> Setup:
+        """Return the setup with values (n,) in SI of every term."""
+        setup = self.base
+        for term, value in zip(self.terms, values, strict=True):
+            setup = applied(setup, term, value)
+        return setup
+
+    def setup_at(self, u: np.ndarray) -> Setup:
+        """Return the setup at search variables u (P,)."""
+        parts = zip(self.terms, self.split(u), strict=True)
+        return self.setup([torch.from_numpy(term.value(part)) for term, part in parts])
+
+    def jacobian(self, point: Point) -> np.ndarray:
+        """Return (P, F, K, 3) derivatives of `seen` in the search variables."""
+        return point.respond(self.changes(point.u))
+
+    def changes(self, u: np.ndarray) -> list[Change]:
+        """Return the change of the setup by each search variable, at u (P,)."""
+        parts = self.split(u)
+        setup, made = self.base._replace(past=None), []
+        for term, part in zip(self.terms, parts, strict=True):
+            value = torch.from_numpy(term.value(part))
+            made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
+            setup = made[-1].after
+        change = self._past_change if setup.remembers else partial(self._change, made)
+        return [
+            partial(change, parts, number, k)
+            for number, term in enumerate(self.terms)
+            for k in range(term.size)
+        ]
+
+    def _change(
+        self, made: list[Done], parts: list[np.ndarray], number: int, k: int, step: float
+    ) -> Setup:
+        """Return the setup where one term's k-th value has moved by a step; made: by all terms."""
+        term = self.terms[number]
+        before = made[number - 1].after if number else self.base._replace(past=None)
+        setup = term.apply(before, value_at(term, parts[number], k, step))
+        moved = differing(setup, made[number].after)
+        for later in made[number + 1 :]:
+            setup, moved = later.again(setup, moved)
+        return setup
+
+    def _past_change(self, parts: list[np.ndarray], number: int, k: int, step: float) -> Setup:
+        """Return the same of a rope that remembers, with the frames of its past."""
+        setup = self.base
+        for n, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
+            setup = applied(setup, term, value_at(term, part, k, step if n == number else 0.0))
+        return setup

@@ -1,0 +1,108 @@
+"""Terms: the parts of a model, each of which changes a setup by a few values.
+
+A rope parameter, a calibration error or an effect. Values are searched in units of the term's own
+scale, so that a step of one is a fair step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect
+from ropefit.models.response import Change
+from ropefit.rod.setup import Setup
+
+NEXT_TO_NOTHING = 1e-12  # of a saturating value's search variable, from where it is infinite
+
+Apply = Callable[[Setup, Tensor], Setup]
+
+
+@dataclass(frozen=True)
+class Term:
+    """A part of a model that changes a setup: `apply` takes values in SI; a value is
+    scale * (search variable).
+
+    start, lower, upper (n,) in SI; prior (n,) one-sigma in SI, inf for none; log: the search
+    variable is the logarithm of the value over its start. saturating (n,) bool: values that may be
+    infinite, searched as value / (value + scale). effect: that the term stands for, if any.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    apply: Apply
+    start: np.ndarray
+    scale: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    prior: np.ndarray
+    log: bool = False
+    nuisance: bool = False
+    effect: Effect | None = None
+    saturating: np.ndarray | None = None
+
+    @property
+    def size(self) -> int:
+        return len(self.names)
+
+    def value(self, u: np.ndarray) -> np.ndarray:
+        """(n,) in SI from search variables (n,)."""
+        if self.log:
+            return self.start * np.exp(u)
+        value = self.start + self.scale * u
+        if self.saturating is None:
+            return value
+        rest = 1 - self._share(self.start) - u
+        rest = np.where(rest == 0, NEXT_TO_NOTHING, rest)
+        return np.where(self.saturating, self.scale * (1 / rest - 1), value)
+
+    def search(self, value: np.ndarray) -> np.ndarray:
+        """(n,) search variables of values in SI."""
+        if self.log:
+            return np.log(value / self.start)
+        u = (value - self.start) / self.scale
+        if self.saturating is None:
+            return u
+        return np.where(self.saturating, self._share(value) - self._share(self.start), u)
+
+    def _share(self, value: np.ndarray) -> np.ndarray:
+        """(n,) value / (value + scale), 1 at infinity."""
+        return 1 - self.scale / (value + self.scale)
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """(n,) derivative of the values in the search variables."""
+        if self.log or self.saturating is None:
+            return self.value(u) if self.log else self.scale
+        stretched = (self.value(u) + self.scale) ** 2 / self.scale
+        return np.where(self.saturating, stretched, self.scale)
+
+    def interval(
+        self, u: np.ndarray, covariance: np.ndarray, width: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(n,), (n,) values `width` standard deviations to either side, within the bounds;
+        covariance (n, n) of the search variables."""
+        half = width * np.sqrt(np.maximum(np.diag(covariance), 0))
+        least, most = self.search(self.lower), self.search(self.upper)
+        low, high = np.clip(u - half, least, most), np.clip(u + half, least, most)
+        return self.value(low), self.value(high)
+
+
+def applied(setup: Setup, term: Term, value: Tensor) -> Setup:
+    """Return a setup after a term of a value (n,) in SI."""
+    return setup.after(lambda s: term.apply(s, value))
+
+
+def value_at(term: Term, u: np.ndarray, k: int, step: float) -> Tensor:
+    """Return a term's values in SI where the k-th of its search variables u (n,) has moved."""
+    return torch.from_numpy(term.value(u + step * (np.arange(term.size) == k)))
+
+
+def change_by(setup: Setup, term: Term, k: int) -> Change:
+    """Return the change of a setup by a further term's k-th value, from the term's start."""
+    start = np.zeros(term.size)
+    return lambda step: applied(setup, term, value_at(term, start, k, step))

@@ -1,0 +1,87 @@
+"""A clamp taken as a pin: found and told whether it yields or is rigid."""
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.adapters.diagnosis_content import sizes_of
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.rules import RULES, Selection
+from ropefit.diagnosis.scan import Projection, Scorer
+from ropefit.diagnosis.sensitivities import Sensitivities, loads_to_nodes
+from ropefit.effects import ClampedEnd
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
+from ropefit.models.equilibrium import Forward
+from tests.concealed import BINS, nominal_fit, recorded, rope, with_effect
+
+DIRECTION = np.array([0.86, 0.14, -0.49])
+WAY = DIRECTION / np.linalg.norm(DIRECTION)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_the_scan_sees_what_a_soft_clamp_does(end):
+    setup, effect, way = rope(72, 4), ClampedEnd(end), DIRECTION / np.linalg.norm(DIRECTION)
+    point, soft = Forward(setup, []).at(np.empty(0)), 1e-7
+    scanned = soft * loads_to_nodes(point, effect.unit_loads(setup, point.solution.x, way))[0]
+    changed = effect.apply(setup, torch.tensor([soft, *way], dtype=torch.float64))
+    moved = Forward(changed, [], point.solution).at(np.empty(0)).seen - point.seen
+    assert np.abs(moved).max() > 1e-7
+    # The clamp bends the rope half a segment away from where the load does.
+    np.testing.assert_allclose(scanned, moved, atol=0.05 * np.abs(moved).max())
+
+
+def compared(data):
+    """The nominal fit to the data that all further fits have in common, with their white noise."""
+    nominal = nominal_fit(data)
+    problem = FitProblem(data.settled(nominal.point.seen), Noise(), BINS)
+    white = problem.match(nominal.point.seen).scatter[0]
+    problem = problem.under(Noise(white=(float(white[0]), float(white[1]))))
+    return fit(nominal.forward, problem, nominal.point.u)
+
+
+@pytest.mark.parametrize("stiffness", [0.004, 0.02, 1e6])
+def test_soft_and_rigid_clamps_are_found(stiffness):
+    nominal = compared(recorded(with_effect(ClampedEnd(1), [stiffness, *DIRECTION]), 101))
+    setup = nominal.point.setup
+    hypothesis = next(h for h in hypotheses(setup, ("clamped_end",)) if h.effect.end == 1)
+    responses = Sensitivities(nominal)
+    scorer = Scorer(responses.of(hypothesis), Projection(nominal), hypothesis.scales(setup))
+    score = scorer(Projection(nominal).z)
+    assert score.log_factor > 20
+    starts = [np.concatenate(start) for start in score.starts()]
+    fits = [fit_candidate(nominal, hypothesis, start) for start in starts]
+    fitted = max((f for f in fits if f is not None), key=lambda f: f.evidence)
+    refused = []
+    assert Selection().acceptable([fitted], RULES.least_evidence, nominal, refused) is fitted
+    sizes = sizes_of(fitted, fitted.values(), fitted.sd())
+    low, high = sizes["stiffness"].ci95
+    assert 0.9 * low < stiffness < 1.1 * high
+    soft, stiff = sizes["compliance"].ci95
+    assert soft <= 1 / high
+    assert stiff == pytest.approx(1 / low, rel=1e-6)
+    found = [sizes[f"direction_{axis}"] for axis in "xyz"]
+    assert [one.value for one in found] == pytest.approx(WAY, abs=0.02)
+    assert all(one.ci95[1] - one.ci95[0] < 0.1 for one in found)
+    if stiffness == 1e6:  # at least so stiff, and not known any better
+        assert 0.005 < low < 0.5
+        assert high > 1e3
+
+
+def test_an_infinite_stiffness_is_a_finite_search():
+    hypothesis = next(iter(hypotheses(rope(20), ("clamped_end",))))
+    term = hypothesis.term(rope(20), np.array([0.01, *DIRECTION]))
+    for stiffness in (0.0, 1e-3, 0.01, 5.0, 1e6):
+        value = np.array([stiffness, *DIRECTION])
+        u = term.search(value)
+        assert np.abs(u).max() < 2
+        assert term.value(u) == pytest.approx(value, rel=1e-6)
+        if stiffness < 10:
+            step = np.array([1e-6, 0, 0, 0])
+            slope = (term.value(u + step) - term.value(u - step)) / 2e-6
+            assert slope[0] == pytest.approx(term.slope(u)[0], rel=1e-3)
+    _, high = Forward(rope(20), [term]).bounds()
+    assert np.isfinite(high[0])
+    assert np.isfinite(term.value(np.array([high[0], 0, 0, 0]))).all()

@@ -1,0 +1,118 @@
+"""Nested hypotheses: every edge of the lattice, and that the special case is named."""
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.diagnosis.accepted import accept
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NARROWEST, NO_PLACE, Hypothesis
+from ropefit.diagnosis.nested import is_special_case
+from ropefit.effects import (
+    CATALOGUE,
+    FreeCurvature,
+    FreeKink,
+    IntrinsicCurvature,
+    Kink,
+    MassSection,
+    PointForce,
+    PointMass,
+    Tether,
+)
+from ropefit.models.equilibrium import Forward
+from tests.concealed import recorded, rope, with_effect
+from tests.test_clamped_end import compared
+from tests.test_effects import held
+
+# Of every edge: values of the special case (SI), and where a fit of the general one begins.
+EDGES = [(kind, case) for kind in CATALOGUE for case in kind.special_cases]
+GENERAL = {
+    Tether: [0.05, 0.0, 0.0, -0.03, 0.4],
+    PointForce: [0.03, 0.004, 0.0, 0.4],
+    MassSection: [0.003, 0.4, 0.08],
+    IntrinsicCurvature: [2.0, 1.0, 0.4, 0.08],
+    FreeCurvature: [3.0, 0.4, 0.08],
+}
+# Of the general effect, without what the special case lacks; in the middle of a segment, which a
+# section of no width fills.
+WITHOUT = {
+    Tether: [0.0, 0.004, -0.003, -0.02, 0.4010416666666667],
+    PointForce: [0.02, 0.0, 0.0, 0.4010416666666667],
+    MassSection: [0.002, 0.4010416666666667, 1e-4],
+    IntrinsicCurvature: [30.0, -15.0, 0.4010416666666667, 0.006],
+    FreeCurvature: [30.0, 0.4010416666666667, 0.006],
+}
+SPECIAL = {
+    PointMass: [0.003, 0.4],
+    FreeKink: [0.25, -5.1, 0.4],
+    PointForce: [0.02, 0.015, 0.0, 0.4],
+}
+
+
+def tensor(values):
+    return torch.tensor(np.asarray(values), dtype=torch.float64)
+
+
+@pytest.mark.parametrize(("kind", "case"), EDGES)
+def test_the_special_case_has_the_same_shapes(kind, case):
+    general, special = kind(), case.effect()
+    setup = next(s for s in (rope(480, 3), held(rope(480, 3))) if general.applies(s))
+    assert special.applies(setup)
+    assert set(case.vanishing) <= set(general.names)
+    assert len(special.names) <= len(general.names)
+    values = np.array(WITHOUT[kind])
+    same = case.values(setup, values)
+    assert same is not None
+    shapes = [
+        Forward(effect.apply(setup, tensor(v)), []).at(np.empty(0)).seen
+        for effect, v in ((general, values), (special, same))
+    ]
+    moved = np.abs(shapes[0] - Forward(setup, []).at(np.empty(0)).seen).max()
+    assert moved > 1e-4
+    assert np.abs(shapes[0] - shapes[1]).max() < 0.02 * moved
+
+
+@pytest.mark.parametrize(("kind", "case"), EDGES)
+def test_the_special_case_is_named(kind, case):
+    """Of a recording of it, from a fit of the general one alone; and the tie is told."""
+    if case.effect is Kink:
+        pytest.skip("of a clamped rope: the free kink stands for it")
+    truth = SPECIAL[case.effect]
+    nominal = compared(recorded(with_effect(case.effect(), truth), seed=103))
+    begin = np.array(GENERAL[kind])
+    general = fit_candidate(nominal, Hypothesis(kind(), NO_PLACE), begin)
+    assert general is not None
+    named = accept(general, [general], nominal, 20)
+    assert type(named.candidate.hypothesis.effect) is case.effect
+    assert kind.name in [c.hypothesis.name for c in named.equivalent]
+    found, sd = named.candidate.values(), named.candidate.sd()
+    assert np.abs(found - truth)[0] < 4 * sd[0] + 0.02 * abs(truth[0])
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        (Tether(), [0.6, 0.1, -0.1, 0.15, 0.4]),
+        (PointForce(), [0.02, 0.02, 0.01, 0.4]),
+        (MassSection(), [0.01, 0.4, 0.3]),
+        (FreeCurvature(), [3.0, 0.4, 0.4]),
+    ],
+)
+def test_the_general_effect_stays_where_it_is_needed(effect, values):
+    nominal = compared(recorded(with_effect(effect, values), seed=104))
+    hypothesis = Hypothesis(effect, NO_PLACE)
+    general = fit_candidate(nominal, hypothesis, np.array(values))
+    assert general is not None
+    named = accept(general, [general], nominal, 20)
+    assert named.candidate is general
+
+
+def test_edges_lead_on():
+    assert is_special_case(PointMass(), Tether())
+    assert not is_special_case(Tether(), PointMass())
+    assert not is_special_case(Tether(), Tether())
+    assert not is_special_case(Kink(), MassSection())
+    lighter = MassSection.special_cases[0].values(rope(20), np.array([-0.002, 0.4, NARROWEST]))
+    assert lighter is None
+    lifting = PointForce.special_cases[0].values(rope(20), np.array([-0.02, 0.0, 0.0, 0.4]))
+    assert lifting is None
