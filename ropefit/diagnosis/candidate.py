@@ -98,8 +98,13 @@ class Candidate:
         return next(part for term, part in parts if term is self.term)
 
 
-def fit_candidate(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Candidate | None:
-    """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle."""
+def fit_candidate(
+    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf
+) -> Candidate | None:
+    """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle.
+
+    lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
+    """
     setup = smaller.forward.base
     limits = hypothesis.term(setup, start)
     for share in START_SHARES if hypothesis.effect.linear else (1.0,):
@@ -120,7 +125,7 @@ def fit_candidate(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Ca
     most = SLOW_EVALUATIONS if slow else EVALUATIONS
     fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5)
     if slow and fitted is not None and fitted.cost < smaller.cost:
-        fitted = _continued(smaller.cost, fitted)
+        fitted = _continued(smaller.cost, fitted, lowest)
     if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.converged.all():
         return None
     if len(fitted.z) != len(smaller.z):  # a frame did not settle at the start: no comparison
@@ -128,10 +133,11 @@ def fit_candidate(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Ca
     return compared(hypothesis, term, smaller, fitted)
 
 
-def _continued(before: float, fitted: Fit) -> Fit:
-    """Continue a slow fit as long as it gains: contact comes and goes, and gains soon shrink."""
-    for _ in range(SLOW_ROUNDS):
-        if fitted.converged:
+def _continued(before: float, fitted: Fit, lowest: float) -> Fit:
+    """Continue a slow fit as long as it gains: contact comes and goes, and gains soon shrink. One
+    that even at its present pace could not reach the cost `lowest` stays as it is."""
+    for left in range(SLOW_ROUNDS, 0, -1):
+        if fitted.converged or fitted.cost - left * SLOW_EVALUATIONS * _pace(fitted) > lowest:
             break
         again = attempted(
             fitted.forward, fitted.problem, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4
@@ -141,6 +147,12 @@ def _continued(before: float, fitted: Fit) -> Fit:
             break
         fitted = again
     return fitted
+
+
+def _pace(fitted: Fit) -> float:
+    """Return how much each evaluation in the second half of a fit has lowered its cost."""
+    half = len(fitted.trace) // 2
+    return (min(fitted.trace[: half + 1]) - fitted.cost) / max(len(fitted.trace) - 1 - half, 1)
 
 
 def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> Candidate:

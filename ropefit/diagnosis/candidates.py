@@ -40,7 +40,8 @@ class Fits:
             self.best_of[candidate.hypothesis.key] = candidate
 
     def _fitted(self, start: Start) -> Candidate | None:
-        return fit_candidate(self.current, *start)
+        best = self.best()
+        return fit_candidate(self.current, *start, best.fit.cost if best else np.inf)
 
     def best(self) -> Candidate | None:
         return max(self.best_of.values(), key=lambda c: c.evidence, default=None)

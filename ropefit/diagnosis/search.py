@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -88,12 +88,13 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
     progress(0.1, "scan")
-    nominal = _with_noise(nominal, rules)
+    nominal, known = _with_noise(nominal, rules)
     current, accepted, refused = nominal, [], []
     first, limits, crowded, most = None, None, False, rules.most_effects
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(0.2 + 0.16 * round_, "scan")
-        scan = Scan(current, sensitivities(current, accepted, rules.effects))
+        scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
+        known = []  # of the nominal model
         if first is None or limits is None:
             first, limits = scan, _limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
@@ -134,20 +135,23 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     )  # fmt: skip
 
 
-def _with_noise(nominal: Fit, rules: Rules) -> Fit:
-    """Measure the noise and fit the nominal model with it."""
+def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
+    """Measure the noise and fit the nominal model with it; and the sensitivities of the nominal
+    model, where they were needed for that."""
     problem = nominal.problem.settled(nominal.point.seen)
     if not problem.data.material:  # one white noise for all fits, as at the nominal one
         seen = problem.match(nominal.point.seen).scatter[0]
         problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
         nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
-    problem = problem.under(_noise(nominal, rules))
+    noise, known = _noise(nominal, rules)
     forward = nominal.forward.starting_from(nominal.point.solution)
-    return fit(forward, problem, nominal.point.u, 20, tolerance=1e-5)
+    again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
+    return again, known
 
 
-def _noise(nominal: Fit, rules: Rules) -> Noise:
-    """Measure the noise beside what effects explain.
+def _noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity]]:
+    """Measure the noise beside what effects explain; and the sensitivities of the nominal model,
+    where they were computed for that.
 
     Effects that no scan shows to the full (contact, path dependence) are fitted: otherwise they
     would be taken for noise of the ends, and then for nothing. Nor can noise be measured against a
@@ -155,22 +159,26 @@ def _noise(nominal: Fit, rules: Rules) -> Noise:
     """
     noise = nominal.problem.noise
     if not nominal.forward.instantaneous:
-        return wandering_noise(nominal, sensitivities(nominal, [], rules.effects))
+        steady = sensitivities(nominal, [], rules.effects)
+        return wandering_noise(nominal, steady), steady
     if rules.noise == "white":
-        return replace(noise, correlated=0.0, ends=None)
+        return replace(noise, correlated=0.0, ends=None), []
+    at_rest = nominal
     for choices in proposals(nominal, slow=False, names=rules.effects):
         fitted = (fit_candidate(nominal, *start) for start in choices)
         moving = next((c for c in fitted if c is not None), None)
         if moving is not None and moving.evidence > rules.least_evidence:
             nominal = moving.fit
     steady = sensitivities(nominal, [], rules.effects)
+    known = steady if nominal is at_rest else []
     measured = measured_noise(nominal, steady, [])
     if not measured.coloured:
-        return measured
+        return measured, known
     scan = Scan(nominal, steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
-        return measured
-    hidden = [s for s in scan.scores if s.hypothesis.effect.shaping]
+        return measured, known
+    # For the noise, the best place of each is enough.
+    hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
     candidates = fit_candidates(
         nominal, hidden, [], scan.contact(rules), rules.least_evidence, rules.effects
     )  # fmt: skip
@@ -178,7 +186,7 @@ def _noise(nominal: Fit, rules: Rules) -> Noise:
     moves = [
         seen - c.fit.stations.residual for c in candidates if c.evidence > rules.least_evidence
     ]
-    return measured_noise(nominal, steady, moves) if moves else measured
+    return measured_noise(nominal, steady, moves) if moves else measured, known
 
 
 def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
@@ -216,11 +224,16 @@ def _verdict(
 
 
 def sensitivities(
-    current: Fit, accepted: list[Accepted], names: tuple[str, ...] | None = None
-) -> list[Sensitivity]:
-    """Return the sensitivities to every hypothesis, but to accepted ones with no other place."""
+    current: Fit, accepted: list[Accepted], names: tuple[str, ...] | None = None,
+    nearby: Sequence[Sensitivity] = (),
+) -> list[Sensitivity]:  # fmt: skip
+    """Return the sensitivities to every hypothesis, but to accepted ones with no other place.
+
+    nearby: known ones, of the same model in perhaps nearly the same shapes.
+    """
     responses = Sensitivities(current)
     known = [one.candidate.hypothesis for one in accepted]
     taken = {h.key for h in known if not h.effect.place_names}
+    before = {one.hypothesis.key: one for one in nearby}
     every = hypotheses(current.point.setup, names)
-    return [responses.of(h) for h in every if h.key not in taken]
+    return [responses.of(h, before.get(h.key)) for h in every if h.key not in taken]

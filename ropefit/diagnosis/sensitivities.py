@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -13,15 +13,19 @@ from ropefit.models.response import Point
 from ropefit.models.terms import change_by
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
+NEAR = 1e-3  # of the length: shapes that differ by less answer alike
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity."""
+    """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity, and those of
+    the nodes (Q k, F, K, 3) [m] that they come from, of a rope `seen` (F, K, 3) [m]."""
 
     hypothesis: Hypothesis
     values: np.ndarray
+    nodes: np.ndarray
+    seen: np.ndarray
 
 
 class Sensitivities:
@@ -36,18 +40,33 @@ class Sensitivities:
         """Return (M D, P) whitened changes at the stations of changes dx (P, F, K, 3) [m]."""
         return sensitivity(np.nan_to_num(dx), self.now, self.fit.stations, self.fit.whitener)
 
-    def of(self, hypothesis: Hypothesis) -> Sensitivity:
-        """Return the sensitivity to a hypothesis: by its loads, its tangent or finite responses."""
+    def of(self, hypothesis: Hypothesis, known: Sensitivity | None = None) -> Sensitivity:
+        """Return the sensitivity to a hypothesis: by its loads, its tangent or finite responses, or
+        from one that is known of a rope in nearly the same shapes."""
+        if known is None or not self._alike(hypothesis, known):
+            known = Sensitivity(hypothesis, np.empty(0), self._nodes(hypothesis), self.point.seen)
+        rows = self.whiten(known.nodes)
+        shape = (len(rows), len(hypothesis.places), hypothesis.size)
+        return replace(known, hypothesis=hypothesis, values=rows.reshape(shape))
+
+    def _alike(self, hypothesis: Hypothesis, known: Sensitivity) -> bool:
+        """Return whether nodes respond as they are known to."""
+        places, seen = known.hypothesis.places, known.seen
+        if places.shape != hypothesis.places.shape or seen.shape != self.point.seen.shape:
+            return False
+        near = NEAR * float(self.setup.properties.length.sum())
+        return bool(
+            (np.abs(places - hypothesis.places) < near).all()
+            and (np.abs(seen - self.point.seen) < near).all()
+        )
+
+    def _nodes(self, hypothesis: Hypothesis) -> np.ndarray:
         loads = self._loads(hypothesis) if self.fit.forward.instantaneous else None
         if loads is not None:
-            dx = loads_to_nodes(self.point, loads)
-        elif hypothesis.effect.tangent:
-            dx = self._tangents(hypothesis)
-        else:
-            dx = self._finite_responses(hypothesis)
-        rows = self.whiten(dx)
-        shape = (len(rows), len(hypothesis.places), hypothesis.size)
-        return Sensitivity(hypothesis, rows.reshape(shape))
+            return loads_to_nodes(self.point, loads)
+        if hypothesis.effect.tangent:
+            return self._tangents(hypothesis)
+        return self._finite_responses(hypothesis)
 
     def _tangents(self, hypothesis: Hypothesis) -> np.ndarray:
         zero = np.zeros(hypothesis.size)

@@ -139,6 +139,8 @@ class Effect(ABC):
 
     # The scan looks for it at small sizes; if not, only its own `starts` do.
     scanned: ClassVar[bool] = True
+    # Noise that is measured beside all scanned effects may still contain it: it is fitted first.
+    looks_like_noise: ClassVar[bool] = False
     # Its response depends on the frames before even at zero size: the derivative follows the path.
     path_dependent: ClassVar[bool] = False
     # It can be simulated in motion: no potential, no memory, nothing that needs a rope at rest.

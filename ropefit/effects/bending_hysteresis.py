@@ -26,6 +26,7 @@ class BendingHysteresis(Effect):
     )
     linear = False
     shaping = 1
+    looks_like_noise = True
     tries = (0.3, 2.0)
 
     def applies(self, setup: Setup) -> bool:

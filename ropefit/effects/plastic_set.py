@@ -26,6 +26,7 @@ class PlasticSet(Effect):
     )
     linear = False
     shaping = 1
+    looks_like_noise = True
     tries = (0.4, 1.0, 2.5)
 
     def applies(self, setup: Setup) -> bool:

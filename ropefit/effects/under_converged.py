@@ -43,6 +43,7 @@ class UnderConverged(Effect):
         Quantity("reach", "1", 0.4, 0.06, 1.2),
     )
     shaping = 1
+    looks_like_noise = True
     tries = (0.3, 0.7, 1.5)
 
     def applies(self, setup: Setup) -> bool:
@@ -77,7 +78,8 @@ def _cached(setup: Setup, drop: float, reach: float) -> tuple[Tensor, Tensor]:
     """
     rod = setup._replace(potentials=()).rod()
     held = Conditions(setup.ends.detach(), setup.clamp.detach())
-    arrays = (*rod, held.ends, held.clamp, setup.gravity, setup.properties.length)
+    # Neither the catenary nor the iterations know a bending stiffness.
+    arrays = (rod.length, rod.flexibility, rod.load, held.ends, held.clamp, setup.gravity)
     key = (drop, reach, setup.clamped, *(a.detach().numpy().tobytes() for a in arrays))
     result = _latest.get(key)
     if result is None:

@@ -25,6 +25,7 @@ class ViscoelasticCreep(Effect):
     )
     linear = False
     shaping = 1
+    looks_like_noise = True
     tries = (0.2, 1.0, 4.0)
 
     def applies(self, setup: Setup) -> bool:

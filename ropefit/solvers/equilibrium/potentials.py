@@ -6,8 +6,6 @@ enters the rod's own Newton as elastic supports; repeated until the nodes stay w
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -17,6 +15,7 @@ from ropefit.rod.setup import Potential
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import Solution, States, unsettled
 from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.supports import Supported, held_by, supports
 from ropefit.solvers.status import Status
 
 ROUNDS, CORNERED_ROUNDS = 40, 120
@@ -156,22 +155,25 @@ def _settle(
     own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
     near = np.full(frames, NEAR * float(rod.length.detach().sum(-1).max()))
     bold, share = np.full(frames, cornered), np.ones(frames)
-    going = ~_untouched(potentials, x)
+    going, alone = ~_untouched(potentials, x), Supported(rod, conditions)
     if not going.all():
         mine = np.flatnonzero(~going)
-        alone = solve(rod.frames(mine), conditions.frames(mine), current.frames(mine), limit=LIMIT)
-        done = alone.converged & _untouched(potentials, alone.x)
-        current.put(mine[done], alone, done)
-        x[mine[done]], moved[mine[done]] = alone.x[done], 0.0
+        none = np.zeros_like(x[mine])
+        free, settled = alone.settled(mine, current.frames(mine), none, None, LIMIT)
+        done = settled & _untouched(potentials, free.x)
+        current.put(mine[done], free, done)
+        x[mine[done]], moved[mine[done]] = free.x[done], 0.0
         going[mine[~done]] = True
     for _ in range(CORNERED_ROUNDS if cornered else ROUNDS):
         mine = np.flatnonzero(going)
         if not len(mine):
             break
-        few, ends = rod.frames(mine), conditions.frames(mine)
-        new, force, stiffness = _replaced(
-            few, ends, potentials, x[mine], current.frames(mine), bold[mine]
+        force, stiffness = (
+            item.numpy() for item in force_and_stiffness(potentials, torch.from_numpy(x[mine]))
         )
+        # Supports that are at rest at x push with nothing: only the ends' reactions are known.
+        held, stiffness = supports(x[mine], stiffness, bold[mine])
+        new, _ = alone.settled(mine, current.frames(mine), force, held, LIMIT)
         step = new.x - x[mine]
         earlier, moved[mine] = moved[mine], np.abs(step).max(axis=(1, 2))
         astray = ~np.isfinite(moved[mine])
@@ -198,7 +200,7 @@ def _settle(
         part = np.where(going[mine], share[mine], 1.0)
         x[mine] += part[:, None, None] * step
     astray = ~np.isfinite(moved)
-    found, _, _ = _replaced(rod, conditions, potentials, x, current, bold)
+    found = _replaced(rod, conditions, potentials, x, current, bold)
     gone = np.abs(found.x - x).max(axis=(1, 2))
     late = found.converged & ~(gone < 1e3 * still)
     found.unsettle(astray, start)
@@ -223,37 +225,16 @@ def _replaced(
     x: np.ndarray,
     near: States,
     bold: np.ndarray,
-) -> tuple[Solution, np.ndarray, np.ndarray]:
+) -> Solution:
     """Return equilibria where supports stand for the potentials at nodes x (F, K, 3), found from
-    states near them; force (F, K, 3) [N] and stiffness (F, K, 3, 3) [N/m] of the potentials.
-
-    bold (F,): frames in which potentials show their own curvature.
-    """
-    at = torch.from_numpy(x)
-    force, stiffness = force_and_stiffness(potentials, at)
-    timid = torch.from_numpy(~bold)
-    stiffness[timid] = _pulling_back(stiffness[timid])
-    held, load = _supports(conditions, at, force, stiffness)
-    if load is not None:
+    states near them. bold (F,): frames in which potentials show their own curvature."""
+    force, stiffness = force_and_stiffness(potentials, torch.from_numpy(x))
+    held, _ = supports(x, stiffness.numpy(), bold)
+    if bool((force != 0).any()):
+        # As one, a force and a stiffness near zero would be a support from far away.
         rod = rod.each(len(x))
-        rod = rod._replace(load=rod.load + load)
-    # Supports that are at rest at x push with nothing: only the ends' reactions are known.
-    found = solve(rod, held, near, limit=LIMIT)
-    return found, force.numpy(), stiffness.numpy()
-
-
-def _pulling_back(stiffness: Tensor) -> Tensor:
-    """Return stiffness (F, K, 3, 3) [N/m] without what pushes away.
-
-    From afar, a rope would slide off a bar.
-    """
-    some = (stiffness != 0).any(-1).any(-1)
-    if not some.any():
-        return stiffness
-    values, vectors = torch.linalg.eigh(stiffness[some])
-    pulling = stiffness.clone()
-    pulling[some] = (vectors * values.clamp_min(0.0)[..., None, :]) @ vectors.transpose(-1, -2)
-    return pulling
+        rod = rod._replace(load=rod.load + force)
+    return solve(rod, held_by(conditions, held), near, limit=LIMIT)
 
 
 def _share(
@@ -281,40 +262,3 @@ def _share(
             part = drive[k] / (drive[k] - drive[k + 1]) if drive[k] > 0 else 0.0
             out[f] = max((k + part) / (SHARES - 1), SHORTEST)
     return out
-
-
-def _supports(
-    conditions: Conditions, x: Tensor, force: Tensor, stiffness: Tensor
-) -> tuple[Conditions, Tensor | None]:
-    """Return elastic supports with the potentials' stiffness that are at rest at x, and a load.
-
-    The load is the force at x. (As one, a force and a stiffness near zero would be a support from
-    far away.) A support along an eigenvector d of the stiffness κ pushes with κ (offset - d · x).
-    """
-    touched = torch.nonzero((stiffness != 0).any(-1).any(-1).any(0))[:, 0]
-    frames = len(x)
-    load = force if bool((force != 0).any()) else None
-    if len(touched) == 0:
-        return conditions, load
-    values, vectors = torch.linalg.eigh(stiffness[:, touched])  # (F, T, 3), (F, T, 3, 3)
-    order = values.abs().argsort(-1, descending=True)
-    values = torch.gather(values, -1, order)
-    vectors = torch.gather(vectors, -1, order[..., None, :].expand_as(vectors))
-    strong = values.abs() > 1e-9 * values.abs().max()
-    rank = int(strong.any(0).any(0).sum())
-    values, vectors, strong = values[..., :rank], vectors[..., :rank], strong[..., :rank]
-    direction = vectors.transpose(-1, -2)  # (F, T, rank, 3)
-    safe = torch.where(strong, values, 1.0)
-    offset = (direction * x[:, touched, None]).sum(-1)
-    flat = lambda t: t.reshape(frames, -1, *t.shape[3:])  # noqa: E731
-    active = flat(strong).numpy()
-    used = np.flatnonzero(active.any(0))
-    held = replace(
-        conditions,
-        node=np.repeat(touched.numpy(), rank)[used],
-        direction=flat(direction)[:, used].contiguous(),
-        offset=flat(offset)[:, used],
-        compliance=flat(1 / safe)[:, used],
-        active=active[:, used],
-    )
-    return held, load

@@ -47,8 +47,24 @@ def solve(
     Never raises for a frame that does not converge: its status says so.
     """
     problem = problem or problem_of(rod, conditions, member)
-    frames, segments = len(conditions.ends), problem.rods.length.shape[1]
     q, lam, base = starting(problem, conditions, start, turns)
+    x, force, status, iterations, residual = newton(problem, q, lam, base, tolerance, limit)
+    found = Solution(q, x, base, lam, force, status, iterations, residual, rod, conditions, member)
+    found.__dict__["problem"] = problem
+    lost = ~found.converged & (status != Status.NOT_FINITE)
+    if start is None and continuation and lost.any():
+        _continue(rod, conditions, problem.of, turns, tolerance, limit, found, lost)
+    return found
+
+
+def newton(
+    problem: Problem, q: np.ndarray, lam: np.ndarray, base: np.ndarray,
+    tolerance: float = TOLERANCE, limit: int = LIMIT,
+) -> tuple[np.ndarray, ...]:  # fmt: skip
+    """Find equilibria from frames q (F, N, 4), reactions lam (F, S) [N] and base (F, 3) [m], which
+    are changed in place; return x (F, N+1, 3) [m], force (F, N, 3) [N], status, iterations and
+    residual (F,)."""
+    frames, segments = q.shape[:2]
     status, iterations = np.zeros(frames, dtype=np.int64), np.zeros(frames, dtype=np.int64)
     residual = np.empty(frames)
     x, force = np.empty((frames, segments + 1, 3)), np.empty((frames, segments, 3))
@@ -60,12 +76,7 @@ def solve(
         )  # fmt: skip
 
     in_threads(work, frames)
-    found = Solution(q, x, base, lam, force, status, iterations, residual, rod, conditions, member)
-    found.__dict__["problem"] = problem
-    lost = ~found.converged & (status != Status.NOT_FINITE)
-    if start is None and continuation and lost.any():
-        _continue(rod, conditions, problem.of, turns, tolerance, limit, found, lost)
-    return found
+    return x, force, status, iterations, residual
 
 
 def _continue(
