@@ -11,6 +11,8 @@ from ropefit.inference.least_squares import Fit
 IMPLAUSIBLE_SIZE = 30.0  # usual sizes
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
+# The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
+MOST_RMS_RATIO_IN_MOTION = 0.85
 CHANCE_GAIN = 1.0  # nats that a held-out block may gain by chance
 LEAST_BLOCKS = 2  # that gain more than that
 LOST_SHARE = 0.3  # of what blocks gain, at most lost by the others
@@ -46,6 +48,8 @@ def _refusal(candidate: Candidate, current: Fit) -> str:
     supported = effect.prior_decides or agreeing(candidate.gains)
     if after > MOST_RMS_RATIO * before or not supported:
         return "held-out frames do not support it"
+    if not current.forward.instantaneous and after > MOST_RMS_RATIO_IN_MOTION * before:
+        return "the error of held-out clips hardly falls"
     return ""
 
 

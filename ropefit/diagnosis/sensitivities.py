@@ -47,12 +47,16 @@ class Sensitivities:
             known = Sensitivity(hypothesis, np.empty(0), self._nodes(hypothesis), self.point.seen)
         rows = self.whiten(known.nodes)
         shape = (len(rows), len(hypothesis.places), hypothesis.size)
+        if not self.fit.forward.instantaneous:  # all frames of all clips: too many to keep
+            known = replace(known, nodes=np.empty(0))
         return replace(known, hypothesis=hypothesis, values=rows.reshape(shape))
 
     def _alike(self, hypothesis: Hypothesis, known: Sensitivity) -> bool:
         """Return whether nodes respond as they are known to."""
         places, seen = known.hypothesis.places, known.seen
         if places.shape != hypothesis.places.shape or seen.shape != self.point.seen.shape:
+            return False
+        if not known.nodes.size:
             return False
         near = NEAR * float(self.setup.properties.length.sum())
         return bool(

@@ -11,33 +11,44 @@ from dataclasses import replace
 
 import numpy as np
 
+from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 
 LEAST_CORRELATION = 0.05  # of the residual with itself: later lags count as independent
-EFFECT_PRIOR_SD = 10.0  # usual sizes
-FREE_PRIOR_SD = 10.0  # search variables: of parameters without a prior
 
 
 def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
     """Return the noise of markers, with the repeats that one independent sample has.
 
-    Both are those of what the most flexible credible fit leaves: all effects at all places at once,
-    to first order. A mismatch with a cause is thus no noise.
+    Both are those of what the best single effect leaves, at its best place and to first order: a
+    mismatch with a cause is no noise. All effects at once would explain noise as well: a few swings
+    are fewer samples than there are effects and places.
     """
-    spread = np.where(np.isfinite(fitted.prior), fitted.prior, FREE_PRIOR_SD)
-    own = [EFFECT_PRIOR_SD * s.values.reshape(len(s.values), -1) for s in sensitivities]
-    design = np.concatenate([fitted.jacobian * spread, *own], axis=1)
-    gram = design.T @ design + np.eye(design.shape[1])
-    left = fitted.z - design @ np.linalg.solve(gram, design.T @ fitted.z)
+    left = _left_by_the_best(fitted, sensitivities)
     residual = fitted.whitener.undo(left).reshape(fitted.stations.residual.shape)
     marker = float(np.sqrt((residual**2).mean()))
     clips = getattr(fitted.forward, "clips", [])
     return replace(
         fitted.problem.noise, marker=marker, repeats=repeats(fitted.stations, residual, clips)
     )
+
+
+def _left_by_the_best(fitted: Fit, sensitivities: list[Sensitivity]) -> np.ndarray:
+    """Return (M D,) the whitened residual beside the effect that explains most of it."""
+    project = Projection(fitted)
+    best, most = project.z, 0.0
+    for one in sensitivities:
+        kept = project(one.values)
+        for place in range(kept.shape[1]):
+            columns = kept[:, place]
+            sizes = np.linalg.lstsq(columns, project.z, rcond=1e-6)[0]
+            gain = float(project.z @ columns @ sizes)
+            if gain > most:
+                best, most = project.z - columns @ sizes, gain
+    return best
 
 
 def repeats(s: Stations, residual: np.ndarray, clips: list[np.ndarray]) -> float:
