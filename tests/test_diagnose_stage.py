@@ -10,6 +10,7 @@ from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.artifacts import Model, Observations
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.effects import AxialExtensibility, ContactFriction, SoftSection, StiffSection
+from ropefit.fitting import diagnosed as diagnoses
 from ropefit.fitting.nominal import with_what_is_missed
 from ropefit.inference.noise import Noise
 from ropefit.runs.loading import load
@@ -62,8 +63,12 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     again = ropefit("report", "--run", str(run))  # the export was of the rope before
     assert "exports.h5 is of an earlier rope" in again.stderr
     assert "At rest in mujoco 4" not in (run / "report.html").read_text()
-    refused = ropefit("diagnose", "--run", str(run), code=2)
-    assert "equilibrium" in refused.stderr
+    told = json.loads(ropefit("diagnose", "--run", str(run), "--most-frames", "8", "--json").stdout)
+    simulation = told["simulation"]
+    assert simulation["name"] == "the fitted thomas simulation"
+    assert told["heldout"]["rms_before_m"] == simulation["rms_m"]
+    assert simulation["rms_explained_m"] <= simulation["rms_of_rope_m"]
+    assert simulation["missing"] == [effect["name"] for effect in told["effects"]]
 
 
 def test_what_another_runs_rope_misses_is_noise_here():
@@ -99,7 +104,12 @@ def test_intervals_end_where_a_quantity_does():
 )
 def test_derived_quantities_are_reported_first_with_their_interval(effect, value, name, expected):
     candidate = SimpleNamespace(
-        hypothesis=SimpleNamespace(effect=effect), fit=SimpleNamespace(quantile=2.0)
+        hypothesis=SimpleNamespace(effect=effect),
+        fit=SimpleNamespace(quantile=2.0),
+        interval=lambda width: (np.array([value - 0.2]), np.array([value + 0.2])),
+        term=SimpleNamespace(
+            lower=[q.lower for q in effect.quantities], upper=[q.upper for q in effect.quantities]
+        ),
     )
     sizes = sizes_of(candidate, np.array([value]), np.array([0.1]))  # pyright: ignore[reportArgumentType]
     assert list(sizes) == [name, effect.quantities[0].name]
@@ -119,7 +129,7 @@ def test_rules_without_calibration_leave_its_errors_out(tmp_path, monkeypatch):
     def fitted(setup, terms, *_):
         raise Reached([term.name for term in terms])
 
-    monkeypatch.setattr(diagnose, "nominal_at_rest", fitted)
+    monkeypatch.setattr(diagnoses, "nominal_at_rest", fitted)
     for rules, named in ((RULES, True), (Rules(calibration=False), False)):
         with pytest.raises(Reached) as caught:
             diagnose.diagnosed(inputs, diagnose.DiagnoseSettings(), Context(), rules)

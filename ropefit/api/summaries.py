@@ -145,6 +145,7 @@ def _simulation(d: Diagnosis, s: Simulation) -> dict[str, Any]:
         "missing": [c.name for c in d.causes.values()],
         "rope": {name: size.model_dump() for name, size in s.rope.items()},
         "rms_m": s.rms,
+        "rms_converged_m": s.rms_converged,
         "rms_of_rope_m": s.rms_of_rope,
         "rms_explained_m": s.rms_explained,
     }

@@ -73,6 +73,7 @@ class Simulation(Part):
     refused: list[str]
     x: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m", nan=True)]
     rms: float = quantity("m", "of the recording's points from the simulation")
+    rms_converged: float = quantity("m", "of the recording's rope in equilibrium, held-out frames")
     rms_of_rope: float = quantity("m", "of the simulation from that rope, held-out frames")
     rms_explained: float = quantity("m", "the same with the effects")
 

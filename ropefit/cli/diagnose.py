@@ -111,6 +111,8 @@ def _show_simulation(session: Session, s: Simulation) -> None:
     session.say(f"{s.name}: rms {s.rms * 1e3:.3g} mm from the recording; it simulates {rope}")
     for c in s.effects.values():
         session.say(f"in the simulation: {c.sentence}")
+    for reason in s.refused:
+        session.say(f"in the simulation, not accepted: {reason}")
     session.say(
         f"that rope at rest is {s.rms_of_rope * 1e3:.3g} mm from the simulation, with these "
         f"effects {s.rms_explained * 1e3:.3g} mm"

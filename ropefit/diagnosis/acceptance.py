@@ -48,7 +48,9 @@ def _refusal(candidate: Candidate, current: Fit) -> str:
     supported = effect.prior_decides or agreeing(candidate.gains)
     if after > MOST_RMS_RATIO * before or not supported:
         return "held-out frames do not support it"
-    if not current.forward.instantaneous and after > MOST_RMS_RATIO_IN_MOTION * before:
+    small = effect.calibrated or effect.calibration is not None  # the fit allows for it already
+    moving = not current.forward.instantaneous and not small
+    if moving and after > MOST_RMS_RATIO_IN_MOTION * before:
         return "the error of held-out clips hardly falls"
     return ""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.nested import is_special_case
 
@@ -41,7 +43,14 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
         c for c in same
         if best.evidence - c.evidence < TIE_NATS or is_special_case(c.hypothesis.effect, general)
     ]  # fmt: skip
-    first = min(tied, key=lambda c: (c.term.size, c is best, -c.evidence))
+    first = min(
+        tied,
+        key=lambda c: (
+            int(np.isinf(c.term.prior).sum()),  # what a prior holds explains nothing by itself
+            not is_special_case(c.hypothesis.effect, general),
+            -c.evidence,
+        ),
+    )
     return first, [c for c in (best, *same) if c is not first]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
 
 BLOCKS = 5
@@ -69,11 +70,18 @@ def heldout_rms(fitted: Fit, along: bool = False) -> tuple[float, float]:
     s = fitted.stations
     residual = fitted.whitener.undo(predicted(fitted, along)).reshape(s.residual.shape)
     white = s.scatter.mean(axis=0)
+    noise = float(np.sqrt(white.sum()))
     if not white.any():  # markers: their noise is in the whitener
-        repeats = fitted.problem.noise.repeats
-        noise = float(np.sqrt(fitted.whitener.variance() * 3 / repeats))
-        return float(np.sqrt((residual**2).sum(axis=1).mean())), noise
+        noise = float(np.sqrt(fitted.whitener.variance() * 3 / fitted.problem.noise.repeats))
+    return points_rms(s, residual), noise
+
+
+def points_rms(s: Stations, residual: np.ndarray) -> float:
+    """Return the rms distance [m] of points from a model, from the residual (M, D) [m] of their
+    stations."""
+    white = s.scatter.mean(axis=0)
+    if not white.any():
+        return float(np.sqrt((residual**2).sum(axis=1).mean()))
     weight = s.count[:, None] / s.count.sum()  # by points, as if each were compared by itself
     extra = (weight * (residual**2 - np.diagonal(s.white(), axis1=1, axis2=2))).sum(axis=0)
-    noise = float(np.sqrt(white.sum()))
-    return float(np.sqrt(max(white.sum() + extra.sum(), 0.0))), noise
+    return float(np.sqrt(max(white.sum() + extra.sum(), 0.0)))

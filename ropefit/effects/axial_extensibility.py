@@ -19,6 +19,7 @@ class AxialExtensibility(Effect):
     """`compliance` 1/EA [1/N]: relative stretch per newton of tension."""
 
     name = "axial_extensibility"
+    of_simulators = True
     quantities = (
         Quantity(
             "compliance", "1/N", 0.01, lower=0.0, by_weight=-1.0,

@@ -143,6 +143,8 @@ class Effect(ABC):
     looks_like_noise: ClassVar[bool] = False
     # Its response depends on the frames before even at zero size: the derivative follows the path.
     path_dependent: ClassVar[bool] = False
+    # A simulator may have it unknown to its user: looked for in simulated shapes.
+    of_simulators: ClassVar[bool] = False
     # It can be simulated in motion: no potential, no memory, nothing that needs a rope at rest.
     in_motion: ClassVar[bool] = True
     # Fits are slow (contact comes and goes): after all others, and only while they gain.

@@ -24,6 +24,7 @@ class ClampedEnd(Effect):
     direction fixed in space (from end 0 towards end 1), of any length."""
 
     name = "clamped_end"
+    of_simulators = True
     locus = "end"
     quantities = (
         Quantity(
@@ -84,6 +85,7 @@ class TiltedClamp(Effect):
     """A clamp misaligned with its recorded direction: a turn [rad] about two axes across it."""
 
     name = "clamped_end"
+    of_simulators = True
     locus = "end"
     vector = ("tilt", "rad")
     calibrated = True

@@ -23,6 +23,7 @@ class TooCoarse(Effect):
     """
 
     name = "too_coarse"
+    of_simulators = True
     kind = "solver"
     in_motion = False
     quantities = (Quantity("amount", "1", 0.5, 0.0, 60.0),)

@@ -35,6 +35,7 @@ class UnderConverged(Effect):
     """
 
     name = "under_converged"
+    of_simulators = True
     kind = "solver"
     in_motion = False
     quantities = (

@@ -14,6 +14,7 @@ class WeightError(Effect):
     """Gravity is 1 + `excess` times what is told. At rest a wrong mass does the same."""
 
     name = "weight_error"
+    of_simulators = True
     kind = "measurement"
     quantities = (Quantity("excess", "1", 0.1, -0.9, 9.0),)
 

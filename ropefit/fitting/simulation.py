@@ -17,12 +17,14 @@ from ropefit.adapters.rope_setup import STATIONS, data_in_space
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.diagnosis import Simulation
+from ropefit.diagnosis.held_out import points_rms
 from ropefit.diagnosis.rules import Rules
+from ropefit.effects import CATALOGUE
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.fitting import equilibrium
 from ropefit.fitting.diagnosed import at_rest
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference.bins import Data, match
+from ropefit.inference.bins import match
 from ropefit.runs.protocol import Context, Progress
 
 NOISE = 1e-4  # of the length: what shapes of another discretisation differ by
@@ -58,16 +60,21 @@ def _both(
     """Diagnose the simulated shapes, and the recording."""
     own = DiagnoseSettings(seed=settings.seed, most_frames=settings.most_frames)
     part = replace(context, progress=_share(context.progress, 0.0, "simulation"))
-    simulated = at_rest(shapes, _identified(shapes), own, part, rules)
+    names = tuple({kind.name for kind in CATALOGUE if kind.of_simulators})
+    own_rules = replace(rules, effects=names)
+    simulated = at_rest(shapes, _identified(shapes), own, part, own_rules)
     part = replace(context, progress=_share(context.progress, 0.5, "recording"))
     real = at_rest(o, fitted or _identified(o), settings, part, rules)
     rows = np.searchsorted(o.frames, real["frames"])
     now, seen = shapes.centreline[rows], data_in_space(o).frames(rows)
+    rms = points_rms(stations := match(seen, now, STATIONS), stations.residual)
     return real | {
+        "rms_before": rms,  # of the simulation: what the user has before
         "simulation": Simulation(
             name=name, verdict=simulated["verdict"], effects=simulated["causes"],
-            rope=simulated["rope"], refused=simulated["refused"], x=now, rms=_rms(seen, now),
-            rms_of_rope=simulated["rms_before"], rms_explained=simulated["rms_after"],
+            rope=simulated["rope"], refused=simulated["refused"], x=now, rms=rms,
+            rms_converged=real["rms_before"], rms_of_rope=simulated["rms_before"],
+            rms_explained=simulated["rms_after"],
         )
     }  # fmt: skip
 
@@ -104,12 +111,6 @@ def _ends_of(o: Observations, x: np.ndarray) -> np.ndarray:
     """Return (F, 2, 3) [m] the ends of a simulation where the recording holds them."""
     held = np.isfinite(o.end_position)
     return np.where(held, x[:, [0, -1]], np.nan)
-
-
-def _rms(data: Data, x: np.ndarray) -> float:
-    """Return the rms distance [m] of the data's stations from shapes x (F, K, 3)."""
-    s = match(data, x, STATIONS)
-    return float(np.sqrt((s.residual**2).sum(axis=1).mean()))
 
 
 def _check(o: Observations, shapes: Observations) -> None:
