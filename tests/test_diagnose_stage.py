@@ -83,11 +83,19 @@ def test_what_another_runs_rope_misses_is_noise_here():
     assert told("cloud", "changed", 0.03) == 1e-3
 
 
-def test_intervals_end_where_a_quantity_does():
-    candidate = SimpleNamespace(
-        hypothesis=SimpleNamespace(effect=ContactFriction()), fit=SimpleNamespace(quantile=2.0)
+def candidate_of(effect, value):
+    """What `sizes_of` reads of a candidate with one quantity."""
+    lower, upper = ([getattr(q, k) for q in effect.quantities] for k in ("lower", "upper"))
+    return SimpleNamespace(
+        hypothesis=SimpleNamespace(effect=effect),
+        fit=SimpleNamespace(quantile=2.0),
+        interval=lambda width: (np.array([value - 0.2]), np.array([value + 0.2])),
+        term=SimpleNamespace(lower=lower, upper=upper),
     )
-    sizes = sizes_of(candidate, np.array([0.6]), np.array([0.5]))  # pyright: ignore[reportArgumentType]
+
+
+def test_intervals_end_where_a_quantity_does():
+    sizes = sizes_of(candidate_of(ContactFriction(), 0.6), np.array([0.6]), np.array([0.5]))  # pyright: ignore[reportArgumentType]
     low, high = sizes["coefficient"].ci95
     assert low == 0.0
     assert 1.6 < high < 1.7
@@ -103,15 +111,7 @@ def test_intervals_end_where_a_quantity_does():
     ],
 )
 def test_derived_quantities_are_reported_first_with_their_interval(effect, value, name, expected):
-    candidate = SimpleNamespace(
-        hypothesis=SimpleNamespace(effect=effect),
-        fit=SimpleNamespace(quantile=2.0),
-        interval=lambda width: (np.array([value - 0.2]), np.array([value + 0.2])),
-        term=SimpleNamespace(
-            lower=[q.lower for q in effect.quantities], upper=[q.upper for q in effect.quantities]
-        ),
-    )
-    sizes = sizes_of(candidate, np.array([value]), np.array([0.1]))  # pyright: ignore[reportArgumentType]
+    sizes = sizes_of(candidate_of(effect, value), np.array([value]), np.array([0.1]))  # pyright: ignore[reportArgumentType]
     assert list(sizes) == [name, effect.quantities[0].name]
     assert [sizes[name].value, *sizes[name].ci95] == pytest.approx(list(expected))
 

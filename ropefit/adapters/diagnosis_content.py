@@ -122,7 +122,7 @@ def _in_part(d: engine.Diagnosis) -> list[str]:
     was, left = engine.unexplained(d.nominal), engine.unexplained(d.final)
     joint = [replace(item.candidate, fit=d.final) for item in d.accepted]
     said = "; ".join(f"{candidate.hypothesis.name}: {_sentence(candidate)}" for candidate in joint)
-    return [f"explains only {100 * (1 - left / was):.0f} % of the misfit: {said}"]
+    return [f"explains only {100 * min(1 - left / was, 1):.0f} % of the misfit: {said}"]
 
 
 def _sentence(candidate: Candidate) -> str:
