@@ -1,0 +1,122 @@
+"""Diagnosis in motion: derivatives through a clip's start, noise that wanders, a weight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.diagnosis.search import search
+from ropefit.diagnosis.wander import repeats
+from ropefit.effects import Effect, PointMass
+from ropefit.inference.bins import Data
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
+from ropefit.models.dynamics import Dynamics
+from ropefit.models.grips import grips
+from ropefit.models.parameters import terms
+from ropefit.recordings.ends import quaternion_along
+from ropefit.rod.moving import Damping
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import Setup, bare
+
+LENGTH, WEIGHT, EI, FRAMES, STEP = 0.9, 0.08, 1.5e-3, 90, 0.01
+DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+FREE = ("EI", "bend_damping", "air_damping")
+
+
+def driven(segments: int, clips: int = 2) -> Setup:
+    """A clamped rope whose one end is shaken, differently in each clip."""
+    p = uniform(length=LENGTH, segments=segments, bend=EI, twist=EI, density=WEIGHT / LENGTH)
+    time = np.arange(FRAMES) * STEP
+    grow = np.minimum(time / 0.3, 1) ** 2
+    ends = torch.zeros(clips * FRAMES, 2, 3, dtype=torch.float64)
+    ends[:, 1] = torch.tensor([0.55, 0.05, 0.1])
+    for k in range(clips):
+        sway = [
+            0.08 * np.sin((5 + k) * time),
+            0.1 * np.sin((7 - k) * time),
+            0.05 * np.sin(9 * time),
+        ]
+        ends[k * FRAMES : (k + 1) * FRAMES, 0] = torch.from_numpy(grow[:, None] * np.stack(sway, 1))
+    level = np.stack([quaternion_along(np.array(v)) for v in ((1.0, 0, -1), (1.0, 0, 1))])
+    clamp = torch.from_numpy(level).expand(len(ends), 2, 4).clone()
+    loss = Damping(*(torch.full((segments,), v).double() for v in (1e-4, 1e-4, 0.0, 0.03)))
+    setup = bare(p, DOWN, ends, clamp, torch.tensor([0.0, -2.0, 0.0]).double())
+    return setup._replace(damping=loss)
+
+
+def model(setup: Setup, lines: np.ndarray, free: tuple[str, ...] = ()) -> Dynamics:
+    clips = np.split(np.arange(len(setup.ends)), len(setup.ends) // FRAMES)
+    time = np.concatenate([np.arange(FRAMES) * STEP + 10 * k for k in range(len(clips))])
+    every = setup.segments // (lines.shape[1] - 1)
+    parts = [*terms(setup, free), *grips(setup, 1.0)] if free else []
+    return Dynamics(setup, parts, time=time, clips=clips, observed=lines, every=every)
+
+
+def recorded(effect: Effect | None, values: list[float], seed: int) -> tuple[np.ndarray, Data]:
+    """Centrelines at 13 places and markers with noise, of a rope twice as fine as is fitted."""
+    setup = driven(48)
+    if effect:
+        setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+    still = np.linspace(setup.ends[:, 0].numpy(), setup.ends[:, 1].numpy(), 13, axis=1)
+    still[:, :, 2] -= 0.3 * np.sin(np.linspace(0, np.pi, 13))
+    x = model(setup, still).at(np.empty(0)).seen[:, ::4]
+    rng = np.random.default_rng(seed)
+    lines = x + 2e-4 * rng.normal(size=x.shape)
+    share = np.broadcast_to(np.linspace(0, 1, 13), lines.shape[:2]).copy()
+    mask = np.zeros(lines.shape[:2], dtype=bool)
+    mask[::4, 1:-1] = True
+    return lines, Data(lines, share, mask, True, np.array([0.0, -2.0, 0.0]))
+
+
+def test_derivatives_reach_through_the_first_state():
+    lines, _ = recorded(None, [], seed=0)
+    forward = model(driven(24), lines, (*FREE, "length"))
+    u = forward.start()
+    point = forward.at(u)
+    assert point.converged.all()
+    jacobian = forward.jacobian(point)
+    step = 1e-4
+    for k in (0, 1, 3, 5):
+        sides = [forward.at(u + side * step * np.eye(len(u))[k]).seen for side in (-1, 1)]
+        expected = (sides[1] - sides[0]) / (2 * step)
+        scale = np.abs(expected).max()
+        assert scale > 1e-6
+        assert np.abs(jacobian[k] - expected).max() < 2e-3 * scale
+
+
+@pytest.mark.parametrize(("keep", "expected"), [(0.0, 1.0), (0.9, 19.0)])
+def test_samples_that_wander_count_once(keep, expected):
+    """Of an autoregressive process, (1 + keep) / (1 - keep) samples are worth one."""
+    rng = np.random.default_rng(1)
+    frames, markers = 4000, 8
+    noise = rng.normal(size=(frames, markers, 3))
+    for t in range(1, frames):
+        noise[t] = keep * noise[t - 1] + np.sqrt(1 - keep**2) * noise[t]
+    lines = np.broadcast_to(np.linspace(0, 1, 9)[:, None] * [1.0, 0, 0], (frames, 9, 3)).copy()
+    share = np.broadcast_to(np.linspace(0.1, 0.9, markers), (frames, markers)).copy()
+    data = Data(
+        np.zeros((frames, markers, 3)), share, np.ones((frames, markers), bool), True, np.zeros(3)
+    )
+    stations = FitProblem(data, Noise(marker=1.0), 1).match(lines)
+    found = repeats(stations, noise.reshape(-1, 3), [np.arange(frames)])
+    assert found == pytest.approx(expected, rel=0.25)
+
+
+@pytest.mark.parametrize("effect", [None, PointMass()])
+def test_a_weight_on_a_moving_rope_is_named(effect):
+    lines, data = recorded(effect, [0.012, 0.36], seed=3)
+    forward = model(driven(24), lines, FREE)
+    nominal = fit(forward, FitProblem(data, Noise(marker=0.002), 40), None, 15, tolerance=1e-4)
+    d = search(nominal, 0, lambda share, text: None)
+    if effect is None:
+        assert d.verdict == "none"
+        return
+    assert d.verdict == "found"
+    found = d.accepted[0].candidate
+    assert found.hypothesis.name == "point_mass"
+    mass, place = found.values()
+    assert mass == pytest.approx(0.012, rel=0.15)
+    assert place == pytest.approx(0.36, abs=0.02)
