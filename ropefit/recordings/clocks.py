@@ -66,6 +66,7 @@ def at_times(
     if end.kind == "clamped":
         scalar_last = np.array([end.orientation[row] for row in rows])[:, [1, 2, 3, 0]]
         turns = Rotation.from_quat(scalar_last)
-        between = turns[np.zeros(len(at), int)] if len(time) == 1 else Slerp(time, turns)(at)
-        turned = dict(zip(frames, between.as_quat()[:, [3, 0, 1, 2]], strict=True))
+        between = Slerp(time, turns)(at).as_quat() if len(time) > 1 else scalar_last
+        quaternion = np.broadcast_to(between[:, [3, 0, 1, 2]], (len(at), 4))
+        turned = dict(zip(frames, quaternion, strict=True))
     return End(end.kind, dict(zip(frames, position, strict=True)), turned)
