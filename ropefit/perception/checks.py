@@ -48,8 +48,8 @@ def one_end_pose(ends: np.ndarray, clamps: np.ndarray) -> list[str]:
     return [
         f"all {int(full.sum())} frames show one end pose (the ends move by {moved * 1e3:.1f} mm "
         f"and turn by {np.degrees(turned):.1f} degrees at most): to a rope at rest the frames "
-        "repeat one measurement, so its rigidity, its length and errors of the set-up are hard to tell apart; "
-        "record other poses"
+        "repeat one measurement, so its rigidity, its length and errors of the set-up are "
+        "hard to tell apart; record other poses"
     ]
 
 

@@ -31,7 +31,7 @@ def jumps(positions: np.ndarray) -> np.ndarray:
 def _followed(positions: np.ndarray) -> np.ndarray:
     """Return (F, M) bool: points that are not where their marker can have moved."""
     count = positions.shape[1]
-    good: np.ndarray = np.isfinite(positions).all(axis=2)
+    good = np.asarray(np.isfinite(positions).all(axis=2))
     jumped = np.zeros_like(good)
     last = np.full(count, -1)  # the frame in which each marker was last where it can be
     for t in range(len(positions)):

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline, interp1d
-from scipy.spatial.transform import Rotation, Slerp
 
 from ropefit.errors import BadInput
 from ropefit.recordings.recording import End
@@ -54,6 +52,9 @@ def at_times(
             f"at {at.min():.6g} to {at.max():.6g} s: no marker frame has a pose; give both on one "
             "clock"
         )
+    from scipy.interpolate import CubicSpline, interp1d  # what answers at once loads no scipy
+    from scipy.spatial.transform import Rotation, Slerp
+
     frames, at = frames[covered].tolist(), np.clip(at[covered], time[0], time[-1])
     given = np.array([end.position[row] for row in rows])
     if len(time) == 1:
