@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.errors import BadInput
+from ropefit.perception import checks
 from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
+from ropefit.perception.jumps import jumps
 from ropefit.perception.learning import Picture, best_looks
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
 from ropefit.perception.segment import LARGE, Looked, Segmentation
@@ -47,12 +49,17 @@ class Tracer:
             raise BadInput(f"{recording.path}: both ends are free; at least one must be held")
         self.camera = self._camera()
         self.several: set[int] = set()  # frames in which more than one rope was seen
+        self.jumped: dict[int, np.ndarray] = {}  # {frame: (M,) bool} markers that are masked
+        self.warnings: list[str] = []  # what will mislead a fit
         self.noise: float | None = None
         self.noise_source = "scatter of the points about the centreline"
         if not self.measures_depth:
             self.noise_source = "assumed: half a pixel, on the assumed plane"
         if recording.source.table == "markers":
             self._prepare_markers()
+        ends, clamps = self._all_ends()
+        self.warnings += checks.ends_apart(recording.frames, ends, self.length)
+        self.warnings += checks.one_end_pose(ends, clamps)
 
     def ends(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions (2, 3) [m] and orientations (2, 4) of a frame; NaN where not held."""
@@ -62,6 +69,8 @@ class Tracer:
                 continue
             if frame not in rows.position:
                 raise FrameRejected(f"end {end} has no pose")
+            if self._held_jumps(end, frame):
+                raise FrameRejected(f"the marker held at end {end} jumps")
             position[end] = rows.position[frame]
             if rows.kind == "clamped":
                 orientation[end] = rows.orientation[frame]
@@ -80,9 +89,8 @@ class Tracer:
         sight = self.recording.source.sight(frame)
         if sight.ordered:
             assert sight.points is not None
-            return trace_markers(
-                sight.points, self.arc, self.total, position, tangents(orientation)
-            )
+            points = np.where(self.jumped[frame][:, None], np.nan, sight.points)
+            return trace_markers(points, self.arc, self.total, position, tangents(orientation))
         if sight.points is not None:
             return trace_cloud(
                 sight.points,
@@ -172,14 +180,33 @@ class Tracer:
         k = rgbd.intrinsics
         return Camera(k.width, k.height, k.fx, k.fy, k.cx, k.cy, np.array(rgbd.camera_pose))
 
+    def _all_ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (F, 2, 3) [m] and orientations (F, 2, 4) in all frames; NaN where unknown."""
+        count = len(self.recording.frames)
+        ends, clamps = np.full((count, 2, 3), np.nan), np.full((count, 2, 4), np.nan)
+        for t, frame in enumerate(self.recording.frames):
+            for end, rows in enumerate(self.recording.ends or ()):
+                if frame in rows.position and not self._held_jumps(end, frame):
+                    ends[t, end] = rows.position[frame]
+                    clamps[t, end] = rows.orientation.get(frame, np.nan)
+        return ends, clamps
+
+    def _held_jumps(self, end: int, frame: int) -> bool:
+        table = self.recording.manifest.ends
+        held = table.markers[end] if table and table.markers else []
+        return frame in self.jumped and bool(self.jumped[frame][held].any())
+
     def _prepare_markers(self) -> None:
         frames = self.recording.frames
         points = [self.recording.source.sight(frame) for frame in frames]
         positions = np.stack([sight.points for sight in points])  # type: ignore[arg-type]
-        ends = np.full((len(frames), 2, 3), np.nan)
-        for t, frame in enumerate(frames):
-            for end, rows in enumerate(self.recording.ends or ()):
-                ends[t, end] = rows.position.get(frame, np.full(3, np.nan))
+        masked = jumps(positions)
+        self.jumped = dict(zip(frames, masked, strict=True))
+        self.warnings += checks.jumped(frames, positions, masked)
+        positions[masked] = np.nan
+        ends, _ = self._all_ends()
+        time = np.array([self.recording.source.time[frame] for frame in frames])
+        self.noise, self.noise_source = marker_noise(positions, time)
         known = points[0].arc_length
         if known is not None:
             self.arc = known
@@ -189,13 +216,13 @@ class Tracer:
                     f"{self.recording.path}: arc_length reaches {known[-1]:g} m beyond the rope's "
                     f"length {self.total:g} m"
                 )
-        else:
-            try:
-                self.arc, self.total = marker_arc(positions, ends, self.length)
-            except FrameRejected as reason:
-                raise BadInput(f"{self.recording.path}: [markers]: {reason}")
-        time = np.array([self.recording.source.time[frame] for frame in frames])
-        self.noise, self.noise_source = marker_noise(positions, time)
+            self.warnings += checks.long_chords(frames, positions, known, self.noise)
+            return
+        try:
+            self.arc, self.total = marker_arc(positions, ends, self.length)
+        except FrameRejected as reason:
+            raise BadInput(f"{self.recording.path}: [markers]: {reason}")
+        self.warnings += checks.cut_corners(positions, ends, self.length)
 
 
 def tangents(orientation: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ropefit.errors import BadInput
+from ropefit.recordings.clocks import at_times
 from ropefit.recordings.manifest import Manifest, inside
 from ropefit.recordings.markers import Markers
 from ropefit.recordings.recording import End
@@ -20,7 +21,15 @@ def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> t
     """Ends 0 and 1. Raises BadInput."""
     assert manifest.ends is not None
     if manifest.ends.file is not None:
-        return _from_file(inside(directory, manifest.ends.file))
+        path = inside(directory, manifest.ends.file)
+        ends, clocks = _from_file(path)
+        if markers is None:
+            return ends
+        first, second = (
+            end if end.kind == "free" else at_times(path, which, end, clock, markers.time)
+            for which, (end, clock) in enumerate(zip(ends, clocks, strict=True))
+        )
+        return first, second
     assert manifest.ends.markers is not None
     if markers is None:
         raise BadInput(f"{directory}: [ends] markers needs a [markers] table")
@@ -34,7 +43,8 @@ def end_times(path: Path) -> dict[int, float]:
     return dict(zip(whole(path, "frame", columns["frame"]).tolist(), columns["time"], strict=True))
 
 
-def _from_file(path: Path) -> tuple[End, End]:
+def _from_file(path: Path) -> tuple[tuple[End, End], list[dict[int, float]]]:
+    """Ends 0 and 1 and, of each, the time [s] of every frame."""
     columns = read_table(path, ["frame", "time", "end", "x", "y", "z"], QUATERNION)
     frame = whole(path, "frame", columns["frame"])
     which = whole(path, "end", columns["end"])
@@ -50,13 +60,14 @@ def _from_file(path: Path) -> tuple[End, End]:
         if present
         else np.full((len(frame), 4), np.nan)
     )
-    ends = []
+    ends, clocks = [], []
     for end in (0, 1):
         rows = np.flatnonzero(which == end)
         if np.unique(frame[rows]).size != rows.size:
             raise BadInput(f"{path}: end {end} has two rows for one frame")
         ends.append(_end(path, end, frame[rows].tolist(), position[rows], quaternion[rows]))
-    return ends[0], ends[1]
+        clocks.append(dict(zip(frame[rows].tolist(), columns["time"][rows].tolist(), strict=True)))
+    return (ends[0], ends[1]), clocks
 
 
 def _end(

@@ -36,10 +36,15 @@ def existing_run(directory: Path) -> Path:
         )
     if not directory.is_dir():
         raise WrongUsage(f"{directory}: is a file, not a run directory")
+    if (directory / "recording.toml").exists() and not is_run(directory):
+        raise StageFailed(
+            f"{directory}: not a ropefit run but a recording; run `ropefit preprocess {directory} "
+            "--run my_run`, then give --run my_run"
+        )
     if not is_run(directory):
         raise StageFailed(
-            f"{directory}: not a ropefit run (no artifacts in it); give another --run, or run "
-            f"`ropefit preprocess RECORDING --run {directory}` on an empty one"
+            f"{directory}: not a ropefit run (no artifacts in it); give another --run, or start "
+            "one with `ropefit preprocess RECORDING --run my_run`"
         )
     return directory
 

@@ -35,6 +35,8 @@ def compute(
     masks = Masks(Path(settings.mask)) if settings.mask else None
     looked = Looked(color=settings.color, roi=settings.roi)
     tracer = Tracer(recording, settings.most_points, looked, masks)
+    for warning in tracer.warnings:
+        context.say(f"warning: {warning}")
     album = Album(recording, tracer, context.external.get("debug_images"))
     tracer.learn_looks()
     traces, frames = [], []
