@@ -10,7 +10,7 @@ from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
 from ropefit.rod.rod import uniform
@@ -42,7 +42,7 @@ def rope(segments: int, frames: int = 12, bend: float = EI) -> Setup:
 
 def recorded(setup: Setup, seed: int = 0, points: int = 240, sd: float = 0.001) -> Data:
     """What `scanned` makes of the ropes in equilibrium."""
-    return scanned(Forward(setup, []).at(np.empty(0)).seen, seed, points, sd)
+    return scanned(Equilibrium(setup, []).at(np.empty(0)).seen, seed, points, sd)
 
 
 def scanned(x: np.ndarray, seed: int = 0, points: int = 240, sd: float = 0.001) -> Data:
@@ -74,5 +74,5 @@ def nominal_fit(data: Data, segments: int = 144) -> Fit:
     """EI and all calibration errors, the effect not known of."""
     setup = rope(segments, len(data.points), bend=3e-4)
     terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))]
-    forward = Forward(setup, [*terms, *calibration(setup, Priors(), False)])
+    forward = Equilibrium(setup, [*terms, *calibration(setup, Priors(), False)])
     return fit(forward, FitProblem(data, Noise(), BINS))

@@ -112,11 +112,11 @@ def test_every_format_and_option_is_described() -> None:
 TRY_JET = """
 import numpy as np, torch
 from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.hypotheses import hypotheses
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.bins import Data
@@ -132,12 +132,12 @@ ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
 rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
 setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), torch.tensor([0.5, -1.5, 0.0]))
 blown = ropefit_jet.Jet().apply(setup, torch.tensor([0.0, 0.004, 0.0, 0.5]))
-x = Forward(blown, []).at(np.empty(0)).seen
+x = Equilibrium(blown, []).at(np.empty(0)).seen
 share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
 points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
 problem = FitProblem(data, Noise(marker=0.0005), 40)
-found = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
+found = fit(Equilibrium(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
 responses, project = Sensitivities(found), Projection(found)
 best = max(
     (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in hypotheses(setup)),
@@ -165,7 +165,7 @@ from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.held_out import by_stretches
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.proposals import proposals
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -185,13 +185,13 @@ import ropefit_post
 
 post = ropefit_post.Post()
 leaning = post.apply(setup, torch.tensor([0.02, 0.0, 0.03], dtype=torch.float64))
-point = Forward(leaning, []).at(np.empty(0))
+point = Equilibrium(leaning, []).at(np.empty(0))
 assert point.solution.converged.all()
 share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
 points = point.seen + 0.0005 * np.random.default_rng(0).normal(size=point.seen.shape)
 data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
 problem = FitProblem(data, Noise(marker=0.0005), 40)
-nominal = fit(Forward(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
+nominal = fit(Equilibrium(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
 slow = proposals(nominal, slow=True, names=("post",))
 found = fit_candidates(nominal, [], [], slow, 6.0, ("post",))
 best = first_acceptable(found, 6.0, nominal, [])

@@ -14,7 +14,7 @@ from ropefit.effects import ClampedEnd
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from tests.concealed import BINS, nominal_fit, recorded, rope, with_effect
 
 DIRECTION = np.array([0.86, 0.14, -0.49])
@@ -24,10 +24,10 @@ WAY = DIRECTION / np.linalg.norm(DIRECTION)
 @pytest.mark.parametrize("end", [0, 1])
 def test_the_scan_sees_what_a_soft_clamp_does(end):
     setup, effect, way = rope(72, 4), ClampedEnd(end), DIRECTION / np.linalg.norm(DIRECTION)
-    point, soft = Forward(setup, []).at(np.empty(0)), 1e-7
+    point, soft = Equilibrium(setup, []).at(np.empty(0)), 1e-7
     scanned = soft * loads_to_nodes(point, effect.unit_loads(setup, point.solution.x, way))[0]
     changed = effect.apply(setup, torch.tensor([soft, *way], dtype=torch.float64))
-    moved = Forward(changed, [], point.solution).at(np.empty(0)).seen - point.seen
+    moved = Equilibrium(changed, [], point.solution).at(np.empty(0)).seen - point.seen
     assert np.abs(moved).max() > 1e-7
     # The clamp bends the rope half a segment away from where the load does.
     np.testing.assert_allclose(scanned, moved, atol=0.05 * np.abs(moved).max())
@@ -82,6 +82,6 @@ def test_an_infinite_stiffness_is_a_finite_search():
             step = np.array([1e-6, 0, 0, 0])
             slope = (term.value(u + step) - term.value(u - step)) / 2e-6
             assert slope[0] == pytest.approx(term.slope(u)[0], rel=1e-3)
-    _, high = Forward(rope(20), [term]).bounds()
+    _, high = Equilibrium(rope(20), [term]).bounds()
     assert np.isfinite(high[0])
     assert np.isfinite(term.value(np.array([high[0], 0, 0, 0]))).all()

@@ -14,7 +14,7 @@ from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.priors import shift_camera
 from ropefit.models.response import Point
 from tests.concealed import BINS, nominal_fit, recorded, rope
@@ -34,7 +34,7 @@ def of(point: Point) -> Misfit:
 @pytest.mark.parametrize("higher", [-0.004, 0.0, 0.004])
 def test_a_table_is_found_although_the_camera_is_off(higher):
     free = rope(288)
-    lowest = np.sort(Forward(free, []).at(np.empty(0)).seen[..., 2].min(axis=1))
+    lowest = np.sort(Equilibrium(free, []).at(np.empty(0)).seen[..., 2].min(axis=1))
     height = lowest[1] + DEPTH - float(middle_of(free)[2])
     table = SupportPlane().apply(free, torch.tensor([height, 0.0, 0.0], dtype=torch.float64))
     off = torch.tensor([0.0, 0.0, higher], dtype=torch.float64)
@@ -54,10 +54,10 @@ def test_a_table_is_found_although_the_camera_is_off(higher):
 
 def test_bars_are_tried_where_a_slope_bears_the_rope():
     free, slopes = rope(288), np.array([0.1, -0.05])
-    lowest = np.sort(Forward(free, []).at(np.empty(0)).seen[..., 2].min(axis=1))
+    lowest = np.sort(Equilibrium(free, []).at(np.empty(0)).seen[..., 2].min(axis=1))
     height = lowest[1] + DEPTH - float(middle_of(free)[2])
     values = torch.tensor([height, *slopes], dtype=torch.float64)
-    point = Forward(SupportPlane().apply(free, values), []).at(np.empty(0))
+    point = Equilibrium(SupportPlane().apply(free, values), []).at(np.empty(0))
     starts = Obstacle().starts_beside(SupportPlane(), values.numpy(), of(point))
     first, second = (axis.numpy() for axis in horizontal(free.gravity))
     normal = np.array([0.0, 0.0, 1.0]) - slopes[0] * first - slopes[1] * second
@@ -73,13 +73,13 @@ def test_bars_are_tried_where_a_slope_bears_the_rope():
 
 
 def test_there_is_no_bar_where_nothing_is_touched():
-    point = Forward(rope(288), []).at(np.empty(0))
+    point = Equilibrium(rope(288), []).at(np.empty(0))
     below = np.array([-2.0, 0.0, 0.0])
     assert Obstacle().starts_beside(SupportPlane(), below, of(point)) == []
 
 
 def test_bars_are_proposed_beside_planes_only():
-    point = Forward(rope(288), []).at(np.empty(0))
+    point = Equilibrium(rope(288), []).at(np.empty(0))
     above = np.array([1.0, 0.0, 0.0])
     assert Obstacle().starts_beside(SupportPlane(), above, of(point))
     assert Obstacle().starts_beside(Obstacle(), above, of(point)) == []

@@ -11,7 +11,7 @@ import torch
 from ropefit.adapters.frozen import covariance_of
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.models.correlated import correlated
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
 from tests.concealed import rope
 
@@ -34,7 +34,7 @@ def test_the_search_variables_are_independent_and_as_wide_as_their_prior():
     assert one.value(np.zeros(3)) == pytest.approx(START)
     drawn = np.array([one.value(v) for v in np.random.default_rng(0).normal(size=(20000, 3))])
     assert np.cov(drawn.T) == pytest.approx(TOGETHER * np.outer(SD, SD), abs=0.1)
-    forward = Forward(setup, [one])
+    forward = Equilibrium(setup, [one])
     assert forward.prior() == pytest.approx(np.ones(3))
     low, high = forward.bounds()
     assert (low < -9).all()

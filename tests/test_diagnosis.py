@@ -39,7 +39,7 @@ from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
 from ropefit.rod.rod import uniform
@@ -91,7 +91,7 @@ def test_an_effect_is_found_where_it_is(effect, values, place):
 def test_a_plane_touched_in_two_neighbouring_frames_is_found():
     """Neither of these frames tells what the other would look like."""
     setup = rope(288)
-    lowest = Forward(setup, []).at(np.empty(0)).seen[..., 2].min(axis=1)
+    lowest = Equilibrium(setup, []).at(np.empty(0)).seen[..., 2].min(axis=1)
     order = np.argsort(lowest)
     assert abs(order[0] - order[1]) == 1
     height = 0.75 * lowest[order[1]] + 0.25 * lowest[order[2]] - float(middle_of(setup)[2])
@@ -165,11 +165,11 @@ def test_the_mismatch_is_located():
 def test_the_mismatch_of_markers_is_located():
     """More of them than stations of a cloud, and in no order."""
     nodes = np.random.default_rng(1).permutation(np.arange(6, 282, 4))
-    seen = Forward(with_effect(PointMass(), [0.01, 0.37]), []).at(np.empty(0)).seen[:, nodes]
+    seen = Equilibrium(with_effect(PointMass(), [0.01, 0.37]), []).at(np.empty(0)).seen[:, nodes]
     share = np.tile(nodes / 288, (len(seen), 1))
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
     setup = rope(144)
-    found = fit(Forward(setup, []), FitProblem(data, Noise(marker=1e-3), BINS))
+    found = fit(Equilibrium(setup, []), FitProblem(data, Noise(marker=1e-3), BINS))
     assert misfit(found, BINS).shape == (len(seen), BINS, 3)
     low, high = regions(found, BINS)[0].arc
     assert low <= 0.37 <= high
@@ -191,10 +191,10 @@ def test_a_rope_about_to_fall_over_is_on_the_edge():
     clamp[:, 0] = torch.stack([up, down])
     down_ = torch.tensor([0.0, 0.0, -gravity], dtype=torch.float64)
     setup = bare(made, down_, ends, clamp, torch.tensor(EYE, dtype=torch.float64))
-    seen = Forward(setup, []).at(np.empty(0)).seen
+    seen = Equilibrium(setup, []).at(np.empty(0)).seen
     share = np.tile(np.linspace(0, 1, seen.shape[1]), (2, 1))
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
-    found = fit(Forward(setup, []), FitProblem(data, Noise(marker=1e-3), BINS))
+    found = fit(Equilibrium(setup, []), FitProblem(data, Noise(marker=1e-3), BINS))
     assert on_edge(found).tolist() == [True, False]
 
 
@@ -224,11 +224,11 @@ def test_a_softer_rope_passes_for_a_heavier_tip():
         clamp[t, 0] = half
     down = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
     setup = bare(made, down, ends, clamp, torch.tensor(EYE, dtype=torch.float64))
-    seen = Forward(setup, []).at(np.empty(0)).seen
+    seen = Equilibrium(setup, []).at(np.empty(0)).seen
     share = np.tile(np.linspace(0, 1, seen.shape[1]), (frames, 1))
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
     term = PARAMETERS["EI"].within(Range(0.02, 1e-5, 10.0))
-    found = fit(Forward(setup, [term]), FitProblem(data, Noise(marker=1e-4), BINS))
+    found = fit(Equilibrium(setup, [term]), FitProblem(data, Noise(marker=1e-4), BINS))
     responses = Sensitivities(found)
     said = confounded(found, [responses.of(f) for f in hypotheses(setup) if f.name == "point_mass"])
     assert len(said) == 1
@@ -338,7 +338,7 @@ def same_in_another_order(candidate):
     parts = list(zip(forward.terms, forward.split(u), strict=True))
     parts.sort(key=lambda part: part[0] is candidate.term)
     terms = [term for term, _ in parts]
-    moved = Forward(forward.base, terms, candidate.fit.point.solution)
+    moved = Equilibrium(forward.base, terms, candidate.fit.point.solution)
     again = fit(moved, candidate.fit.problem, np.concatenate([part for _, part in parts]), 5)
     assert terms[-1] is not forward.terms[-1]
     assert candidate.magnitude() == pytest.approx(

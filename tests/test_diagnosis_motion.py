@@ -17,7 +17,7 @@ from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
 from ropefit.recordings.ends import quaternion_along
@@ -42,7 +42,7 @@ def shaken():
     zero = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
     moving = still._replace(motion=Motion(0 * acceleration, acceleration, zero, zero, zero))
     true = Inertia().apply(moving, torch.ones(1, dtype=torch.float64))
-    seen = Forward(true, []).at(np.empty(0))
+    seen = Equilibrium(true, []).at(np.empty(0))
     assert seen.solution.converged.all()
     nodes = np.arange(4, SEGMENTS, 4)
     points = seen.seen[:, nodes] + 1e-3 * rng.normal(size=(FRAMES, len(nodes), 3))
@@ -90,7 +90,7 @@ def test_inertia_is_found_from_a_rigid_model():
     setup, data = shaken()
     bend = PARAMETERS["EI"].within(Range(100 * EI, 1e-4 * EI, 1e6 * EI))
     noise = Noise(marker=1e-3)
-    nominal = fit(Forward(setup, [bend]), FitProblem(data, noise, 1))
+    nominal = fit(Equilibrium(setup, [bend]), FitProblem(data, noise, 1))
     ((hypothesis, start),) = proposals(nominal, slow=False)[0]
     candidate = fit_candidate(nominal, hypothesis, start)
     assert candidate is not None
@@ -100,7 +100,7 @@ def test_inertia_is_found_from_a_rigid_model():
     assert (candidate.gains > 0).all()
     assert proposals(candidate.fit, slow=False) == []
     at_rest = nominal.forward.base._replace(motion=None)
-    still = fit(Forward(at_rest, [bend]), FitProblem(data, noise, 1), evaluations=1)
+    still = fit(Equilibrium(at_rest, [bend]), FitProblem(data, noise, 1), evaluations=1)
     assert proposals(still, slow=False) == []
     # A candidate is like itself in every slow motion.
     name, apart, _ = next_motion(candidate, candidate)

@@ -17,7 +17,7 @@ from ropefit.effects import (
     Tether,
 )
 from ropefit.effects.place import horizontal
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Motion, Setup
@@ -60,7 +60,7 @@ def clamped() -> Setup:
 
 def held(setup: Setup) -> Setup:
     """The setup with both ends clamped along its own tangents."""
-    x = Forward(setup, []).at(np.empty(0)).solution.q
+    x = Equilibrium(setup, []).at(np.empty(0)).solution.q
     clamp = torch.from_numpy(np.stack([x[:, 0], x[:, -1]], axis=1))
     return setup._replace(clamp=clamp, clamped=(True, True))
 
@@ -80,7 +80,7 @@ def test_nothing_happens_at_zero(kind, end):
     else:
         values = [0.0] * len(effect.quantities) + PLACES.get(effect.locus, [])
     changed = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
-    before, after = (Forward(s, []).at(np.empty(0)).seen for s in (setup, changed))
+    before, after = (Equilibrium(s, []).at(np.empty(0)).seen for s in (setup, changed))
     assert np.abs(after - before).max() < 1e-7
 
 
@@ -98,10 +98,10 @@ def test_derivatives_equal_differences(kind, end):
     term = Term(
         effect.name, effect.names, ("",) * n, effect.apply, values, scale, -free, free, free
     )
-    forward = Forward(setup, [term])
+    forward = Equilibrium(setup, [term])
     point = forward.at(np.zeros(n))
     assert point.solution.converged.all()
-    assert np.abs(point.seen - Forward(setup, []).at(np.empty(0)).seen).max() > 1e-5
+    assert np.abs(point.seen - Equilibrium(setup, []).at(np.empty(0)).seen).max() > 1e-5
     found = forward.jacobian(point)
     for k in range(len(effect.quantities)):  # places move in steps of a segment
         h = 1e-4 * max(abs(values[k]), 1e-2) / scale[k]
@@ -137,7 +137,7 @@ def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values)
     stiffer = bare._replace(
         properties=plain._replace(bend=1.7 * plain.bend, twist=1.7 * plain.twist)
     )
-    expected = Forward(effect.apply(stiffer, values), []).at(np.empty(0)).seen[:, ::3]
+    expected = Equilibrium(effect.apply(stiffer, values), []).at(np.empty(0)).seen[:, ::3]
     move = torch.zeros(3, 3, dtype=torch.float64, requires_grad=True)
     x = whole.settle(given, move).x
     np.testing.assert_allclose(x.detach().numpy(), expected, atol=1e-7)
@@ -162,7 +162,7 @@ def test_a_frame_that_cannot_settle_stops_no_other():
 
 def test_potentials_know_their_forces_where_gradients_are_off():
     setup = SupportPlane(0).apply(pinned(), torch.tensor([-0.3, 0.0, 0.0], dtype=torch.float64))
-    x = torch.from_numpy(Forward(setup, []).at(np.empty(0)).solution.x)
+    x = torch.from_numpy(Equilibrium(setup, []).at(np.empty(0)).solution.x)
     force, stiffness = force_and_stiffness(setup.potentials, x)
     assert force.abs().max() > 0
     with torch.no_grad():
@@ -187,7 +187,7 @@ def test_directions_across_gravity_follow_it(a, b):
 def test_states_a_turn_of_twist_away_are_told():
     """They are equilibria too, and no fit may come to them."""
     setup = clamped()
-    plain = Forward(setup, []).at(np.empty(0))
+    plain = Equilibrium(setup, []).at(np.empty(0))
     for turns in (-1.0, 1.0):
         every = np.full(len(setup.ends), turns)
         turned = solve(plain.solution.rod, plain.solution.conditions, turns=every)
@@ -203,13 +203,13 @@ def test_states_a_turn_of_twist_away_are_told():
 def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
     """Where a step of the solver jumps by a whole turn, the frame settles from its catenary."""
     setup = clamped()
-    plain = Forward(setup, []).at(np.empty(0)).solution
+    plain = Equilibrium(setup, []).at(np.empty(0)).solution
 
     def jumping(rod, conditions, start=None):
         turns = None if start is None else np.ones(len(setup.ends))
         return solve(rod, conditions, turns=turns)
 
     monkeypatch.setattr("ropefit.models.equilibrium.solve", jumping)
-    again = Forward(setup, []).at(np.empty(0), start=plain)
+    again = Equilibrium(setup, []).at(np.empty(0), start=plain)
     assert not wound(again.solution, plain).any()
     assert np.abs(again.solution.x - plain.x).max() < 1e-6

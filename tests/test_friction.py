@@ -13,7 +13,7 @@ from ropefit.effects import ContactFriction, SupportPlane
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.history import WalkedPoint
 from ropefit.models.parameters import PARAMETERS, Range, set_bend
 from ropefit.models.terms import Term
@@ -80,7 +80,7 @@ def test_a_dragged_rope_is_as_taut_as_what_it_drags():
     clamp = torch.full((len(way), 2, 4), torch.nan, dtype=torch.float64)
     clamp[:, 0] = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64)
     setup = rough(table(ends, clamp, 60, 0.0), ROUGH)
-    point = Forward(setup, []).at(np.empty(0))
+    point = Equilibrium(setup, []).at(np.empty(0))
     assert point.solution.converged.all()
     tension = point.solution.force[:, 6:54, 0]
     arc = setup.arc.numpy()
@@ -95,7 +95,7 @@ def test_a_dragged_rope_is_as_taut_as_what_it_drags():
 
 def test_without_a_coefficient_nothing_changes():
     setup = swept()
-    plain, none = (Forward(s, []).at(np.empty(0)) for s in (setup, rough(setup, 0.0)))
+    plain, none = (Equilibrium(s, []).at(np.empty(0)) for s in (setup, rough(setup, 0.0)))
     assert isinstance(none, WalkedPoint)
     np.testing.assert_allclose(none.seen, plain.seen, atol=1e-7)
     assert ContactFriction().applies(setup)
@@ -104,8 +104,8 @@ def test_without_a_coefficient_nothing_changes():
 
 def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():
     setup = swept()
-    seen = Forward(rough(setup, ROUGH), []).at(np.empty(0)).seen
-    plain = Forward(setup, []).at(np.empty(0)).seen
+    seen = Equilibrium(rough(setup, ROUGH), []).at(np.empty(0)).seen
+    plain = Equilibrium(setup, []).at(np.empty(0)).seen
     behind = (seen - plain)[:, 20:45, 1].mean(1)
     way = np.diff(setup.ends[:, 0, 1].numpy())
     assert np.corrcoef(behind[1:], way)[0, 1] < -0.3
@@ -130,7 +130,7 @@ def test_derivatives_through_friction_are_exact(coefficient, digits):
         one("ends", moved, 0.0, 0.1),
         one("coefficient", ContactFriction().apply, coefficient, coefficient),
     ]
-    forward = Forward(setup, terms)
+    forward = Equilibrium(setup, terms)
     point = forward.at(np.zeros(3))
     assert point.solution.converged.all()
     found = forward.jacobian(point)
@@ -145,7 +145,7 @@ def test_friction_is_found_where_a_rope_lies():
     data, noise = recorded(rough(swept(120), ROUGH), seed=2), Noise()
     setup = swept(60)._replace(potentials=())
     bend = PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))
-    nominal = fit(Forward(setup, [bend]), FitProblem(data, noise, BINS))
+    nominal = fit(Equilibrium(setup, [bend]), FitProblem(data, noise, BINS))
     assert not any(
         isinstance(c[0][0].effect, ContactFriction) for c in proposals(nominal, slow=True)
     )

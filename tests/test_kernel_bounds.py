@@ -15,7 +15,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.rod.moving import moving, undamped
 from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import Potential, bare
@@ -195,11 +195,11 @@ def test_a_fit_that_goes_too_deep_has_derivatives_of_its_own():
     )  # fmt: skip
     from ropefit.effects import SupportPlane
 
-    first = Forward(SupportPlane().apply(setup, torch.tensor([-0.2, 0.0, 0.0]).double()), [])
+    first = Equilibrium(SupportPlane().apply(setup, torch.tensor([-0.2, 0.0, 0.0]).double()), [])
     point = first.at(np.empty(0))
     assert point.solution.converged.all()
     higher = SupportPlane().apply(setup, torch.tensor([0.4, 0.0, 0.0]).double())
-    model = Forward(higher, [], point.solution)
+    model = Equilibrium(higher, [], point.solution)
     model.reached = True  # as in the middle of a fit
     marked = model.at(np.empty(0))
     assert np.isnan(marked.seen).all()

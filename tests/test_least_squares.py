@@ -16,7 +16,7 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration, nuisance
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -60,7 +60,7 @@ def setup(segments: int, held: torch.Tensor, clamp: torch.Tensor | None = None, 
 
 def markers(truth: Setup, sd: float = SD, count: int = 16, seed: int = 0) -> Data:
     """Markers on the settled rope, with white noise."""
-    x = Forward(truth, []).at(np.empty(0)).seen
+    x = Equilibrium(truth, []).at(np.empty(0)).seen
     every = truth.segments // (count - 1)
     points = x[:, ::every] + np.random.default_rng(seed).normal(0, sd, x[:, ::every].shape)
     share = np.broadcast_to(np.linspace(0, 1, count), points.shape[:2]).copy()
@@ -72,7 +72,7 @@ def free(name: str, start: float):
 
 
 def found(base: Setup, data: Data, *names_and_starts, sd: float = SD):
-    forward = Forward(base, [free(*item) for item in names_and_starts])
+    forward = Equilibrium(base, [free(*item) for item in names_and_starts])
     noise = Noise(marker=sd)
     result = fit(forward, FitProblem(data, noise, BINS))
     return result, profile_intervals(result).of
@@ -138,7 +138,7 @@ def test_every_term_has_the_right_derivative(held):
     terms = [free("EI", 1e-3), free("GJ", 7e-4), free("EA", 60.0), free("length", 1.0)]
     errors = calibration(rope, Priors(), shared=False)
     assert sum(t.size for t in errors) == {"pinned": 16, "clamped": 22, "free": 13}[held]
-    forward = Forward(rope, [*terms, *errors])
+    forward = Equilibrium(rope, [*terms, *errors])
     low, high = forward.bounds()
     u = np.random.default_rng(1).normal(0, 0.1, forward.size).clip(low, high)
     point = forward.at(u)
@@ -157,7 +157,7 @@ def test_every_term_has_the_right_derivative(held):
 
 def line(frames: int = 4, nodes: int = 16) -> np.ndarray:
     """(F, K, 3) [m] the settled rope."""
-    return Forward(setup(nodes - 1, ends(frames)), []).at(np.empty(0)).seen
+    return Equilibrium(setup(nodes - 1, ends(frames)), []).at(np.empty(0)).seen
 
 
 def cloud(x: np.ndarray, count: int, sd: float, seed: int = 0) -> Data:
@@ -280,7 +280,7 @@ def test_points_that_count_stay_the_same_under_another_rope():
     held = ends(4, 0.5, 0.7)
     data = markers(setup(60, held), 0.001)
     cloud = replace(data, material=False)
-    near = Forward(setup(30, held), []).at(np.empty(0)).seen
+    near = Equilibrium(setup(30, held), []).at(np.empty(0)).seen
     settled = cloud.settled(near)
     first, other = match(settled, near, 10), match(settled, near + 0.02, 10)
     assert first.frame.tolist() == other.frame.tolist()
@@ -301,7 +301,7 @@ def test_frames_that_do_not_settle_are_left_out_of_the_fit():
     data = markers(setup(60, ends(), bend=8e-4))
     torn = ends()
     torn[2, 1] *= 3
-    forward = Forward(setup(30, torn), [free("EI", 1e-3)])
+    forward = Equilibrium(setup(30, torn), [free("EI", 1e-3)])
     result = fit(forward, FitProblem(data, Noise(marker=SD), BINS))
     assert not result.point.solution.converged[2]
     assert np.isnan(result.point.seen[2]).all()
@@ -309,13 +309,16 @@ def test_frames_that_do_not_settle_are_left_out_of_the_fit():
     assert abs(np.log(float(forward.terms[0].value(result.point.u)[0]) / 8e-4)) < 0.1
     torn[:, 1] *= 3
     with pytest.raises(ArithmeticError, match="no frame"):
-        fit(Forward(setup(30, torn), [free("EI", 1e-3)]), FitProblem(data, Noise(marker=SD), BINS))
+        fit(
+            Equilibrium(setup(30, torn), [free("EI", 1e-3)]),
+            FitProblem(data, Noise(marker=SD), BINS),
+        )
 
 
 def test_calibration_errors_are_held_to_their_priors():
     """An error that the data cannot see stays at zero, with the prior's own uncertainty."""
     blind = nuisance("nothing", ["a"], ["m"], lambda setup, v: setup, [0.002])
-    forward = Forward(setup(30, ends()), [free("EI", 1e-3), blind])
+    forward = Equilibrium(setup(30, ends()), [free("EI", 1e-3), blind])
     result = fit(forward, FitProblem(markers(setup(60, ends())), Noise(marker=SD), BINS))
     assert result.point.u[1] == pytest.approx(0, abs=1e-6)
     assert result.sd()[1] == pytest.approx(1)
@@ -328,7 +331,7 @@ def test_a_second_equilibrium_is_found_where_there_is_one(arch):
     held[0, 1, 0] = 0.3
     up = torch.tensor([[[0, 0, 0], [0, 0, 0.5], [0, 0, 1]]], dtype=torch.float64)
     clamp = torch.cat([frames_along(up)[:, :1], frames_along(-up)[:, :1]], dim=1)
-    point = Forward(setup(40, held, clamp if arch else None, bend=5e-3), []).at(np.empty(0))
+    point = Equilibrium(setup(40, held, clamp if arch else None, bend=5e-3), []).at(np.empty(0))
     assert point.solution.converged.all()
     apart = other_states(point.solution)[1]
     if arch:

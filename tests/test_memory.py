@@ -8,7 +8,7 @@ import torch
 from ropefit.diagnosis.search import search
 from ropefit.effects import BendingHysteresis, PlasticSet, ViscoelasticCreep
 from ropefit.effects.revisit import revisits
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.history import WalkedPoint, laws_of, vectors
 from ropefit.models.parameters import set_bend
 from ropefit.models.terms import Term
@@ -60,7 +60,7 @@ def with_effect(setup: Setup, effect, values) -> Setup:
 
 
 def settled(setup: Setup) -> WalkedPoint:
-    point = Forward(setup, []).at(np.empty(0))
+    point = Equilibrium(setup, []).at(np.empty(0))
     assert point.solution.converged.all()
     assert isinstance(point, WalkedPoint)
     return point
@@ -148,7 +148,7 @@ def test_same_pose_other_shape_on_the_way_back():
     path = setup.ends.clone()
     path[12:] = torch.flip(path[:12], [0])
     setup = setup._replace(ends=path)
-    plain = Forward(setup, []).at(np.empty(0)).seen
+    plain = Equilibrium(setup, []).at(np.empty(0)).seen
     np.testing.assert_allclose(plain[:12], plain[12:][::-1], atol=1e-8)
     for effect, values in EFFECTS:
         seen = settled(with_effect(setup, effect, values)).seen
@@ -174,7 +174,7 @@ def test_derivatives_through_the_history_are_exact(effect, values):
     scale = np.array(values)
     term = Term(effect.name, effect.names, ("",) * 2, effect.apply, scale, scale, -free, free, free)
     terms = [one("EI", set_bend, EI, EI), one("ends", moved, 0.0, 0.1), term]
-    forward = Forward(setup, terms)
+    forward = Equilibrium(setup, terms)
     point = forward.at(np.zeros(4))
     assert point.solution.converged.all()
     found = forward.jacobian(point)
@@ -184,7 +184,7 @@ def test_derivatives_through_the_history_are_exact(effect, values):
         assert min(errors) < 1e-6
 
 
-def difference(forward: Forward, k: int, step: float, found: np.ndarray) -> float:
+def difference(forward: Equilibrium, k: int, step: float, found: np.ndarray) -> float:
     """Largest error of a derivative against differences of fourth order, over the largest."""
     seen = {n: forward.at(n * step * np.eye(forward.size)[k]).seen for n in (-2, -1, 1, 2)}
     wanted = (8 * (seen[1] - seen[-1]) - (seen[2] - seen[-2])) / (12 * step)

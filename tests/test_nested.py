@@ -20,7 +20,7 @@ from ropefit.effects import (
     PointMass,
     Tether,
 )
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from tests.concealed import recorded, rope, with_effect
 from tests.test_clamped_end import compared
 from tests.test_effects import held
@@ -65,10 +65,10 @@ def test_the_special_case_has_the_same_shapes(kind, case):
     same = case.values(setup, values)
     assert same is not None
     shapes = [
-        Forward(effect.apply(setup, tensor(v)), []).at(np.empty(0)).seen
+        Equilibrium(effect.apply(setup, tensor(v)), []).at(np.empty(0)).seen
         for effect, v in ((general, values), (special, same))
     ]
-    moved = np.abs(shapes[0] - Forward(setup, []).at(np.empty(0)).seen).max()
+    moved = np.abs(shapes[0] - Equilibrium(setup, []).at(np.empty(0)).seen).max()
     assert moved > 1e-4
     assert np.abs(shapes[0] - shapes[1]).max() < 0.02 * moved
 

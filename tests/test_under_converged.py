@@ -5,7 +5,7 @@ import torch
 
 from ropefit.diagnosis.search import search
 from ropefit.effects import AxialExtensibility, UnderConverged
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.rod.strains import straight_rest
 from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd.chain import Chain
@@ -38,7 +38,7 @@ def papers(nodes: int, iterations: int, drop: float, eta: tuple[float, ...]) -> 
 def test_all_of_it_is_the_shape_that_algorithm_1_stops_at():
     setup, drop, count = rope(76), 0.01, 25
     values = torch.tensor([1.0, drop, count**0.5 / 19], dtype=torch.float64)
-    found = Forward(UnderConverged().apply(setup, values), []).at(np.empty(0)).seen[:, ::4]
+    found = Equilibrium(UnderConverged().apply(setup, values), []).at(np.empty(0)).seen[:, ::4]
     wanted = papers(20, count, drop, (1.0,) * 5)
     assert np.abs(wanted - hanging(20)).max() > 0.01
     assert np.abs(found - wanted).max() < 3e-4

@@ -24,7 +24,7 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
 from ropefit.rod.rod import uniform
@@ -78,7 +78,7 @@ def draw(seed: int, markers: bool) -> Case:
     length = float(rng.uniform(0.97, 1.03))
     sd = float(rng.uniform(0.0005, 0.002))
     setup = setup_of(ends, FINE, bend, length)
-    forward = Forward(setup, calibration(setup, Priors(), shared=False))
+    forward = Equilibrium(setup, calibration(setup, Priors(), shared=False))
     point = forward.at(rng.normal(size=forward.size))
     if not point.solution.converged.all():
         raise ArithmeticError(f"recording {seed} cannot be simulated")
@@ -113,8 +113,8 @@ def judge(number: int) -> dict[str, float] | None:
         terms.append(PARAMETERS["length"].within(Range(1.0, 0.8, 1.25)))
     noise = Noise(marker=case.sd if markers else 0.0)
     problem = FitProblem(case.data, noise, NODES - 1)
-    first = fit(Forward(setup, terms), problem, evaluations=15)
-    full = Forward(setup, [*terms, *calibration(setup, Priors(), shared=False)])
+    first = fit(Equilibrium(setup, terms), problem, evaluations=15)
+    full = Equilibrium(setup, [*terms, *calibration(setup, Priors(), shared=False)])
     loose = max(1.0, first.scale) if markers else 1.0
     found = calibrated_fit(full, first.point.u, problem, 60, loose)
     if not found.converged:

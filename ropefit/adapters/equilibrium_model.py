@@ -15,7 +15,7 @@ from ropefit.inference.evaluate import agreement
 from ropefit.inference.intervals import Estimates
 from ropefit.inference.least_squares import Fit
 from ropefit.models import rest_curve
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import rope_values
 from ropefit.models.parameters import AT_REST, PARAMETERS
 from ropefit.models.response import Point
@@ -124,7 +124,7 @@ def model_of(
         worst[mine] = solution.residual
         if not solution.converged.any():
             raise NotConverged("no frame reaches an equilibrium at the fitted parameters")
-        bare = Forward(started.frames(torch.from_numpy(mine)), [])
+        bare = Equilibrium(started.frames(torch.from_numpy(mine)), [])
         before = bare.at(np.empty(0))
         seen = np.where(solution.converged[:, None, None], point.seen, before.seen)
         seen = np.where(np.isfinite(seen), seen, np.nan_to_num(solution.x))

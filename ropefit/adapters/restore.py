@@ -18,7 +18,7 @@ from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.models import rest_curve
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.models.priors import calibration
 from ropefit.plugins import concrete
@@ -74,7 +74,7 @@ def restored_rope(
     near, past = None, None
     if setup.memory:
         # A rope that remembers comes into every frame as the recorded ends have brought it there.
-        walked = Forward(setup, []).at(np.empty(0))
+        walked = Equilibrium(setup, []).at(np.empty(0))
         near, past = walked.solution, walked.solution.conditions.friction_elements
         setup = setup._replace(memory=())
     rope = EquilibriumRope(
@@ -113,7 +113,7 @@ def effect_of(cause: Cause) -> Effect:
 
 def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) -> EquilibriumRope:
     """The rope near those of its states that the model is in."""
-    point = Forward(with_values(rope.setup, values[0]), []).at(np.empty(0))
+    point = Equilibrium(with_values(rope.setup, values[0]), []).at(np.empty(0))
     found, apart = other_states(point.solution)
     near = point.solution.copy()
     for t in np.flatnonzero(np.isfinite(apart)):

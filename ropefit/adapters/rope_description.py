@@ -15,7 +15,7 @@ from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import NotConverged
 from ropefit.exporters import RopeDescription
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
 from ropefit.rod.setup import Setup
 
@@ -68,7 +68,7 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
             setup = effect.apply(setup, given)
         if how.note:
             notes.append(how.note)
-    point = Forward(whole, []).at(np.empty(0))
+    point = Equilibrium(whole, []).at(np.empty(0))
     if not point.solution.converged.all():
         raise NotConverged("the rope reaches no equilibrium in some poses; export fewer frames")
     rope = _description(o, setup, whole, point.solution.x, beside)

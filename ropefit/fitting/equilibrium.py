@@ -24,7 +24,7 @@ from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.models import parameters
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.priors import calibration
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Progress
@@ -95,7 +95,7 @@ def nominal_fit(
     screened = SCREEN if "EI" in free else (0.0,)
     for count, shift in enumerate(screened):
         progress(0.5 * count / len(screened), "where to start")
-        forward = Forward(setup, terms)
+        forward = Equilibrium(setup, terms)
         place = next((k for k, t in enumerate(terms) if t.name == "EI"), 0)
         start = forward.start()
         if start.size:
@@ -114,12 +114,12 @@ def nominal_fit(
     progress(0.5, "least squares")
     # What the rope misses must not be forced on the errors of the set-up.
     loose = max(1.0, best.scale) if data.material else 1.0
-    full = Forward(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
+    full = Equilibrium(setup, [*terms, *calibration(setup, priors_of(o), o.ends_assumed)], last)
     return calibrated_fit(full, best.point.u, problem, evaluations, loose)
 
 
 def calibrated_fit(
-    full: Forward,
+    full: Equilibrium,
     rope: np.ndarray,
     problem: FitProblem,
     evaluations: int,
@@ -151,7 +151,7 @@ def _fit_group(
     found = nominal_fit(few, seen, free, o, settings.evaluations, progress)
     progress(0.9, "intervals")
     estimates = profile_intervals(found)
-    whole = Forward(setup, found.forward.terms)
+    whole = Equilibrium(setup, found.forward.terms)
     start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u)).states
     start.put(inside, found.point.solution)
     return found, whole.at(found.point.u, start), estimates

@@ -21,7 +21,7 @@ from ropefit.inference.problem import FitProblem
 from ropefit.inference.sandwich import INTERVAL
 from ropefit.models import rest_curve
 from ropefit.models.correlated import correlated
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
 from ropefit.models.priors import calibration
 from ropefit.models.terms import Term
@@ -117,7 +117,7 @@ def calibrated(errors: list[Term], source: Model) -> list[Term]:
 
 def nominal_at_rest(setup: Setup, terms: list[Term], problem: FitProblem) -> Fit:
     """Fit the nominal model. Raises NotConverged."""
-    forward = Forward(setup, terms)
+    forward = Equilibrium(setup, terms)
     start = forward.start()
     states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
     forward = forward.starting_from(states)
@@ -125,7 +125,7 @@ def nominal_at_rest(setup: Setup, terms: list[Term], problem: FitProblem) -> Fit
         # Twist is a small correction: while the set-up's errors are still large it would be misled.
         late = np.repeat([t.name == "GJ" for t in terms], [t.size for t in terms])
         if late.any():
-            early = Forward(setup, [t for t in terms if t.name != "GJ"], states)
+            early = Equilibrium(setup, [t for t in terms if t.name != "GJ"], states)
             start[~late] = fit(early, problem, None, 30, tolerance=1e-4).point.u
             assert early.last is not None
             forward = forward.starting_from(early.last)

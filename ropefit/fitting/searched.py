@@ -23,7 +23,7 @@ from ropefit.inference import bfgs
 from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES
-from ropefit.models.equilibrium import Forward
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
 from ropefit.models.parameters import PARAMETERS
 from ropefit.runs.protocol import Context
@@ -80,7 +80,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         )
         index = np.flatnonzero(group == number)
         found = with_values(setup.frames(torch.as_tensor(index)), torch.from_numpy(values[number]))
-        points.append((index, Forward(found, []).at(np.empty(0))))
+        points.append((index, Equilibrium(found, []).at(np.empty(0))))
     model = model_of(
         o, settings.loss, settings.how, node, setup, data_in_space(o), points, groups, out, train,
         torch.stack(search.trace).sum(dim=1).numpy(),

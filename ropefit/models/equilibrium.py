@@ -24,16 +24,16 @@ DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the ro
 
 
 @dataclass
-class Forward(Model):
+class Equilibrium(Model):
     """Frames at rest. Remembers its last states, and those of the frames in between that a rope
     with memory has been through."""
 
     path: States | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
 
-    def starting_from(self, states: States) -> Forward:
+    def starting_from(self, states: States) -> Equilibrium:
         """Return the same model, which goes on from other states of its frames."""
-        out = Forward(self.base, self.terms, states)
+        out = Equilibrium(self.base, self.terms, states)
         out.path, out.reached = self.path, self.reached
         return out
 
