@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from ropefit.artifacts import ARTIFACTS, Artifact, Checkpoint, Model, read
+from ropefit.artifacts.migrations import SHARP, migrated
 from ropefit.artifacts.store import leaves
+from ropefit.effects import ClampedEnd, Kink
 from ropefit.errors import BadInput
 from ropefit.stages.inspect import inspect_path
 from tests.conftest import ROOT
@@ -88,3 +90,22 @@ def test_unknown_versions_are_refused(version: int, tmp_path: Path) -> None:
         file.attrs["schema_version"] = version
     with pytest.raises(BadInput, match=f"version {version}"):
         read(path, Model)
+
+
+def test_clamps_and_kinks_of_the_second_diagnoses_are_told_as_now() -> None:
+    clamp = {
+        "value_names": ["stiffness_x", "stiffness_y", "stiffness_z"],
+        "values": np.array([0.0, 0.03, 0.04]),
+    }
+    kink = {
+        "value_names": ["angle_1", "angle_2", "arc_length"],
+        "values": np.array([0.1, 0.2, 0.5]),
+    }
+    tree = {"causes": {"cause_0": clamp, "cause_1": kink}, "node_arc": np.array([0.0, 0.8])}
+    now = migrated("ropefit-diagnosis", 2, 3, tree)
+    assert now is not None
+    held, bent = now["causes"].values()
+    assert tuple(held["value_names"]) == ClampedEnd().names
+    assert held["values"] == pytest.approx([0.05, 0.0, 0.6, 0.8])
+    assert tuple(bent["value_names"]) == Kink().names
+    assert bent["values"] == pytest.approx([0.1, 0.2, np.log(SHARP * 0.8), 0.5])

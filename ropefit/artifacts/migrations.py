@@ -15,6 +15,8 @@ from ropefit.artifacts.packing import packed
 
 Tree = dict[str, Any]
 
+SHARP = 1e-4  # of the length: width of a bend at one point
+
 ITERATED = (  # of a fitted model: since version 2 apart, as the equilibrium has none of it
     "steps", "iterations", "dt", "iteration", "distance_violation", "length_error", "drift",
     "drift_allowed", "compliance",
@@ -32,6 +34,22 @@ def _as_it_is(tree: Tree) -> Tree:
     return tree
 
 
+def _diagnosis_2(tree: Tree) -> Tree:
+    """A clamp's stiffness and direction were one vector, and a kink had no width."""
+    for cause in tree.get("causes", {}).values():
+        names, values = list(cause["value_names"]), np.asarray(cause["values"], dtype=float)
+        if names == ["stiffness_x", "stiffness_y", "stiffness_z"]:
+            size = float(np.linalg.norm(values))
+            names = ["stiffness", "direction_x", "direction_y", "direction_z"]
+            values = np.array([size, *(values / max(size, 1e-300))])
+        elif "arc_length" in names and {"angle", "angle_1"} & set(names):
+            sharp = np.log(SHARP * float(np.asarray(tree["node_arc"])[-1]))
+            names.insert(-1, "log_width")
+            values = np.insert(values, -1, sharp)
+        cause["value_names"], cause["values"] = names, values
+    return tree
+
+
 def _checkpoint_1(tree: Tree) -> Tree:
     """Of a search only: its arrays are those of one result among others."""
     names = ("u", "loss", "gradient", "inverse", "status", "calm", "trace", "evaluations")
@@ -45,7 +63,7 @@ STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
     ("ropefit-observations", 2): _as_it_is,
     ("ropefit-model", 1): _model_1,
     ("ropefit-diagnosis", 1): _as_it_is,
-    ("ropefit-diagnosis", 2): _as_it_is,
+    ("ropefit-diagnosis", 2): _diagnosis_2,
     ("ropefit-checkpoint", 1): _checkpoint_1,
 }
 
