@@ -93,8 +93,8 @@ def identify(
 
 
 def diagnosable(model: Model) -> bool:
-    """Whether a model has a rope's properties, which can be diagnosed; the paper's weights and fits
-    by its losses leave nothing to diagnose."""
+    """Return whether a model is diagnosed unasked: one with a rope's properties, not the paper's
+    weights, nor a fit by its losses."""
     return model.nominal.search == "least-squares"
 
 

@@ -61,7 +61,7 @@ def under_it(run: RunContents) -> list[str]:
     if f is not None and (unfinished := _unfinished(o, f)):
         told.append(unfinished)
     if d is None and f is not None:
-        told.append(_not_looked_into(f))
+        told.append("Whether something is missing was not looked into: run ropefit diagnose.")
     if d is not None and d.verdict == "none" and (seen := _would_have_seen(d)):
         told.append(seen)
     return told
@@ -176,12 +176,6 @@ def _unfinished(o: Observations, f: FittedModel) -> str:
     if not all(group.converged for group in f.groups.values()):
         told.append("The search stopped before it arrived: its numbers are provisional.")
     return " ".join(told)
-
-
-def _not_looked_into(f: FittedModel) -> str:
-    if f.balance is None and f.stepped is None:
-        return "Whether something is missing is not known: that needs a physical model."
-    return "Whether something is missing was not looked into: run ropefit diagnose."
 
 
 def _where(d: Diagnosis) -> str:
