@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -49,6 +50,20 @@ class Rope:
     gravity: Tensor | tuple[float, float, float] = (0.0, 0.0, -9.81)
     segments: int = 40
 
+    def __post_init__(self) -> None:
+        """Raise WrongUsage for what no rope is."""
+        if self.segments < 2:
+            raise WrongUsage(f"segments={self.segments}: a rope has two or more")
+        for name in ("length", "mass", "EI", "GJ", "EA"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            value = _plain(given).detach()
+            positive = (value > 0) & (torch.isfinite(value) | (name == "EA"))
+            if not positive.all():
+                bad = value[~positive].flatten()[0]
+                raise WrongUsage(f"{name}={float(bad):g}: must be positive and finite")
+
     @classmethod
     def of(cls, observations: Observations, model: Model, segments: int | None = None) -> Rope:
         """The rope that was identified, from the first parameter set of a fitted model.
@@ -82,7 +97,9 @@ class Rope:
         the rope. Raises NotConverged, or with throw=False gives NaN for the frames that find no
         equilibrium.
         """
-        ends = torch.as_tensor(ends, dtype=torch.float64)
+        ends = _plain(ends)
+        if clamps is not None:
+            clamps = _plain(clamps)
         if ends.ndim != 3 or ends.shape[1:] != (2, 3):
             raise WrongUsage(f"ends {tuple(ends.shape)}: expected (frames, 2, 3)")
         if torch.isnan(ends).all(-1).all(-1).any():
@@ -94,7 +111,7 @@ class Rope:
             raise WrongUsage("clamps: an end is clamped in all frames or in none")
         rod = build(
             self._properties(len(ends)),
-            torch.as_tensor(self.gravity, dtype=torch.float64),
+            _plain(self.gravity),
             (bool(held[0, 0]), bool(held[0, 1])),
         )
         state, solution = settle(rod, Conditions(ends, clamps))
@@ -111,7 +128,7 @@ class Rope:
             torch.as_tensor(v, dtype=torch.float64)
             for v in (self.length / self.segments, self.EA, bend, twist, self.mass)
         ]
-        rest = torch.as_tensor(self.curvature, dtype=torch.float64)
+        rest = _plain(self.curvature)
         try:
             shape = torch.broadcast_shapes(
                 *(v.shape for v in values), rest.shape[:-1], (self.segments,)
@@ -128,3 +145,17 @@ class Rope:
         return Properties(
             length, axial, axial, bend, twist, mass / self.length, rest.expand(*shape, 3)
         )
+
+
+def _plain(value: Any) -> Tensor:
+    """Return a float64 tensor of values, not of a transform: compiled code cannot look into those.
+
+    Raises WrongUsage under torch.func's vmap, jacrev, grad and their like.
+    """
+    if isinstance(value, Tensor) and torch._C._functorch.is_functorch_wrapped_tensor(value):  # type: ignore[attr-defined]
+        raise WrongUsage(
+            "torch.func (vmap, jacrev, grad, ...) does not reach into the rope, which compiled "
+            "code solves: give many ropes as frames of one call; Jacobians are had by "
+            "torch.autograd.functional.jacobian"
+        )
+    return torch.as_tensor(value, dtype=torch.float64)

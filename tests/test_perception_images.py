@@ -182,13 +182,15 @@ def test_marker_noise_fast(noise: float) -> None:
     rng = np.random.default_rng(0)
     seen = positions + noise * rng.normal(size=positions.shape)
     seen[rng.random(seen.shape[:2]) < 0.05] = np.nan
-    found, how = marker_noise(seen, time)
+    found, how, known = marker_noise(seen, time, np.linspace(0, 1, 9))
     assert found == pytest.approx(noise, rel=0.3)
     assert how
+    assert known or "upper bound" in how
 
 
 def test_marker_noise_that_cannot_be_measured() -> None:
-    found, how = marker_noise(np.zeros((3, 4, 3)), np.arange(3.0))
+    found, how, known = marker_noise(np.zeros((3, 4, 3)), np.arange(3.0), np.arange(4.0))
+    assert not known
     assert found == 1e-3
     assert "assumed" in how
 

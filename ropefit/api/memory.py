@@ -17,6 +17,7 @@ import numpy as np
 from ropefit.adapters.contents import read_run
 from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
 from ropefit.api import pipeline
+from ropefit.api.keywords import checked_settings
 from ropefit.artifacts import (
     Artifact,
     Control,
@@ -89,7 +90,8 @@ def preprocess(
     folder) help to find the rope in pictures. Raises BadInput when no frame is usable.
     """
     opened = recording if isinstance(recording, Recording) else load(recording)
-    settings = PreprocessSettings(
+    settings = checked_settings(
+        PreprocessSettings,
         nodes=nodes,
         project=project,
         most_points=most_points,
@@ -122,9 +124,10 @@ def fit(
     settings: any other option of `ropefit identify`, with underscores. A frame that does not settle
     is marked. Raises BadInput, NotConverged, WrongUsage.
     """
-    chosen = IdentifySettings(
+    chosen = checked_settings(
+        IdentifySettings,
         solver=solver,
-        loss=loss,  # type: ignore[arg-type]
+        loss=loss,
         search=search,
         free=None if free is None else list(free),
         start=start or {},
@@ -157,7 +160,7 @@ def diagnose(
     """
     given = {"nominal": nominal, "calibration": calibration, "simulation": simulation}
     external = {name: other for name, other in given.items() if other is not None}
-    chosen = DiagnoseSettings(**dict.fromkeys(external, True), **settings)
+    chosen = checked_settings(DiagnoseSettings, **dict.fromkeys(external, True), **settings)
     hashes = _of(observations, model)
     hashes |= {name: content_sha256(other) for name, other in external.items()}
     return _compute(
@@ -192,7 +195,7 @@ def control(
         wanted = _targets(targets, arc_length, observations.length)
         hashes["target"] = wanted.sha256
         external["targets"] = wanted
-    chosen = ControlSettings(loss=loss, target=targets is not None, **settings)  # type: ignore[arg-type]
+    chosen = checked_settings(ControlSettings, loss=loss, target=targets is not None, **settings)
     return _compute(
         pipeline.CONTROL, _inputs(observations, model), hashes, chosen, external, progress
     )

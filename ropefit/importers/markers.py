@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from pydantic import field_validator
@@ -19,6 +20,7 @@ class MarkerOptions(Options):
 
     held0, held1: the names of one or two markers held at an end, the outermost first; a free end
     has none. scale: metres per unit. rate: frames a second, where the file has no clock.
+    up: the axis of the file that points up, y or z.
     """
 
     markers: str | None = None
@@ -26,6 +28,7 @@ class MarkerOptions(Options):
     held1: str | None = None
     scale: float | None = None
     rate: float | None = None
+    up: Literal["y", "z"] | None = None
 
     @field_validator("scale", "rate")
     @classmethod
@@ -43,8 +46,10 @@ def deliver(
     time: np.ndarray,
     positions: np.ndarray,
     scale: float,
+    up: str = "z",
 ) -> None:
-    """Chosen markers of (F, M, 3) positions into the draft; `scale` if the options have none."""
+    """Chosen markers of (F, M, 3) positions into the draft; `scale` and `up` if the options have
+    none. With Y up, (x, y, z) becomes (x, -z, y)."""
     if positions.shape[1] > MOST_MARKERS:
         raise BadInput(f"{source}: {positions.shape[1]} markers; at most {MOST_MARKERS} are read")
     chosen = _split(options.markers) or names
@@ -61,6 +66,9 @@ def deliver(
     rows = np.array(thinned(list(range(len(time))), options, source), dtype=int)
     columns = [names.index(name) for name in chosen]
     picked = positions[rows][:, columns] * (options.scale or scale)
+    if (options.up or up) == "y":
+        picked = np.stack([picked[..., 0], -picked[..., 2], picked[..., 1]], axis=-1)
+        draft.note("Y points up in the file: turned so that Z does; if it is wrong, --set up=z")
     if np.isinf(picked).any() or not np.isfinite(time[rows]).all():
         raise BadInput(f"{source}: infinite positions or times that are no numbers")
     if not np.isfinite(picked).any():

@@ -15,6 +15,7 @@ from ropefit.errors import BadInput
 from ropefit.importers.base import Entry, Importer, Options, exists, readable
 from ropefit.importers.draft import Draft
 from ropefit.importers.markers import MarkerOptions, deliver
+from ropefit.importers.mocap_exports import Capture, exported
 
 MAX_BYTES = 2 << 30
 TIMES = ("time", "time (seconds)", "timestamp", "t")
@@ -23,36 +24,35 @@ AXIS = re.compile(r"(.+?)[ _.:]?([xyz])(?: ?[\[(](?:m|mm|cm)[\])])?", re.IGNOREC
 
 
 class Mocap(Importer):
-    """csv with a column an axis (A_x, A_y, A_z or AX, AY, AZ), csv with a row a marker (frame,
-    time, marker, x, y, z), or npz with positions (frames, markers, 3) and time (frames,)."""
+    """An export of Motive (csv) or Qualisys (tsv) as written, csv with a column an axis (A_x, A_y,
+    A_z or AX, AY, AZ), csv with a row a marker (frame, time, marker, x, y, z), or npz with
+    positions (frames, markers, 3) and time (frames,)."""
 
     format: ClassVar[str] = "mocap"
     options: ClassVar[type[Options]] = MarkerOptions
 
     def contents(self, source: Path) -> list[Entry]:
-        names, _, positions = _read(source, None)
-        seen = np.isfinite(positions).all(axis=2).sum(axis=0)
-        return [Entry(n, "marker", int(c)) for n, c in zip(names, seen, strict=True)]
+        capture = _read(source)
+        seen = np.isfinite(capture.positions).all(axis=2).sum(axis=0)
+        return [Entry(n, "marker", int(c)) for n, c in zip(capture.names, seen, strict=True)]
 
     def read(self, source: Path, options: MarkerOptions, draft: Draft) -> None:
-        names, time, positions = _read(source, options.rate)
-        deliver(source, options, draft, names, time, positions, 1.0)
+        names, time, positions, scale, up = _read(source)
+        time = _clock(source, time, len(positions), options.rate)
+        deliver(source, options, draft, names, time, positions, scale, up)
 
 
-Raw = tuple[list[str], np.ndarray, np.ndarray]
-
-
-def _read(source: Path, rate: float | None) -> Raw:
+def _read(source: Path) -> Capture:
     exists(source)
     with readable(source, "motion capture"):
         if source.stat().st_size > MAX_BYTES:
             raise BadInput(f"{source}: larger than 2 GiB")
         if source.suffix.lower() == ".npz":
-            return _npz(source, rate)
-        return _csv(source, rate)
+            return _npz(source)
+        return _csv(source)
 
 
-def _npz(source: Path, rate: float | None) -> Raw:
+def _npz(source: Path) -> Capture:
     with zipfile.ZipFile(source) as archive:
         declared = sum(item.file_size for item in archive.infolist())
     if declared > MAX_BYTES:
@@ -69,17 +69,19 @@ def _npz(source: Path, rate: float | None) -> Raw:
     labels = [str(i) for i in range(count)] if names is None else [str(name) for name in names]
     if len(labels) != count or len(set(labels)) < count:
         raise BadInput(f"{source}: {count} markers but {len(labels)} names, or a name twice")
-    time = _clock(source, time, positions.shape[0], rate)
-    return labels, time, positions.astype(float)
+    return Capture(labels, time, positions.astype(float))
 
 
-def _csv(source: Path, rate: float | None) -> Raw:
+def _csv(source: Path) -> Capture:
     with source.open(newline="", encoding="utf-8-sig") as file:
         sample = file.read(4096)
         file.seek(0)
         rows = [row for row in csv.reader(file, delimiter=_delimiter(sample)) if any(row)]
     if len(rows) < 2:
         raise BadInput(f"{source}: has no rows")
+    capture = exported(source, rows)
+    if capture is not None:
+        return capture
     header = [cell.strip() for cell in rows[0]]
     low = [cell.lower() for cell in header]
     if len(set(header)) < len(header):
@@ -89,7 +91,7 @@ def _csv(source: Path, rate: float | None) -> Raw:
     )
     clock = next((table[:, low.index(name)] for name in TIMES if name in low), None)
     if {"marker", "x", "y", "z"} <= set(low):
-        return _long(source, low, table, clock, rate)
+        return _long(source, low, table, clock)
     names: dict[str, dict[str, int]] = {}
     for at, cell in enumerate(header):
         match = AXIS.fullmatch(cell)
@@ -102,12 +104,10 @@ def _csv(source: Path, rate: float | None) -> Raw:
             "A_x,A_y,A_z a marker, or frame,time,marker,x,y,z"
         )
     positions = np.stack([table[:, [a["x"], a["y"], a["z"]]] for a in whole.values()], axis=1)
-    return list(whole), _clock(source, clock, len(table), rate), positions
+    return Capture(list(whole), clock, positions)
 
 
-def _long(
-    source: Path, low: list[str], table: np.ndarray, clock: np.ndarray | None, rate: float | None
-) -> Raw:
+def _long(source: Path, low: list[str], table: np.ndarray, clock: np.ndarray | None) -> Capture:
     if "frame" not in low:
         raise BadInput(f"{source}: rows a marker need a column frame")
     frame, marker = table[:, low.index("frame")], table[:, low.index("marker")]
@@ -128,7 +128,7 @@ def _long(
         time = np.full(frames.size, np.nan)
         time[row] = clock
     labels = [f"{value:g}" for value in markers]
-    return labels, _clock(source, time, frames.size, rate), positions
+    return Capture(labels, time, positions)
 
 
 def _clock(source: Path, time: np.ndarray | None, count: int, rate: float | None) -> np.ndarray:

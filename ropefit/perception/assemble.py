@@ -47,7 +47,8 @@ def assemble(
     ]
     noise = np.array([_noise(tracer, trace) for trace in traces])
     out_of_plane = float(np.sqrt(np.mean(np.concatenate([line**2 for _, line in offsets]))))
-    flatten, reason = _whether_to_project(project, out_of_plane, length, float(np.median(noise)))
+    known = float(np.median(noise)) if tracer.noise_known else None
+    flatten, reason = _whether_to_project(project, out_of_plane, length, known)
 
     node_arc = np.linspace(0.0, length, nodes)
     points, lines = [], []
@@ -196,15 +197,18 @@ def _noise(tracer: Tracer, trace: Trace) -> float:
 
 
 def _whether_to_project(
-    project: str, out_of_plane: float, length: float, noise: float
+    project: str, out_of_plane: float, length: float, noise: float | None
 ) -> tuple[bool, str]:
+    """Return whether to project, and why. noise [m]: None where it is assumed, or an upper bound;
+    nothing is flattened on the strength of that."""
+    told = "noise not measured" if noise is None else f"noise {noise * 1e3:.2g} mm"
     share = (
         f"the rope leaves the plane of gravity and its ends by {out_of_plane * 1e3:.1f} mm rms "
-        f"(noise {noise * 1e3:.2g} mm)"
+        f"({told})"
     )
     if project != "auto":
         return project == "yes", f"asked for; {share}"
-    if out_of_plane > max(KEEP_3D * length, KEEP_3D_NOISE * noise):
+    if out_of_plane > max(KEEP_3D * length, KEEP_3D_NOISE * (noise or 0.0)):
         return False, f"{share}: kept in 3D, a projection would hide shape"
     return True, f"{share}: projected"
 

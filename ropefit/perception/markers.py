@@ -11,6 +11,8 @@ MOST_STRETCH = 1.3  # chords longer than this times the rope are no rope
 MANY = 100  # frames among which some show each piece of the rope nearly straight
 STRAIGHT = 0.95  # their quantile
 NORMAL = 1.645  # that quantile of a normal law, in sd
+LEAST_REPEATED, SLOWEST = 4, 0.25  # frames; share of consecutive pairs that are slow or repeated
+LEAST_LEFT, MOST_CURVES = 3, 200  # markers beyond a curve's coefficients; frames that are fitted
 
 
 def marker_arc(
@@ -99,23 +101,56 @@ def trace_markers(
     )
 
 
-def marker_noise(positions: np.ndarray, time: np.ndarray) -> tuple[float, str]:
-    """(sd [m] per coordinate, how it was found) from markers (F, M, 3) at time (F,) [s].
+def marker_noise(
+    positions: np.ndarray, time: np.ndarray, arc: np.ndarray
+) -> tuple[float, str, bool]:
+    """Return the sd [m] per coordinate, how it was found, and whether it was measured.
 
-    From what is rough in time where the sampling is fast (third differences of a smooth motion
-    vanish),
-    else from what is rough along the rope (fourth differences, an upper bound: real curvature
-    counts too), whichever is smaller.
+    Markers (F, M, 3) at time (F,) [s] and arc (M,) [m]. What is rough in time where the sampling is
+    fast measures it (third differences of a smooth motion vanish). All others are upper bounds:
+    differences between the slowest consecutive frames (motion counts, too), roughness along the
+    rope, and what smooth curves along it leave (curvature counts, too). The smallest is taken.
     """
     found = []
     if len(time) >= 8 and np.median(np.diff(time)) < 0.05:
         rough = np.diff(positions, n=3, axis=0) / np.sqrt(20.0)
-        found.append((_robust(rough), "roughness in time"))
+        found.append((_robust(rough), "roughness in time", True))
+    if len(time) >= LEAST_REPEATED:
+        still = [_robust(pair) / np.sqrt(2.0) for pair in np.diff(positions, axis=0)]
+        slow = float(np.nanquantile(still, SLOWEST)) if np.isfinite(still).any() else np.nan
+        found.append((slow, "slowest consecutive frames (upper bound)", False))
     if positions.shape[1] >= 6:
         rough = np.diff(positions, n=4, axis=1) / np.sqrt(70.0)
-        found.append((_robust(rough), "roughness along the rope (upper bound)"))
+        found.append((_robust(rough), "roughness along the rope (upper bound)", False))
+        found.append((_left_by_curves(positions, arc), "smooth curves (upper bound)", False))
     found = [item for item in found if np.isfinite(item[0]) and item[0] > 0]
-    return min(found) if found else (1e-3, "assumed: too few markers to measure it")
+    return min(found) if found else (1e-3, "assumed: too few markers to measure it", False)
+
+
+def _left_by_curves(positions: np.ndarray, arc: np.ndarray) -> float:
+    """Return the sd [m] that the best smooth curve along the rope leaves; NaN of few markers.
+
+    Polynomials in arc length of every degree that leaves a few degrees of freedom, counted off. Of
+    those that leave no more than the best, within two standard errors of it, the lowest: the least
+    of several uncertain values would be too small.
+    """
+    place = 2 * (arc - arc[0]) / (arc[-1] - arc[0]) - 1
+    some = np.unique(np.linspace(0, len(positions) - 1, MOST_CURVES).astype(int))
+    whole = positions[some][np.isfinite(positions[some]).all(axis=(1, 2))]
+    if not len(whole):
+        return np.nan
+    left = []
+    for degree in range(3, len(arc) - LEAST_LEFT):
+        basis = np.linalg.qr(np.polynomial.chebyshev.chebvander(place, degree))[0]
+        rest = whole - np.einsum("mb,nb,fnx->fmx", basis, basis, whole)
+        count = 3 * (len(arc) - degree - 1)
+        middle = count * (1 - 2 / (9 * count)) ** 3  # the median of chi squared
+        sd = float(np.sqrt(np.median((rest**2).sum(axis=(1, 2))) / middle))
+        left.append((sd, sd * (1 + 2 / np.sqrt(2 * count * len(whole)))))
+    if not left:
+        return np.nan
+    most = min(left)[1]
+    return next(sd for sd, _ in left if sd <= most)
 
 
 def _robust(values: np.ndarray) -> float:

@@ -52,6 +52,7 @@ class Tracer:
         self.jumped: dict[int, np.ndarray] = {}  # {frame: (M,) bool} markers that are masked
         self.warnings: list[str] = []  # what will mislead a fit
         self.noise: float | None = None
+        self.noise_known = self.measures_depth  # neither assumed nor an upper bound
         self.noise_source = "scatter of the points about the centreline"
         if not self.measures_depth:
             self.noise_source = "assumed: half a pixel, on the assumed plane"
@@ -205,8 +206,6 @@ class Tracer:
         self.warnings += checks.jumped(frames, positions, masked)
         positions[masked] = np.nan
         ends, _ = self._all_ends()
-        time = np.array([self.recording.source.time[frame] for frame in frames])
-        self.noise, self.noise_source = marker_noise(positions, time)
         known = points[0].arc_length
         if known is not None:
             self.arc = known
@@ -216,13 +215,24 @@ class Tracer:
                     f"{self.recording.path}: arc_length reaches {known[-1]:g} m beyond the rope's "
                     f"length {self.total:g} m"
                 )
+            self._measure_noise(positions)
+            assert self.noise is not None
             self.warnings += checks.long_chords(frames, positions, known, self.noise)
             return
         try:
             self.arc, self.total = marker_arc(positions, ends, self.length)
         except FrameRejected as reason:
             raise BadInput(f"{self.recording.path}: [markers]: {reason}")
+        self._measure_noise(positions)
         self.warnings += checks.cut_corners(positions, ends, self.length)
+
+    def _measure_noise(self, positions: np.ndarray) -> None:
+        told = self.recording.manifest.priors.marker_noise
+        if told is not None:
+            self.noise, self.noise_source = told, "[priors] marker_noise"
+            return
+        time = np.array([self.recording.source.time[frame] for frame in self.recording.frames])
+        self.noise, self.noise_source, self.noise_known = marker_noise(positions, time, self.arc)
 
 
 def tangents(orientation: np.ndarray) -> np.ndarray:

@@ -142,6 +142,7 @@ class PriorsTable(_Table):
     time_lag: Sigma | None = None
     length: Sigma | None = None
     mass: Sigma | None = None
+    marker_noise: Sigma | None = None  # per coordinate; measured from the markers if not given
 
 
 class Manifest(_Table):

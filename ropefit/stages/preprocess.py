@@ -77,7 +77,7 @@ def compute(
         "gravity": recording.gravity,
         "diameter": rope.diameter,
         "mass": rope.mass,
-        "priors": recording.manifest.priors.model_dump(),
+        "priors": recording.manifest.priors.model_dump(exclude={"marker_noise"}),
         "frames": np.array(frames),
         "time": np.array([recording.source.time[frame] for frame in frames]),
         "dropped": dropped,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from ropefit.errors import WrongUsage
 from ropefit.rod.fields import ROD, names, shapes, zeros
 from ropefit.rod.rod import Rod
 from ropefit.solvers.arrays import as_numpy, in_threads
@@ -58,11 +59,22 @@ class _Settle(torch.autograd.Function):
     def forward(ctx, solution, far, *inputs):
         ctx.solution, ctx.far = solution, far
         ctx.shapes = [None if t is None else t.shape for t in inputs]
+        ctx.save_for_backward(*inputs)
         return torch.from_numpy(solution.x.copy()), torch.from_numpy(solution.q.copy())
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx, *grads):
+        with torch.no_grad():
+            out = _Settle.pulled(ctx, *grads)
+        if torch.is_grad_enabled():  # create_graph: whoever differentiates again must be told
+            pulled = [item for item in out if item is not None]
+            once = iter(_Once.apply(len(pulled), *pulled, *ctx.saved_tensors, *grads))  # type: ignore[misc]
+            out = [None if item is None else next(once) for item in out]
+        return None, None, *out
+
+    @staticmethod
+    def pulled(ctx, *grads):
+        """Return the gradient of every input from those in x and q; None for what is not given."""
         problem, far = ctx.solution.problem, ctx.far
         g = _adjoint(ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
         ropes = len(problem.rods.length)
@@ -77,11 +89,29 @@ class _Settle(torch.autograd.Function):
             [-(v * g.clamp).sum(-1, keepdims=True), w * g.clamp + np.cross(v, g.clamp)], axis=-1
         )
         rest = [ends, clamp, g.direction[:, far:], g.offset[:, far:], g.compliance[:, far:]]
-        out = [
+        return [
             None if shape is None else torch.from_numpy(item.copy()).reshape(shape)
             for shape, item in zip(ctx.shapes, [*summed, *rest], strict=True)
         ]
-        return None, None, *out
+
+
+class _Once(torch.autograd.Function):
+    """The first `count` tensors as they are, tied to all others so that a derivative raises.
+
+    torch's once_differentiable ties them to the incoming gradient alone: where that is a constant,
+    a second derivative by a rigidity would silently be zero.
+    """
+
+    @staticmethod
+    def forward(ctx, count, *tensors):
+        return tuple(item.clone() for item in tensors[:count])
+
+    @staticmethod
+    def backward(ctx, *grads):
+        raise WrongUsage(
+            "a second derivative of a rope's shape is not computed; take finite differences of the "
+            "gradient"
+        )
 
 
 def _sum_of_ropes(item: np.ndarray, of: np.ndarray, ropes: int) -> np.ndarray:

@@ -1,0 +1,134 @@
+"""Tables as Motive and Qualisys Track Manager export them: headers of several rows before the
+numbers, Motive's with Y up, Qualisys' in millimetres."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ropefit.errors import BadInput
+
+UNITS = {
+    "m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001,
+    "millimeters": 0.001, "millimetres": 0.001,
+}  # fmt: skip
+AXIS = re.compile(r"([xyz])(?: ?[\[(](m|cm|mm)[\])])?", re.IGNORECASE)
+MOTIVE_MARKERS = {"", "marker"}  # types of columns; others are rigid bodies and bones
+LONGEST_HEADER = 40  # rows
+
+
+class Capture(NamedTuple):
+    """Markers (F, M, 3) by name in the file's unit, time (F,) [s] or None where the file has none.
+
+    scale: metres per unit; up: the axis that points up, where the exporter is known.
+    """
+
+    names: list[str]
+    time: np.ndarray | None
+    positions: np.ndarray
+    scale: float = 1.0
+    up: str = "z"
+
+
+def exported(source: Path, rows: list[list[str]]) -> Capture | None:
+    """Return the markers of an export with a header of several rows; None where it is none.
+
+    Raises BadInput where it is one but not whole.
+    """
+    rows = [[cell.strip() for cell in row] for row in rows]
+    keys = {row[0].upper(): row[1:] for row in rows[:LONGEST_HEADER] if row}
+    if "MARKER_NAMES" in keys:
+        return _qualisys(source, rows, keys)
+    for number, row in enumerate(rows[1:LONGEST_HEADER], 1):
+        columns = [c for c, cell in enumerate(row) if AXIS.fullmatch(cell)]
+        if len(columns) >= 3:
+            return _axes_below_names(source, rows, number)
+    return None
+
+
+def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
+    """Return markers whose names stand in a row above X, Y, Z in row `at` (Motive, and others)."""
+    axes, above = rows[at], rows[:at]
+    low = [cell.lower() for cell in axes]
+    motive = bool(rows[0]) and rows[0][0].lower() == "format version"
+    told = dict(zip(rows[0][::2], rows[0][1::2], strict=False)) if motive else {}
+    table = [row + [""] * (len(axes) - len(row)) for row in above[1 if motive else 0 :]]
+    kinds, what = [""] * len(axes), [""] * len(axes)
+    if motive:  # type, name, id, (parent,) rotation or position
+        kinds = next((row for row in table if "Marker" in row), kinds)
+        what = next((row for row in table if "Position" in row), what)
+        table = [row for row in table if row is not kinds and row is not what]
+    if not table:
+        raise BadInput(f"{source}: no row with names above the row {','.join(axes)[:80]}")
+    names_row = table[0]
+    units: set[str] = set()
+    found: dict[str, dict[str, int]] = {}
+    name = ""
+    for column, cell in enumerate(axes):
+        name = names_row[column] or name
+        match = AXIS.fullmatch(cell)
+        kind = kinds[column].lower()
+        if not match or kind not in MOTIVE_MARKERS or what[column] not in ("", "Position"):
+            continue
+        if kind == "" and motive:
+            continue
+        if match.group(1).lower() in found.setdefault(name, {}):
+            raise BadInput(f"{source}: marker {name or '(without a name)'} occurs twice")
+        found[name][match.group(1).lower()] = column
+        units |= {match.group(2).lower()} if match.group(2) else set()
+    whole = {key: axes for key, axes in found.items() if len(axes) == 3}
+    if not whole:
+        raise BadInput(f"{source}: a header of several rows, but no marker with X, Y and Z in it")
+    data = _numbers(source, rows, at + 1, len(axes))
+    positions = np.stack([data[:, [a["x"], a["y"], a["z"]]] for a in whole.values()], axis=1)
+    clock = [c for c, cell in enumerate(low) if cell.startswith(("time", "timestamp"))]
+    unit = told.get("Length Units", next(iter(units), "m")).lower()
+    if unit not in UNITS:
+        raise BadInput(f"{source}: lengths in {unit!r}, which is no unit known here")
+    time = data[:, clock[0]] if clock else None
+    return Capture(list(whole), time, positions, UNITS[unit], "y" if motive else "z")
+
+
+def _qualisys(source: Path, rows: list[list[str]], keys: dict[str, list[str]]) -> Capture:
+    """Return the markers of a Qualisys TSV: keys, names, then numbers; 0, 0, 0 is not seen."""
+    names = [name for name in keys["MARKER_NAMES"] if name]
+    start = next((n for n, row in enumerate(rows) if _is_number(row[0])), len(rows))
+    before = [cell.lower() for cell in rows[start - 1][:2]] if start else []
+    lead = sum(cell in ("frame", "time") for cell in before)
+    data = _numbers(source, rows, start, lead + 3 * len(names))
+    positions = data[:, lead:].reshape(len(data), len(names), 3)
+    positions[(positions == 0).all(axis=2)] = np.nan
+    time = None
+    if "time" in before:
+        time = data[:, before.index("time")]
+    elif keys.get("FREQUENCY") and _is_number(keys["FREQUENCY"][0]):
+        time = np.arange(len(data)) / float(keys["FREQUENCY"][0])
+    return Capture(names, time, positions, 0.001)
+
+
+def _numbers(source: Path, rows: list[list[str]], start: int, width: int) -> np.ndarray:
+    """Return (F, width) numbers of the rows from `start` on, NaN for empty cells."""
+    table = []
+    for row in rows[start:]:
+        cells = row[:width] + [""] * (width - len(row))
+        if any(row[width:]):
+            raise BadInput(f"{source}: a row has {len(row)} cells, its header {width}")
+        try:
+            table.append([float(c) if c and c.lower() != "null" else np.nan for c in cells])
+        except ValueError:
+            bad = next(c for c in cells if c and not _is_number(c))
+            raise BadInput(f"{source}: {bad[:40]!r} among the numbers is no number")
+    if not table:
+        raise BadInput(f"{source}: a header, but no numbers below it")
+    return np.array(table)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,66 @@
+"""The noise of markers in static poses, and what is not flattened on the strength of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ropefit
+from ropefit.errors import BadInput
+from ropefit.perception.markers import marker_noise
+from tests.factories import edit, write_manifest
+
+ARC = np.linspace(0, 1, 13)
+NOISE = 3e-4
+
+
+def poses(count: int, depth: float = 0.02, repeats: int = 1) -> np.ndarray:
+    """(F, 13, 3) [m] different static poses, bent out of the plane by `depth`, with noise."""
+    rng = np.random.default_rng(5)
+    shapes = []
+    for _ in range(count):
+        sag, side = rng.uniform(0.2, 0.35), depth * rng.uniform(0.8, 1.2)
+        bump = rng.uniform(-0.03, 0.03)
+        x = (0.7 + 0.1 * sag) * ARC + bump * np.sin(2 * np.pi * ARC)
+        y = 1.4 * side * np.sin(2 * np.pi * ARC)
+        z = -4 * sag * ARC * (1 - ARC) + bump * np.sin(3 * np.pi * ARC)
+        shapes += [np.stack([x, y, z], axis=1)] * repeats
+    return np.array(shapes) + rng.normal(0, NOISE, (count * repeats, 13, 3))
+
+
+@pytest.mark.parametrize(("count", "repeats"), [(12, 1), (3, 1), (4, 5)])
+def test_static_poses(count: int, repeats: int) -> None:
+    seen = poses(count, repeats=repeats)
+    found, how, known = marker_noise(seen, np.arange(len(seen), dtype=float), ARC)
+    assert 0.7 * NOISE < found < 1.6 * NOISE
+    assert "upper bound" in how
+    assert not known
+
+
+def test_repeated_frames_measure_it_where_no_curve_does() -> None:
+    kinked = poses(6, repeats=4)
+    kinked[:, 7:, 0] += 0.05 * np.array([1, -1, 1, -1, 1, -1])
+    found, how, _ = marker_noise(kinked, np.arange(24.0), ARC)
+    assert how.startswith("slowest consecutive frames")
+    assert found == pytest.approx(NOISE, rel=0.3)
+
+
+def test_a_prior_counts_and_real_depth_stays(tmp_path: Path) -> None:
+    where = tmp_path / "r"
+    where.mkdir()
+    write_manifest(where, '[markers]\nfile = "m.npz"', "", "markers = [[0], [-1]]")
+    seen = poses(5)
+    np.savez(where / "m.npz", positions=seen, time=np.arange(5.0), arc_length=1.1 * ARC)
+    observations = ropefit.preprocess(where, nodes=10)
+    assert not observations.projected
+    assert observations.noise.max() < 2 * NOISE
+    with (where / "recording.toml").open("a") as file:
+        file.write("[priors]\nmarker_noise = 0.0004\n")
+    told = ropefit.preprocess(where, nodes=10)
+    assert told.noise == pytest.approx(4e-4)
+    assert told.noise_source == "[priors] marker_noise"
+    edit(where / "recording.toml", "0.0004", "-1.0")
+    with pytest.raises(BadInput, match="marker_noise"):
+        ropefit.preprocess(where)
