@@ -79,11 +79,11 @@ def test_with_white_noise():
     nominal = nominal_fit(data, 24)
     noise = Noise(correlated=1e-3, white=(1e-6, 1e-6))
     nominal = replace(nominal, problem=nominal.problem.under(noise))
-    white = engine._noise(nominal, VARIANTS["white"].rules({}))
+    white, _ = engine._noise(nominal, VARIANTS["white"].rules({}))
     assert white.ends is None
     assert white.correlated == 0
     assert white.white == (1e-6, 1e-6)
-    assert engine._noise(nominal, RULES).ends is not None
+    assert engine._noise(nominal, RULES)[0].ends is not None
 
 
 def test_the_restart_is_counted_and_left_out(monkeypatch):

@@ -35,8 +35,6 @@ def compute(
     masks = Masks(Path(settings.mask)) if settings.mask else None
     looked = Looked(color=settings.color, roi=settings.roi)
     tracer = Tracer(recording, settings.most_points, looked, masks)
-    for warning in tracer.warnings:
-        context.say(f"warning: {warning}")
     album = Album(recording, tracer, context.external.get("debug_images"))
     tracer.learn_looks()
     traces, frames = [], []
@@ -64,6 +62,8 @@ def compute(
             "rope was taken; say which with --roi, --mask, --color or [ends]"
         )
     content = assemble(tracer, traces, np.array(frames), settings.nodes, settings.project)
+    for warning in tracer.warnings:  # only now: a refusal is one line
+        context.say(f"warning: {warning}")
     rope = recording.manifest.rope
     if rope.length and content["length_source"] == "estimated":
         context.say(

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Potential
+from ropefit.solvers.arrays import as_numpy
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import Solution, States, unsettled
 from ropefit.solvers.equilibrium.solve import solve
@@ -169,7 +170,7 @@ def _settle(
         if not len(mine):
             break
         force, stiffness = (
-            item.numpy() for item in force_and_stiffness(potentials, torch.from_numpy(x[mine]))
+            as_numpy(item) for item in force_and_stiffness(potentials, torch.from_numpy(x[mine]))
         )
         # Supports that are at rest at x push with nothing: only the ends' reactions are known.
         held, stiffness = supports(x[mine], stiffness, bold[mine])

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from ropefit.rod.rod import Rod
+from ropefit.solvers.arrays import as_numpy
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.problem import Problem, check_problem, problem_of
 from ropefit.solvers.equilibrium.solution import States
@@ -79,7 +80,7 @@ class Supported:
 
     def __init__(self, rod: Rod, conditions: Conditions) -> None:
         self.problem = problem_of(rod.each(len(conditions.ends)), conditions, None)
-        self.base = None if conditions.free else conditions.ends[:, 0].numpy()
+        self.base = None if conditions.free else as_numpy(conditions.ends[:, 0])
 
     def settled(
         self, mine: np.ndarray, near: States, load: np.ndarray, added: Supports | None, limit: int
