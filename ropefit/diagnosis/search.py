@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import fit_candidate
@@ -218,9 +219,18 @@ def _verdict(
     explained = bool(accepted) and left <= may_leave * was
     if crowded and not (explained and any(not effect.exact for effect in effects)):
         return "unknown"
-    if latent.evidence > latent.threshold and not explained:
+    if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"
     return "found" if accepted else "none"
+
+
+def _as_good_as_noise(final: Fit) -> bool:
+    """Return whether a motion is missed by hardly more than noise: as an effect that explained it
+    would not be accepted, a force that does is no sign of one."""
+    if final.forward.instantaneous:
+        return False
+    missed = float(np.sqrt((final.stations.residual**2).mean()))
+    return MOST_RMS_RATIO_IN_MOTION * missed <= final.problem.noise.marker
 
 
 def sensitivities(
