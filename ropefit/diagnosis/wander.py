@@ -17,6 +17,7 @@ from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 
+MESH_ERROR = 5e-4  # of the length: by which a rope of 24 segments differs from one of 48
 LEAST_CORRELATION = 0.05  # of the residual with itself: later lags count as independent
 
 
@@ -31,9 +32,12 @@ def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
     residual = fitted.whitener.undo(left).reshape(fitted.stations.residual.shape)
     marker = float(np.sqrt((residual**2).mean()))
     clips = getattr(fitted.forward, "clips", [])
-    return replace(
-        fitted.problem.noise, marker=marker, repeats=repeats(fitted.stations, residual, clips)
-    )
+    # What the mesh misses is the same in all frames of a clip and along much of the rope.
+    length = float(fitted.point.setup.properties.length.sum())
+    alike = len(residual) / max(len(clips), 1)
+    mesh = alike * (MESH_ERROR * length / marker) ** 2
+    many = max(repeats(fitted.stations, residual, clips), 1 + mesh)
+    return replace(fitted.problem.noise, marker=marker, repeats=many)
 
 
 def _left_by_the_best(fitted: Fit, sensitivities: list[Sensitivity]) -> np.ndarray:
