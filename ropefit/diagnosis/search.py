@@ -22,12 +22,13 @@ from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
-from ropefit.diagnosis.wander import wandering_noise
+from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
+BEYOND_SENSOR = 3.0  # times what markers and mesh explain
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -221,7 +222,20 @@ def _verdict(
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"
+    if not accepted and _far_beyond_sensor(final):
+        return "unknown"
     return "found" if accepted else "none"
+
+
+def _far_beyond_sensor(final: Fit) -> bool:
+    """Return whether a motion is missed by far more than markers and mesh explain: what no effect
+    lowers on held-out clips is no noise for that."""
+    sensor = final.problem.noise.sensor
+    if final.forward.instantaneous or not sensor:
+        return False
+    length = float(final.point.setup.properties.length.sum())
+    missed = float(np.sqrt((final.stations.residual**2).mean()))
+    return missed > BEYOND_SENSOR * float(np.hypot(sensor, MESH_ERROR * length))
 
 
 def _as_good_as_noise(final: Fit) -> bool:

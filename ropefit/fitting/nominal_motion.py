@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.adapters.motion_setup import Span, span_of
+from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS
 from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import NotConverged
@@ -33,7 +34,9 @@ def nominal_in_motion(o: Observations, model: FittedModel, most_frames: int) -> 
     compared = np.zeros(len(o.frames), dtype=bool)
     for clip in clips:
         compared[clip[:: max(1, round(SAMPLE / step))]] = True
-    problem = FitProblem(span.data, Noise(marker=LEAST_NOISE), STATIONS).without(~compared)
+    problem = FitProblem(
+        span.data, Noise(marker=LEAST_NOISE, sensor=noise_of(o, span.data).marker), STATIONS
+    ).without(~compared)
     found = fit(forward, problem, start, EVALUATIONS, tolerance=1e-4)
     if not found.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")

@@ -46,13 +46,15 @@ class EndNoise:
 class Noise:
     """sd [m] of the correlated part and its length, a share of the rope's; marker: sd [m] of
     markers, whose scatter cannot be seen within one frame; repeats: of how many samples one is
-    independent, where what a motion misses wanders; white (D,) [m²]: variance of a point,
-    measured at the start of a fit if not given; ends. Fits that are compared must share it."""
+    independent, where what a motion misses wanders; sensor: sd [m] of markers by themselves; white
+    (D,) [m²]: variance of a point, measured at the start of a fit if not given; ends. Fits that are
+    compared must share it."""
 
     correlated: float = 0.0
     length: float = 0.06
     marker: float = 0.0
     repeats: float = 1.0
+    sensor: float = 0.0
     white: tuple[float, ...] | None = None
     ends: EndNoise | None = None
 
