@@ -9,8 +9,6 @@ import numpy as np
 
 from ropefit.errors import BadInput
 
-MAX_ROWS = 20_000_000
-
 
 def read_table(
     path: Path, required: list[str], optional: list[str] | None = None, nan: bool = False

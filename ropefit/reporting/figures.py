@@ -152,6 +152,26 @@ def heat(x: Any, y: Any, z: Any, title: str, **more: Any) -> dict[str, Any]:
     } | more
 
 
+def by_frame(
+    title: str,
+    frames: np.ndarray,
+    values: np.ndarray,
+    name: str,
+    y: dict[str, Any],
+    caption: str,
+    marked: tuple[np.ndarray, str, str] | None = None,
+    **more: Any,
+) -> Figure:
+    """Return the figure of one value a frame, thinned; marked: (frames (F,), name, symbol)."""
+    shown = evenly(len(frames), MOST_POINTS)
+    traces = [line(frames[shown], values[shown], name, NOMINAL, **more)]
+    if marked is not None and marked[0][shown].any():
+        at, marks = shown[marked[0][shown]], {"color": "soft", "symbol": marked[2], "size": 9}
+        traces.append(line(frames[at], values[at], marked[1], "soft", mode="markers", marker=marks))
+    caption += thinned(len(frames), MOST_POINTS)
+    return Figure(title, traces, plane(axis("frame"), y), caption)
+
+
 def bands(blocks: list[tuple[float, float]]) -> list[dict[str, Any]]:
     """Shaded stretches of the x axis."""
     return [{"x": [first, last], "fill": "band"} for first, last in blocks]

@@ -6,16 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import (
-    MOST_POINTS,
-    NOMINAL,
-    Figure,
-    axis,
-    evenly,
-    line,
-    plane,
-    thinned,
-)
+from ropefit.reporting.figures import axis, by_frame
 from ropefit.reporting.html import facts, paragraph, plot
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.equilibrium import metres_or_less
@@ -56,11 +47,12 @@ class SteppingSection(Section):
             else "–",
             "Bending length (EI/w)^⅓": metres_or_less(s.bending_length),
         }
-        shown = evenly(len(frames), MOST_POINTS)
-        figure = Figure(
+        figure = by_frame(
             "Newton iterations of every step",
-            [line(frames[shown], s.newton[shown], "iterations", NOMINAL)],
-            plane(axis("frame"), axis("Newton iterations", rangemode="tozero")),
-            "What each step took to be solved." + thinned(len(frames), MOST_POINTS),
+            frames,
+            s.newton,
+            "iterations",
+            axis("Newton iterations", rangemode="tozero"),
+            "What each step took to be solved.",
         )
         return paragraph(told) + facts(numbers) + plot(figure)
