@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 def concrete(base: type[T], group: str) -> list[type[T]]:
-    """Every class below `base` that can be made, those of installed packages included.
+    """Return every class below `base` that can be made, those of installed packages included.
 
     A class is known once its module is imported. Modules of other packages are imported when
     they declare an entry point in `group`. Raises StageFailed when one cannot be imported.

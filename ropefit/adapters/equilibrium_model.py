@@ -50,7 +50,7 @@ def fitted_model(
     out: np.ndarray,
     train: np.ndarray,
 ) -> FittedModel:
-    """A model artifact of least-squares fits.
+    """Return a model artifact of least-squares fits.
 
     parts: (frames' indices, fit) of each group; the rest as in `model_of`. Raises NotConverged.
     """
@@ -72,7 +72,7 @@ def fitted_model(
 
 
 def calibration_of(found: Fit) -> dict[str, Calibration]:
-    """The errors of the set-up that were fitted, by name."""
+    """Return the errors of the set-up that were fitted, by name."""
     out, place, sd = {}, 0, found.sd()
     for term in found.forward.terms:
         for k, axis in enumerate(term.names if term.nuisance else ()):
@@ -87,7 +87,7 @@ def calibration_of(found: Fit) -> dict[str, Calibration]:
 
 
 def calibration_name(term: Term, axis: str) -> str:
-    """The name under which one value of a calibration error is told."""
+    """Return the name under which one value of a calibration error is told."""
     return term.name if term.size == 1 else f"{term.name}_{axis}"
 
 
@@ -104,7 +104,8 @@ def model_of(
     train: np.ndarray,
     trace: np.ndarray,
 ) -> FittedModel:
-    """A model artifact: states of all frames as the sensor reports them, and how they were found.
+    """Return a model artifact: states of all frames as the sensor reports them, and how they were
+    found.
 
     node: the control point; started: where the fit set out; points: (frames' indices, states) of
     each group; out (F,) held out; train: indices of the frames of the fit; trace: the loss on its
@@ -176,14 +177,15 @@ def model_of(
 
 
 def _rms(data: Data, x: np.ndarray) -> np.ndarray:
-    """(F,) [m] distance of the data from the curve."""
+    """Return (F,) [m] distance of the data from the curve."""
     gap, mask = offsets(data, x)
     square = np.where(mask, (gap**2).sum(-1), 0.0).sum(1)
     return np.sqrt(square / np.maximum(mask.sum(1), 1))
 
 
 def _at_nodes(data: Data, x: np.ndarray, bins: int) -> np.ndarray:
-    """(F, bins + 1) [m] size of the mean offset near each node, NaN where nothing was seen."""
+    """Return (F, bins + 1) [m] size of the mean offset near each node, NaN where nothing was
+    seen."""
     s = match(data, x, bins)
     size = np.linalg.norm(s.residual, axis=1)
     node = np.rint(s.share * bins).astype(int)

@@ -13,7 +13,7 @@ from ropefit.models import rest_curve
 
 
 def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]:
-    """Another run's parameters in the units in which those of `o` are told.
+    """Return another run's parameters in the units in which those of `o` are told.
 
     Ratios to the weight are carried over where one of the two does not know its mass. The length is
     taken only where it was fitted there or is estimated here. Raises WrongUsage.
@@ -42,7 +42,7 @@ def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]
 
 
 def covariance_of(group: ParameterGroup, names: list[str]) -> np.ndarray:
-    """(n, n) covariance in SI of parameters that are no logarithms and have intervals."""
+    """Return (n, n) covariance in SI of parameters that are no logarithms and have intervals."""
     ends = np.array([group.parameters[name].ci95 for name in names])
     sd = 0.5 * (ends[:, 1] - ends[:, 0]) / INTERVAL
     place = [group.free_names.index(name) for name in names]

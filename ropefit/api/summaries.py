@@ -64,7 +64,7 @@ def identified(outcome: Outcome[Model]) -> dict[str, Any]:
 
 
 def _settled(m: FittedModel) -> dict[str, Any]:
-    """How the states were found, by kind of solver."""
+    """Return how the states were found, by kind of solver."""
     if m.iterated:
         return {
             "drift": float(np.median(m.iterated.drift)),

@@ -120,7 +120,7 @@ def _show_simulation(session: Session, s: Simulation) -> None:
 
 
 def _rows(d: Diagnosis) -> list[list[str]]:
-    """A row an effect: its name, its place, its size, its equivalents, its evidence."""
+    """Return a row an effect: its name, its place, its size, its equivalents, its evidence."""
     rows = []
     for c in d.causes.values():
         where = "-" if c.arc_length is None else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"

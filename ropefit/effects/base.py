@@ -184,12 +184,14 @@ class Effect(ABC):
 
     @property
     def tangent(self) -> bool:
-        """Whether the scan takes the derivative at zero, or the response to a finite size."""
+        """Return whether the scan takes the derivative at zero, or the response to a finite
+        size."""
         return self.linear
 
     @property
     def prior_decides(self) -> bool:
-        """Whether its prior is its test: held-out frames cannot tell it from the set-up's error."""
+        """Return whether its prior is its test: held-out frames cannot tell it from the set-up's
+        error."""
         return self.kind == "measurement" or self.calibrated
 
     def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray | None:
@@ -245,7 +247,7 @@ class Effect(ABC):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all values, in order."""
+        """Return the names of all values, in order."""
         return (*(q.name for q in self.quantities), *self.place_names)
 
 

@@ -13,7 +13,7 @@ from ropefit.runs.protocol import Context
 
 
 def held_node(o: Observations, control_at: float | None) -> int:
-    """The control point as a node: an end. Raises WrongUsage for a place inside."""
+    """Return the control point as a node: an end. Raises WrongUsage for a place inside."""
     node = node_at(o, control_at)
     if 0 < node < len(o.node_arc) - 1:
         raise WrongUsage(
@@ -24,7 +24,7 @@ def held_node(o: Observations, control_at: float | None) -> int:
 
 
 def given_values(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, float]:
-    """Where parameters start or stay, as told: another run's, then the user's. Raises
+    """Return where parameters start or stay, as told: another run's, then the user's. Raises
     WrongUsage."""
     if not settings.from_run:
         return settings.start
@@ -35,7 +35,7 @@ def given_values(o: Observations, settings: IdentifySettings, context: Context) 
 
 
 def free_names(settings: IdentifySettings, o: Observations) -> list[str]:
-    """The parameters that are fitted. Raises WrongUsage."""
+    """Return the parameters that are fitted. Raises WrongUsage."""
     free = settings.free
     if free is None and settings.from_run:
         return []

@@ -36,7 +36,7 @@ LOOK = 15  # evaluations of a first fit
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     if o.source != "markers":
         raise BadInput(
             "--solver dynamics needs markers: clouds show no motion along the rope; "
@@ -85,8 +85,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
 
 
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
-    """The motion of a recording as an identified rope makes it, of this recording or of another of
-    the same rope in the same grips: each clip open loop from its first two frames."""
+    """Return the motion of a recording as an identified rope makes it, of this recording or of
+    another of the same rope in the same grips: each clip open loop from its first two frames."""
     span = span_of(o)
     forward, u = model_of(o, model, span, long_clips(o))
     return span, forward.at(u)
@@ -111,7 +111,7 @@ def model_of(
 
 
 def long_clips(o: Observations) -> list[np.ndarray]:
-    """Indices of the frames of each clip. Raises BadInput."""
+    """Return indices of the frames of each clip. Raises BadInput."""
     clips = [c for c in clips_of(o.time) if len(c) >= SHORTEST]
     if not clips:
         raise BadInput(
@@ -124,8 +124,8 @@ def long_clips(o: Observations) -> list[np.ndarray]:
 def held_back(
     clips: list[np.ndarray], frames: int, share: float
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """The clips to fit, and which of all frames (F,) no fit sees: whole clips, or the last part of
-    a single one, which is then predicted on from where the fit stops."""
+    """Return the clips to fit, and which of all frames (F,) no fit sees: whole clips, or the last
+    part of a single one, which is then predicted on from where the fit stops."""
     out = np.zeros(frames, dtype=bool)
     if len(clips) == 1:
         keep = len(clips[0]) - int(share * len(clips[0]))
@@ -139,7 +139,7 @@ def held_back(
 
 
 def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> list[str]:
-    """The parameters that are fitted. Raises WrongUsage."""
+    """Return the parameters that are fitted. Raises WrongUsage."""
     if settings.free is not None:
         asked = rest_curve.spelled_out(settings.free)
         for name in asked:
@@ -153,7 +153,7 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
 
 
 def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
-    """The free parameters, then the errors of the grips."""
+    """Return the free parameters, then the errors of the grips."""
     return parameters.terms(setup, free) + grips(setup, priors_of(o).end_orientation)
 
 
@@ -162,7 +162,7 @@ def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndar
 
 
 def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:
-    """The data of some clips."""
+    """Return the data of some clips."""
     used = np.isin(np.arange(len(span.data.points)), np.concatenate(clips))
     return FitProblem(span.data, noise, 1).without(~used)
 

@@ -77,7 +77,7 @@ class IdentifySettings(StageSettings):
 
     @property
     def how(self) -> str:
-        """The search, chosen by the solver if not given."""
+        """Return the search, chosen by the solver if not given."""
         shapes = self.solver in ("equilibrium", "dynamics")
         return self.search or ("least-squares" if shapes else "gradient")
 

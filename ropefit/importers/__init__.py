@@ -22,12 +22,12 @@ __all__ = [
 
 
 def importers() -> dict[str, type[Importer]]:
-    """{format: class} of every importer, those of installed add-ons included."""
+    """Return {format: class} of every importer, those of installed add-ons included."""
     return {kind.format: kind for kind in concrete(Importer, "ropefit.importers")}
 
 
 def importer(name: str) -> type[Importer]:
-    """The importer of a format. Raises WrongUsage."""
+    """Return the importer of a format. Raises WrongUsage."""
     known = importers()
     if name not in known:
         raise WrongUsage(f"--from {name}: one of {', '.join(sorted(known))}")

@@ -46,16 +46,16 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """sd of the whitened residual per degree of freedom."""
+        """Return sd of the whitened residual per degree of freedom."""
         return float(np.sqrt((self.z @ self.z) / self.freedom))
 
     @property
     def quantile(self) -> float:
-        """Student's t for 95 %."""
+        """Return Student's t for 95 %."""
         return float(stats.t.ppf(0.975, self.freedom))
 
     def sd(self) -> np.ndarray:
-        """(P,) of the search variables; larger than their prior they never get."""
+        """Return (P,) of the search variables; larger than their prior they never get."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
 
 
@@ -170,7 +170,7 @@ def fit(
 def attempted(
     forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float
 ) -> Fit | None:
-    """The same; None where a rope so described does not settle, or its numbers run away."""
+    """Return the same; None where a rope so described does not settle, or its numbers run away."""
     try:
         return fit(forward, problem, start, evaluations, tolerance=tolerance)
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
@@ -180,12 +180,13 @@ def attempted(
 def sensitivity(
     dx: np.ndarray, now: Stations, stations: Stations, whitener: Whitener
 ) -> np.ndarray:
-    """(M D, P) whitened change of the model at the stations for changes dx (P, F, K, 3)."""
+    """Return (M D, P) whitened change of the model at the stations for changes dx (P, F, K, 3)."""
     return whitener(aligned(now, stations, now.project(dx)))
 
 
 def _fill(seen: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """Frames that did not settle are replaced by one that did: their data are blanked or marked."""
+    """Return frames that did not settle are replaced by one that did: their data are blanked or
+    marked."""
     if good.all():
         return seen
     out = seen.copy()

@@ -41,7 +41,7 @@ class Uncertainty:
 def sandwich(
     jacobian: np.ndarray, residual: np.ndarray, cluster: np.ndarray, floor: float, dead_below: float
 ) -> Uncertainty:
-    """Uncertainty of the minimiser of Σ|r_i|.
+    """Return uncertainty of the minimiser of Σ|r_i|.
 
     jacobian (M, D, n), residual (M, D), cluster (M,) labels, floor: noise scale in units of r. A
     parameter whose column has an rms under `dead_below` does nothing.

@@ -41,7 +41,7 @@ class Point:
         return self.solution.converged
 
     def respond(self, changes: list[Change]) -> np.ndarray:
-        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
+        """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
         if not changes:
             return np.zeros((0, *self.seen.shape))
         slopes = slopes_of(self.setup, changes, self.solution)
@@ -51,14 +51,14 @@ class Point:
 
 
 def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
-    """Of every change of a setup, with the rope in the states of a solution."""
+    """Return the slopes of every change of a setup, with the rope in the states of a solution."""
     x = torch.from_numpy(solution.x)
     still = [np.zeros(tuple(field.shape)) for field in setup.rod()]
     return [_slopes(setup, changed, x, still) for changed in changes]
 
 
 def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
-    """All changes at once, with a row for each frame if one of them needs it."""
+    """Return all changes at once, with a row for each frame if one of them needs it."""
     # Loads that differ from frame to frame: of inertia, and the forces of potentials.
     if any(s.force is not None or s.rod[LOAD].ndim == 3 for s in slopes):
         rods = rods.each(frames)
@@ -80,7 +80,7 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
 
 
 def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.ndarray:
-    """(P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
+    """Return (P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
     dx = np.moveaxis(dx, 1, 0) * (1 - float(seen.lag))
     for moved, s in zip(dx, slopes, strict=True):
         # The sensor's small errors move a change of the rope by a change of second order only.
@@ -101,7 +101,8 @@ class Slopes:
 
 
 def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> Slopes:
-    """still: the rod's fields' derivatives where nothing that it is built from changes."""
+    """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
+    is built from changes."""
     a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
     rod = still
     if not _equal(_built_from(a), _built_from(b)):
@@ -121,12 +122,12 @@ def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
 
 
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
-    """(F, K) [J] of each potential."""
+    """Return (F, K) [J] of each potential."""
     return [p.share * p.energy(x) for p in setup.potentials]
 
 
 def _built_from(setup: Setup) -> list[Tensor]:
-    """What a rod is built from."""
+    """Return what a rod is built from."""
     loads = (
         setup.gravity,
         setup.load,
@@ -144,7 +145,8 @@ def _equal(first: Iterable[Tensor], second: Iterable[Tensor]) -> bool:
 
 
 def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
-    """(F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes `now`."""
+    """Return (F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes
+    `now`."""
     if before is after or torch.equal(before.nan_to_num(), after.nan_to_num()):
         return np.zeros((*now.shape[:-1], 3))
     turns = (conjugate_product(now, clamp)[..., 1:] for clamp in (before, after))
@@ -152,5 +154,5 @@ def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
 
 
 def slope(before: Tensor, after: Tensor) -> np.ndarray:
-    """Central difference; zero where the values are not finite."""
+    """Return the central difference; zero where the values are not finite."""
     return np.nan_to_num(((after - before) / (2 * STEP)).numpy(), posinf=0.0, neginf=0.0)

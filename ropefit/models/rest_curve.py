@@ -21,26 +21,26 @@ ACROSS = ("", ", across the first")
 
 
 def spelled_out(names: list[str]) -> list[str]:
-    """The names, `SHORT` replaced by what it stands for."""
+    """Return the names, `SHORT` replaced by what it stands for."""
     return [full for name in names for full in (VARYING if name == SHORT else (name,))]
 
 
 def meaning(name: str) -> str:
-    """In words."""
+    """Return the meaning of a parameter in words."""
     uniform, _, place = name.partition("_at_")
     where = f" at {place} % of the length" if place else ""
     return f"rest curvature{where}{ACROSS[UNIFORM.index(uniform)]}"
 
 
 def bound(name: str, setup: Setup) -> float:
-    """[1/m] that no rope's rest curvature exceeds."""
+    """Return [1/m] that no rope's rest curvature exceeds."""
     most = UNIFORM_BOUND if name in UNIFORM else VARYING_BOUND
     return most / float(setup.properties.length.sum())
 
 
 def apply(name: str) -> Apply:
-    """Adds a curvature [1/m]: everywhere, or at one of `QUARTERS` and less and less up to the
-    next."""
+    """Return adds a curvature [1/m]: everywhere, or at one of `QUARTERS` and less and less up to
+    the next."""
     uniform, _, place = name.partition("_at_")
     about = torch.zeros(3, dtype=torch.float64)
     about[UNIFORM.index(uniform)] = 1.0

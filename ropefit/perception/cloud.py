@@ -26,7 +26,7 @@ BRANCH = 0.1  # share of the points, and of the way from end to end, that may be
 
 
 def remove_outliers(points: np.ndarray) -> np.ndarray:
-    """(M, 3) [m] distinct points with neighbours about as near as usual (open3d, by radius).
+    """Return (M, 3) [m] distinct points with neighbours about as near as usual (open3d, by radius).
 
     A point at the tip of the rope has its neighbours on one side only, half as many: it stays.
     """
@@ -95,7 +95,7 @@ def trace_cloud(
 
 
 def _geodesic(points: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(N,) distance along the cloud from end 0, by shortest paths over near neighbours.
+    """Return (N,) distance along the cloud from end 0, by shortest paths over near neighbours.
 
     Separate pieces (occlusion) are joined by the shortest links between them. Raises FrameRejected
     where that makes no line.
@@ -126,7 +126,8 @@ def _geodesic(points: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.nda
 def _smooth_line(
     points: np.ndarray, along: np.ndarray, ends: np.ndarray, known: np.ndarray, bins: int
 ) -> np.ndarray:
-    """(M, 3) centreline: means over stretches of geodesic distance, smoothed, ends put back."""
+    """Return (M, 3) centreline: means over stretches of geodesic distance, smoothed, ends put
+    back."""
     finite = np.isfinite(along)
     points, along = points[finite], along[finite]
     edges = np.linspace(along.min(), along.max() + 1e-9, bins + 1)
@@ -150,7 +151,8 @@ def _smooth_line(
 
 
 def _extended(means: np.ndarray, centre: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(M, 3) the polyline (B, 3) over centre (B,) at places (M,), straight on beyond its ends."""
+    """Return (M, 3) the polyline (B, 3) over centre (B,) at places (M,), straight on beyond its
+    ends."""
     line = resample(means, centre, at)
     span = min(3, len(means) - 1)  # one step is too short to give a direction
     if span > 0:
@@ -161,7 +163,7 @@ def _extended(means: np.ndarray, centre: np.ndarray, at: np.ndarray) -> np.ndarr
 
 
 def _smooth(line: np.ndarray) -> np.ndarray:
-    """Gaussian over neighbouring vertices (M, 3), applied to what it took away once more.
+    """Return Gaussian over neighbouring vertices (M, 3), applied to what it took away once more.
 
     A Gaussian alone moves a bend inwards by half its variance times the curvature (3 mm for a
     radius of 5 cm); the second pass gives that back. The ends are padded by reflection.
@@ -192,7 +194,8 @@ def without_overshoot(line: np.ndarray, size: int = 3) -> np.ndarray:
 def _surface_to_axis(
     points: np.ndarray, line: np.ndarray, radius: float, viewpoint: np.ndarray
 ) -> np.ndarray:
-    """(N, 3) [m] moves from the visible surface to the axis: away from the eye, across the rope.
+    """Return (N, 3) [m] moves from the visible surface to the axis: away from the eye, across the
+    rope.
 
     A point to the side of the line stands less far before the axis than one in its middle.
     """
@@ -209,7 +212,7 @@ def _surface_to_axis(
 
 
 def scatter(points: np.ndarray, line: np.ndarray) -> float:
-    """Robust sd [m] of the points (N, 3) about the centreline, per component across it."""
+    """Return robust sd [m] of the points (N, 3) about the centreline, per component across it."""
     _, offset = project_to_polyline(points, line)
     distance = np.linalg.norm(offset, axis=1)
     # |two Gaussian components| has median 1.1774 sd.

@@ -57,7 +57,7 @@ class Segmentation:
 
     @property
     def confidence(self) -> float:
-        """0..1: the score, less where another candidate was nearly as good."""
+        """Return 0..1: the score, less where another candidate was nearly as good."""
         second = max((score for _, score in self.runners_up), default=0.0)
         return float(self.score / (self.score + SURE) * (self.score / (self.score + second + 1e-9)))
 
@@ -168,7 +168,7 @@ def _enlarged(found: Segmentation, color: np.ndarray, by: int) -> Segmentation:
 
 
 def region(shape: tuple[int, ...], roi: tuple[int, int, int, int] | None) -> np.ndarray:
-    """(H, W) bool: the part of the picture that may hold the rope."""
+    """Return (H, W) bool: the part of the picture that may hold the rope."""
     allowed = np.ones(shape[:2], dtype=bool)
     if roi is not None:
         u, v, width, height = roi
@@ -218,7 +218,7 @@ def candidate_of(
 
 
 def without_specks(mask: np.ndarray) -> np.ndarray:
-    """(H, W) bool: components that are not tiny against the largest ones."""
+    """Return (H, W) bool: components that are not tiny against the largest ones."""
     count, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     if count < 2:
         return mask > 0
@@ -229,8 +229,8 @@ def without_specks(mask: np.ndarray) -> np.ndarray:
 
 
 def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bool) -> Segmentation:
-    """The candidate's path at even distances, to the rope's ends; where its mask shows little of
-    it (or `by_picture`) corrected by the picture."""
+    """Return the candidate's path at even distances, to the rope's ends; where its mask shows
+    little of it (or `by_picture`) corrected by the picture."""
     path, width, mask = item.path, item.strands.width, item.mask
     points = even(path.points, 1.0)
     arc = polyline_arc(path.points)
@@ -267,7 +267,7 @@ def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bo
 def _stroke(
     points: np.ndarray, seen: np.ndarray, width: float, shape: tuple[int, ...]
 ) -> np.ndarray:
-    """(H, W) bool: a band as wide as the rope along the seen stretches of a path."""
+    """Return (H, W) bool: a band as wide as the rope along the seen stretches of a path."""
     out = np.zeros(shape, np.uint8)
     fixed = np.round(points * 16).astype(np.int32)
     for part in np.split(np.arange(len(points)), np.flatnonzero(np.diff(seen.astype(int))) + 1):
@@ -277,8 +277,8 @@ def _stroke(
 
 
 def _to_the_tip(points: np.ndarray, radius: np.ndarray, width: float) -> np.ndarray:
-    """A skeleton stops half a width and more before the tip: on, straight, while the mask is as
-    wide as the rope. radius (H, W) [px]: distance to the mask's edge."""
+    """Return a skeleton stops half a width and more before the tip: on, straight, while the mask is
+    as wide as the rope. radius (H, W) [px]: distance to the mask's edge."""
     back = points[-1 - min(int(2 * width), len(points) - 1)]
     ahead = (points[-1] - back) / max(float(np.linalg.norm(points[-1] - back)), 1e-9)
     more = points[-1] + np.arange(1, int(3 * width) + 1)[:, None] * ahead
@@ -292,7 +292,7 @@ def _to_the_tip(points: np.ndarray, radius: np.ndarray, width: float) -> np.ndar
 
 
 def _same(points: np.ndarray, best: Segmentation) -> bool:
-    """Whether a path runs along the chosen one."""
+    """Return whether a path runs along the chosen one."""
     some = points[:: max(len(points) // 50, 1)]
     gap = np.linalg.norm(some[:, None] - best.path[None, :: max(len(best.path) // 300, 1)], axis=2)
     return bool(np.median(gap.min(axis=1)) < 2 * best.width + 5)

@@ -21,12 +21,12 @@ AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
 
 
 def answer(run: RunContents) -> list[str]:
-    """The headline and what stands under it."""
+    """Return the headline and what stands under it."""
     return [headline(run), *under_it(run)]
 
 
 def headline(run: RunContents) -> str:
-    """The one line that is the answer."""
+    """Return the one line that is the answer."""
     f, d = run.fitted, run.diagnosis
     if f is None:
         return "No simulation has been fitted to this recording yet: run ropefit identify."
@@ -54,7 +54,7 @@ def headline(run: RunContents) -> str:
 
 
 def under_it(run: RunContents) -> list[str]:
-    """What rope this is, and what else must be known at once."""
+    """Return what rope this is, and what else must be known at once."""
     o, f, d = run.observations, run.fitted, run.diagnosis
     told = [_ties(c) for c in d.causes.values() if c.equivalent_to] if d is not None else []
     told.append(_rope(o, f, d))
@@ -68,7 +68,7 @@ def under_it(run: RunContents) -> list[str]:
 
 
 def rms(values: np.ndarray) -> float:
-    """Root mean square of the rms of frames."""
+    """Return root mean square of the rms of frames."""
     return float(np.sqrt(np.mean(values**2)))
 
 
@@ -90,7 +90,8 @@ def _rope(o: Observations, f: FittedModel | None, d: Diagnosis | None) -> str:
 
 
 def _stiffness(f: FittedModel | None, length: float, along: dict[str, Size]) -> str:
-    """What was identified, as the end of a sentence. along: as fitted with what was missing."""
+    """Return what was identified, as the end of a sentence. along: as fitted with what was
+    missing."""
     if f is None:
         return ""
     whole = f.balance or f.stepped
@@ -114,14 +115,15 @@ def _stiffness(f: FittedModel | None, length: float, along: dict[str, Size]) -> 
 
 
 def _with(p: Parameter, size: Size | None) -> Parameter:
-    """A parameter as it was fitted along with what was missing."""
+    """Return a parameter as it was fitted along with what was missing."""
     if size is None or not p.free:
         return p
     return p.model_copy(update={"value": size.value, "ci95": size.ci95, "unit": size.unit})
 
 
 def _droop(bending_length: float, length: float) -> str:
-    """Stiffness as a hand would feel it: a cantilever of length l droops by l⁴ w / (8 EI)."""
+    """Return the stiffness as a hand would feel it: a cantilever of length l droops by l⁴ w / (8
+    EI)."""
     tenth = (8 * TENTH) ** (1 / 3) * bending_length
     if tenth <= length:
         piece = millimetres(tenth, 3)
@@ -162,7 +164,7 @@ def _fit(o: Observations, f: FittedModel) -> str:
 
 
 def _unfinished(o: Observations, f: FittedModel) -> str:
-    """What must be said at once of a computation that did not arrive."""
+    """Return what must be said at once of a computation that did not arrive."""
     told = []
     if f.iterated and not f.solver_converged:
         moved = millimetres(float(np.median(f.iterated.drift)) * o.length)
@@ -179,7 +181,7 @@ def _unfinished(o: Observations, f: FittedModel) -> str:
 
 
 def _where(d: Diagnosis) -> str:
-    """The largest mismatch, as the end of a phrase."""
+    """Return the largest mismatch, as the end of a phrase."""
     if not d.mismatch:
         return ""
     r = d.mismatch[0]
@@ -194,7 +196,7 @@ def _ties(c: Cause) -> str:
 
 
 def _would_have_seen(d: Diagnosis) -> str:
-    """The smallest weight on the rope that would not have been missed, as an example."""
+    """Return the smallest weight on the rope that would not have been missed, as an example."""
     weight = d.detectable.get("point_mass")
     if weight is None or weight.unit != "kg":
         return ""

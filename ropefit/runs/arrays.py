@@ -13,8 +13,8 @@ R = TypeVar("R")
 
 
 def as_arrays(record: Any, prefix: str) -> Arrays:
-    """The fields of a dataclass or named tuple, but those that are None; the prefix ends in a
-    dot."""
+    """Return the fields of a dataclass or named tuple, but those that are None; the prefix ends in
+    a dot."""
     found = {name: getattr(record, name) for name in record.__annotations__}
     return {
         f"{prefix}{name}": v.detach().numpy() if isinstance(v, torch.Tensor) else np.asarray(v)
@@ -24,7 +24,7 @@ def as_arrays(record: Any, prefix: str) -> Arrays:
 
 
 def from_arrays(kind: type[R], prefix: str, arrays: Arrays) -> R:
-    """The record again; fields are tensors, arrays or numbers as they are annotated."""
+    """Return the record again; fields are tensors, arrays or numbers as they are annotated."""
     fields: dict[str, Any] = {}
     for name, annotation in kind.__annotations__.items():
         value = arrays.get(f"{prefix}{name}")
@@ -38,6 +38,6 @@ def from_arrays(kind: type[R], prefix: str, arrays: Arrays) -> R:
 
 
 def within(prefix: str, arrays: Arrays) -> Arrays:
-    """Those whose names begin with the prefix, without it."""
+    """Return those whose names begin with the prefix, without it."""
     size = len(prefix)
     return {name[size:]: value for name, value in arrays.items() if name.startswith(prefix)}

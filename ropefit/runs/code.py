@@ -70,7 +70,7 @@ def imported(text: bytes) -> set[str]:
 
 
 def _files(package: Path) -> dict[str, Path]:
-    """The modules of a package but its own `__init__`."""
+    """Return the modules of a package but its own `__init__`."""
     files = {}
     for folder, _, names in os.walk(package):
         parts = Path(folder).relative_to(package.parent).parts
@@ -83,7 +83,7 @@ def _files(package: Path) -> dict[str, Path]:
 
 
 def _read(path: Path) -> tuple[str, frozenset[str]]:
-    """The hash of a file and what it imports; read again where the file has changed."""
+    """Return the hash of a file and what it imports; read again where the file has changed."""
     state = path.stat()
     return _read_at(path, state.st_mtime_ns, state.st_size)
 

@@ -58,7 +58,7 @@ class Stage(Generic[S]):
 
     @property
     def module(self) -> str:
-        """The stage's own module, on whose code and imports the output depends."""
+        """Return the stage's own module, on whose code and imports the output depends."""
         return f"ropefit.stages.{self.name}"
 
 

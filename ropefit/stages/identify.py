@@ -12,7 +12,7 @@ from ropefit.runs.protocol import Context
 
 
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     observations: Observations = inputs[Observations.file_name]
     check_loss(observations, settings.loss)
     if settings.solver == "dynamics":

@@ -48,7 +48,7 @@ def _read_spec(path: Path) -> SimulationSpec:
 
 
 def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Ends]:
-    """(F, K, 3) [m] centrelines and the exact end poses. `path` is named in failures."""
+    """Return (F, K, 3) [m] centrelines and the exact end poses. `path` is named in failures."""
     frames = spec.motion.frames
     position = np.full((frames, 2, 3), np.nan)
     orientation = np.full((frames, 2, 4), np.nan)

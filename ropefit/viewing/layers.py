@@ -27,7 +27,8 @@ class Layer:
 
 
 def frames(run: RunContents) -> Iterator[tuple[int, float, list[Layer]]]:
-    """(frame number, time [s], layers) of every frame; a layer without points is there, empty."""
+    """Return (frame number, time [s], layers) of every frame; a layer without points is there,
+    empty."""
     o, f, d = run.observations, run.fitted, run.diagnosis
     thick = 0.5 * (o.diameter or 0.004)
     dot = 0.3 * thick

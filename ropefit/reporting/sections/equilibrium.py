@@ -48,7 +48,7 @@ class EquilibriumSection(Section):
 
 
 def metres_or_less(value: float) -> str:
-    """A length that was found, to three digits."""
+    """Return a length that was found, to three digits."""
     return metres(float(f"{value:.3g}"))
 
 
@@ -101,7 +101,7 @@ def _effort(b: Balance, frames: np.ndarray) -> Figure:
 
 
 def mass_note(b: Balance | Stepped) -> str:
-    """What shapes alone can tell."""
+    """Return what shapes alone can tell."""
     return (
         "The rope’s mass is not known: shapes alone fix only ratios to its weight, so rigidities "
         "are given over the weight per length w (EI/w in m³). The bending length (EI/w)^⅓ is "

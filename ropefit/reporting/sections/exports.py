@@ -50,12 +50,12 @@ class ExportsSection(Section):
 
 
 def settled(check: Check) -> np.ndarray:
-    """(pose,) whether the simulator brought the rope to rest."""
+    """Return (pose,) whether the simulator brought the rope to rest."""
     return np.array([not failure for failure in check.failures])
 
 
 def told(target: str, export: Export, length: float) -> str:
-    """How far off the exported rope comes to rest, in one or two sentences."""
+    """Return how far off the exported rope comes to rest, in one or two sentences."""
     check = export.check
     if check is None:
         kind = exporters().get(target)
@@ -94,7 +94,7 @@ def told(target: str, export: Export, length: float) -> str:
 
 
 def _reason(export: Export, off: np.ndarray) -> str:
-    """Why more than 1 % is to be expected, as far as that is known."""
+    """Return why more than 1 % is to be expected, as far as that is known."""
     far = off > MOST
     twice = far & np.isfinite(export.other)
     reasons = []

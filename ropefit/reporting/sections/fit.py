@@ -75,12 +75,12 @@ def _facts(group: ParameterGroup) -> dict[str, object]:
 
 
 def heldout_bands(frames: np.ndarray, heldout: np.ndarray) -> list[tuple[float, float]]:
-    """Stretches of the frame axis that were held out."""
+    """Return stretches of the frame axis that were held out."""
     return [(float(frames[a]) - 0.5, float(frames[b]) + 0.5) for a, b in blocks(heldout)]
 
 
 def _by_frame(run: RunContents, f: FittedModel) -> Figure:
-    """Distance of the points from the models; with a cause, of the means along the rope."""
+    """Return distance of the points from the models; with a cause, of the means along the rope."""
     o, d = run.observations, run.diagnosis
     held = bands(heldout_bands(o.frames, f.heldout))
     told = f"Shaded: {plural(int(f.heldout.sum()), 'frame')} held out of the fit." if held else ""
@@ -144,7 +144,7 @@ def _loss(f: FittedModel) -> Figure:
 
 
 def _calibration(b: Balance | Stepped, many: bool) -> Markup:
-    """The errors of the set-up that were fitted along with the rope."""
+    """Return the errors of the set-up that were fitted along with the rope."""
     rows = []
     for name, item in b.calibration.items():
         factor, unit = READABLE.get(item.unit, (1.0, unit_text(item.unit)))

@@ -87,5 +87,5 @@ def _figure(run: RunContents, d: Diagnosis, x: np.ndarray) -> Figure:
 
 
 def _ways(x: np.ndarray) -> np.ndarray:
-    """(P, 3) the ways that both ends go."""
+    """Return (P, 3) the ways that both ends go."""
     return np.concatenate([x[:, 0], np.full((1, 3), np.nan), x[:, -1]])

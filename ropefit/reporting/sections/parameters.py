@@ -59,7 +59,7 @@ def _caveat(f: FittedModel) -> Markup:
 
 
 def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[str]]:
-    """The rows, and the verdicts in them."""
+    """Return the rows, and the verdicts in them."""
     rows, used = [], set()
     for count, group in enumerate(f.groups.values(), start=1):
         label = f", group {count}" if len(f.groups) > 1 else ""
@@ -78,7 +78,7 @@ def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[
 
 
 def _told(sizes: dict[str, Size]) -> dict[str, Size]:
-    """Sizes without the components of a vector, and without what another is derived from."""
+    """Return sizes without the components of a vector, and without what another is derived from."""
 
     def part(name: str) -> bool:
         return any(name.startswith(f"{o}_") or name.endswith(f"_{o}") for o in sizes)
@@ -115,7 +115,7 @@ def _value(value: float, ci95: tuple[float, float] | None, unit: str) -> Markup:
 
 
 def _bars(nominal: Parameter | None, along: Size | None) -> Markup:
-    """Both intervals on one scale, drawn."""
+    """Return both intervals on one scale, drawn."""
     both = [(nominal, NOMINAL), (along, WITH_CAUSE)]
     drawn = [(s.value, s.ci95, colour) for s, colour in both if s is not None and s.ci95]
     if not drawn:

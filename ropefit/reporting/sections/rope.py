@@ -53,7 +53,7 @@ class RopeSection(Section):
 
 
 def smooth(arc: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(N, P, 3) a smooth curve through nodes x (N, K, 3) at arc (K,)."""
+    """Return (N, P, 3) a smooth curve through nodes x (N, K, 3) at arc (K,)."""
     from scipy.interpolate import CubicSpline
 
     spline: Any = CubicSpline(arc, x, axis=1)
@@ -61,7 +61,7 @@ def smooth(arc: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def finer(arc: np.ndarray) -> np.ndarray:
-    """(P,) the arc lengths at which a smooth rope is drawn."""
+    """Return (P,) the arc lengths at which a smooth rope is drawn."""
     return np.linspace(arc[0], arc[-1], SMOOTH * (len(arc) - 1) + 1)
 
 
@@ -72,7 +72,7 @@ def _label(run: RunContents, t: int) -> str:
 
 
 def _dots(start: np.ndarray, t: int) -> np.ndarray:
-    """Rows of frame t, at most MOST_DOTS."""
+    """Return rows of frame t, at most MOST_DOTS."""
     count = int(start[t + 1] - start[t])
     return start[t] + evenly(count, MOST_DOTS) if count else np.empty(0, dtype=int)
 
@@ -120,13 +120,13 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
 
 
 def _factor(gap: np.ndarray, length: float) -> int:
-    """How many times the models' difference is drawn to be seen."""
+    """Return how many times the models' difference is drawn to be seen."""
     largest = float(np.linalg.norm(gap, axis=-1).max())
     return next((k for k in FACTORS if k * largest >= VISIBLE * length), FACTORS[-1])
 
 
 def _told(c: Compared, d: Diagnosis | None, o: Observations) -> str:
-    """What the picture shows, as far as that is not plain."""
+    """Return what the picture shows, as far as that is not plain."""
     told = f"Frame {o.frames[c.at[c.worst]]} is where the nominal model is farthest off. "
     if d is None:
         return told

@@ -69,7 +69,7 @@ def _honest(d: Diagnosis) -> str:
 
 
 def _blocks(d: Diagnosis) -> Figure:
-    """What each cause gains in every held-out block."""
+    """Return what each cause gains in every held-out block."""
     several = len(d.causes) > 1
     traces = [
         {
@@ -91,8 +91,8 @@ def _blocks(d: Diagnosis) -> Figure:
 
 
 def _pit(d: Diagnosis) -> Figure:
-    """The distribution function of the held-out data's places in their predictive distributions,
-    less the uniform one (Säilynoja et al. 2022)."""
+    """Return the distribution function of the held-out data's places in their predictive
+    distributions, less the uniform one (Säilynoja et al. 2022)."""
     assert d.pit is not None
     count = len(d.pit)
     at = np.linspace(0, 1, DRAWN + 1)
