@@ -84,4 +84,4 @@ def stretch_note(rope: RopeDescription, lost: list[str]) -> None:
             f"{rope.EA.min():.4g} N lets its own weight stretch it by {strain:.2%} at most)"
         )
     if np.isfinite(rope.GA).any():
-        lost.append("transverse shear is not expressed (GA is left out)")
+        lost.append("transverse shear is not expressed (GA is ignored)")

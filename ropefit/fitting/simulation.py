@@ -92,7 +92,7 @@ def _share(progress: Progress, begin: float, what: str) -> Callable[[float, str]
 
 def as_markers(o: Observations, x: np.ndarray) -> Observations:
     """Return a recording's frames as a simulation x (F, K, 3) [m] shows them: markers at its nodes,
-    those at the ends left out."""
+    without those at the ends."""
     frames, nodes = x.shape[:2]
     inner = x[:, 1:-1]
     start = np.arange(frames + 1) * (nodes - 2)

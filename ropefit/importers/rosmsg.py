@@ -90,7 +90,7 @@ def depth(message: Any) -> tuple[np.ndarray, float]:
 
 
 def _pixels(message: Any, kind: str, channels: int) -> np.ndarray:
-    """Return (H, W, channels) of an Image, the padding at the end of rows left out."""
+    """Return (H, W, channels) of an Image, without the padding at the end of rows."""
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = np.asarray(message.data, dtype=np.uint8)
     wide = width * channels * np.dtype(kind).itemsize

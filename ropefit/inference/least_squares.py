@@ -133,8 +133,8 @@ def fit(
     def minimum() -> tuple[Arrays, Point]:
         if not u.size:  # nothing is free; not every scipy takes that
             rows = residual(u)
-            told = np.array([0.5 * float(rows @ rows), 1, 1])
-            return {"u": u, "told": told, "trace": np.array(trace)}, evaluate(u)[0]
+            summary = np.array([0.5 * float(rows @ rows), 1, 1])
+            return {"u": u, "told": summary, "trace": np.array(trace)}, evaluate(u)[0]
         with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
             result = optimize.least_squares(
                 residual,
@@ -147,8 +147,8 @@ def fit(
                 xtol=1e-9,
                 gtol=1e-10,
             )
-        told = np.array([result.cost, result.status, result.nfev])
-        found = {"u": result.x, "told": told, "trace": np.array(trace)}
+        summary = np.array([result.cost, result.status, result.nfev])
+        found = {"u": result.x, "told": summary, "trace": np.array(trace)}
         return found, evaluate(result.x)[0]
 
     best = known.result(minimum)

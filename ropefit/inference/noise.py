@@ -137,14 +137,14 @@ def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noi
 
     both = np.column_stack([design, flat])
     white = np.empty_like(both)
-    told: dict[tuple[float, ...], float] = {}
+    computed: dict[tuple[float, ...], float] = {}
 
     def worth(noise: Noise) -> float:
         kinds = (noise.correlated, *(noise.ends.sd if noise.ends else ()))
         key = (noise.length, *kinds)
-        if key not in told:
-            told[key] = against(noise, kinds)
-        return told[key]
+        if key not in computed:
+            computed[key] = against(noise, kinds)
+        return computed[key]
 
     def against(noise: Noise, kinds: tuple[float, ...]) -> float:
         total = COST * sum(kind > 0 for kind in kinds)

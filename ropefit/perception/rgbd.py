@@ -271,7 +271,7 @@ def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
 
 def _untangle(line: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Return those of the indices (N,) of a line (P, 3) that advance: steps back along it (noise in
-    depth) are left out."""
+    depth) are ignored."""
     direction = np.gradient(gaussian_filter1d(line, 8, axis=0, mode="nearest"), axis=0)
     keep = [int(index[0])]
     for i in index[1:].tolist():

@@ -31,7 +31,7 @@ LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
 FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
-RIVAL = 0.5  # of the length, of the score: another rope
+COMPARABLE = 0.5  # of the length, of the score: another rope
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
 
@@ -108,10 +108,10 @@ def segment_rope(
     allowed = region(color.shape[:2], looked.roi)
     if looked.mask is not None and not (looked.mask & allowed).any():
         raise FrameRejected("the mask is empty")
-    told = looked.mask is not None or looked.color is not None
+    specified = looked.mask is not None or looked.color is not None
     lab = lab_of(color)
     found: list[Candidate] = []
-    if looked.looks is not None and not told:
+    if looked.looks is not None and not specified:
         near = None if depth is None else nearness(depth)
         quick = candidate_of(
             FAMILIAR_CUE, looked.looks.mask(color, near) & allowed, lab, ends, depth
@@ -129,10 +129,10 @@ def segment_rope(
     # A mask may show little of a rope that the picture shows more of: that is asked of the best.
     found.sort(key=lambda item: -item.score * float(np.sqrt(item.path.seen.mean())))
     chosen = [
-        _finished(item, lab, ends, depth is None) for item in found[: 1 if told else FINALISTS]
+        _finished(item, lab, ends, depth is None) for item in found[: 1 if specified else FINALISTS]
     ]
     best = max(chosen, key=lambda item: item.score)
-    if best.score < DOUBTFUL and not told:
+    if best.score < DOUBTFUL and not specified:
         raise FrameRejected(
             "nothing in the image is long and thin enough to be the rope; give --color, --roi or "
             "--mask"
@@ -141,8 +141,9 @@ def segment_rope(
         [(item.cue, item.score) for item in found if not _same(item.path.points, best)],
         key=lambda item: -item[1],
     )
-    rivals = not np.isfinite(ends).all() and any(score > RIVAL * best.score for _, score in others)
-    return replace(best, runners_up=others[:5], several=best.several or (rivals and not told))
+    least = COMPARABLE * best.score
+    several = not np.isfinite(ends).all() and any(score > least for _, score in others)
+    return replace(best, runners_up=others[:5], several=best.several or (several and not specified))
 
 
 def _shrunk(
@@ -211,7 +212,7 @@ def candidate_of(
     if not paths or paths[0].length < LEAST_PATH:
         return None
     score = ropiness(mask, strands, paths[0], lab, ends)
-    least = max(RIVAL * paths[0].length, ROPE_ASPECT * strands.width)
+    least = max(COMPARABLE * paths[0].length, ROPE_ASPECT * strands.width)
     long = any(path.length * path.seen.mean() > least for path in paths[1:])
     others = long and not np.isfinite(ends).all()
     return Candidate(cue, mask, strands, paths[0], score, others)

@@ -33,7 +33,7 @@ def find_strands(mask: np.ndarray, width: float | None = None) -> Strands | None
     """Return strands of a mask (H, W) bool, or None where there is nothing thin to follow.
 
     Where the skeleton branches (a crossing, a spur, a thing that touches) it is cut; what is much
-    wider than the rope is left out. The rope's width [px] is the one that most of the thin
+    wider than the rope is ignored. The rope's width [px] is the one that most of the thin
     skeleton has, or given.
     """
     box = _box(mask)

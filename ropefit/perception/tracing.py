@@ -148,8 +148,8 @@ class Tracer:
         has said where the rope is.
         """
         frames = self.recording.frames
-        told = self.masks is not None or self.looked.color is not None
-        if self.recording.source.table != "rgbd" or told or len(frames) <= LEARN_FROM:
+        given = self.masks is not None or self.looked.color is not None
+        if self.recording.source.table != "rgbd" or given or len(frames) <= LEARN_FROM:
             return
         found = []
         for frame in np.array(frames)[np.linspace(0, len(frames) - 1, LEARN_FROM).astype(int)]:
@@ -230,9 +230,9 @@ class Tracer:
         self.warnings += checks.cut_corners(positions, ends, self.length)
 
     def _measure_noise(self, positions: np.ndarray) -> None:
-        told = self.recording.manifest.priors.marker_noise
-        if told is not None:
-            self.noise, self.noise_source = told, "[priors] marker_noise"
+        given = self.recording.manifest.priors.marker_noise
+        if given is not None:
+            self.noise, self.noise_source = given, "[priors] marker_noise"
             return
         time = np.array([self.recording.source.time[frame] for frame in self.recording.frames])
         self.noise, self.noise_source, self.noise_known = marker_noise(positions, time, self.arc)

@@ -38,7 +38,7 @@ Named = tuple[str, RunContents]
 def render_comparison(runs: Sequence[Named]) -> str:
     """Return one page on runs (name, contents); the first is what the others are compared with."""
     parts = [
-        Part("Comparison", _told(runs) + _overview(runs)),
+        Part("Comparison", _text(runs) + _overview(runs)),
         Part("Parameters", _parameters(runs)),
         Part("How well they fit", _fits(runs)),
         Part("Each by itself", _answers(runs)),
@@ -46,7 +46,7 @@ def render_comparison(runs: Sequence[Named]) -> str:
     return render_page(f"{len(runs)} runs compared", parts)
 
 
-def _told(runs: Sequence[Named]) -> Markup:
+def _text(runs: Sequence[Named]) -> Markup:
     """Return what agrees and what does not, in sentences."""
     sentences: list[object] = []
     for key, values in _values(runs).items():

@@ -32,11 +32,11 @@ def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
     from numba.core import event
 
     class Telling(event.Listener):
-        told = False
+        announced = False
 
         def on_start(self, event: Any) -> None:
-            if not self.told:
-                self.told = True
+            if not self.announced:
+                self.announced = True
                 if _first(event.data["dispatcher"]):
                     say(COMPILING)
 

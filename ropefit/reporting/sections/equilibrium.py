@@ -54,18 +54,18 @@ def metres_or_less(value: float) -> str:
 
 def _verdict(b: Balance, frames: np.ndarray) -> str:
     if b.converged.all():
-        told = "Every frame is in a stable equilibrium: the shape does not depend on iterations."
+        text = "Every frame is in a stable equilibrium: the shape does not depend on iterations."
     else:
         lost = ~b.converged
-        told = (
+        text = (
             f"{plural(int(lost.sum()), 'frame')} of {len(frames)} reached no equilibrium "
             f"({ranges(frames[lost])}): the rope shown there is where it set out, and says nothing."
         )
     twice = np.isfinite(b.other)
     if not twice.any():
-        return told + " No frame was found to have a second one."
+        return text + " No frame was found to have a second one."
     return (
-        f"{told} In {plural(int(twice.sum()), 'frame')} ({ranges(frames[twice])}) a second stable "
+        f"{text} In {plural(int(twice.sum()), 'frame')} ({ranges(frames[twice])}) a second stable "
         f"equilibrium exists under the same conditions, up to {millimetres(np.nanmax(b.other))} "
         "away: a real rope may jump there."
     )

@@ -30,7 +30,7 @@ class ExportsSection(Section):
         assert run.exports is not None
         made, length = run.exports.exports, run.exports.length
         body = bullets(
-            f"{target}: {told(target, export, length)}" for target, export in made.items()
+            f"{target}: {summary(target, export, length)}" for target, export in made.items()
         )
         head = ["target", "file", "at rest in", "poses", "largest deviation", "went along"]
         body += table(head, [_row(target, export, length) for target, export in made.items()])
@@ -54,7 +54,7 @@ def settled(check: Check) -> np.ndarray:
     return np.array([not failure for failure in check.failures])
 
 
-def told(target: str, export: Export, length: float) -> str:
+def summary(target: str, export: Export, length: float) -> str:
     """Return how far off the exported rope comes to rest, in one or two sentences."""
     check = export.check
     if check is None:

@@ -36,20 +36,20 @@ class NextMotionSection(Section):
         if not d.motion:
             equal = any(c.equivalent_to for c in d.causes.values())
             return paragraph(UNTOLD if equal else _nothing(d))
-        told = paragraph(
+        text = paragraph(
             Markup("To tell {} apart, {}.").format(
                 listed(name.replace("_", " ") for name in d.separates), d.motion
             )
         )
         if d.motion_x is None:
-            return told
+            return text
         apart = float(np.sqrt(((d.motion_x[0] - d.motion_x[1]) ** 2).sum(-1).mean()))
         if apart < SEEN * d.noise_white:
-            told = paragraph(
+            text = paragraph(
                 f"{UNTOLD} The best motion would make them differ by {millimetres(apart)}, where "
                 f"noise is {millimetres(d.noise_white)}."
             )
-        return told + plot(_figure(run, d, d.motion_x))
+        return text + plot(_figure(run, d, d.motion_x))
 
 
 def _nothing(d: Diagnosis) -> str:

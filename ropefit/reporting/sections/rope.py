@@ -83,7 +83,7 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
     size = 9.0 if len(o.points) < FEW * len(o.frames) else 4.0
     traces, frames = [dots("recorded", RECORDED, size)], [recorded]
     everything = [o.points, o.end_position[shown].reshape(-1, 3)]
-    enlarged, told = None, "Drag to turn it, double-click to turn it back."
+    enlarged, words = None, "Drag to turn it, double-click to turn it back."
     if c is not None:
         arc = o.node_arc
         ropes = [smooth(arc, x[c.shown]) for x in (c.nominal, c.with_cause) if x is not None]
@@ -102,7 +102,7 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
                 traces.append(trace)
                 frames.append(steps)
                 everything += steps
-        told = _told(c, d, o) + told
+        words = _text(c, d, o) + words
     else:
         eye, up = broadside(o, o.points)
     traces.append(dots("ends", "ink", 9, symbol="diamond"))
@@ -112,7 +112,7 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
         "The rope as recorded and as simulated, with what is missing",
         traces,
         space(np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0), eye, up),
-        told + thinned(len(o.frames), len(shown)),
+        words + thinned(len(o.frames), len(shown)),
         height=540,
         steps=[[at(frame[t]) for frame in frames] for t in range(len(shown))],
         enlarged=enlarged,
@@ -125,20 +125,20 @@ def _factor(gap: np.ndarray, length: float) -> int:
     return next((k for k in FACTORS if k * largest >= VISIBLE * length), FACTORS[-1])
 
 
-def _told(c: Compared, d: Diagnosis | None, o: Observations) -> str:
+def _text(c: Compared, d: Diagnosis | None, o: Observations) -> str:
     """Return what the picture shows, as far as that is not plain."""
-    told = f"Frame {o.frames[c.at[c.worst]]} is where the nominal model is farthest off. "
+    words = f"Frame {o.frames[c.at[c.worst]]} is where the nominal model is farthest off. "
     if d is None:
-        return told
+        return words
     if d.causes:
-        told += "Drawn in purple: what is missing"
+        words += "Drawn in purple: what is missing"
         if any("arc_length" in k.value_names for k in d.causes.values()):
-            told += "; the broad line is its 95 % interval along the rope"
-        told += ". "
+            words += "; the broad line is its 95 % interval along the rope"
+        words += ". "
     if forced(d):
-        told += (
+        words += (
             f"Arrows: the force per length that would explain what is left, at most "
             f"{number(float(np.linalg.norm(d.force, axis=-1).max()))} N/m; drawn where it is "
             "beyond its standard error. "
         )
-    return told
+    return words

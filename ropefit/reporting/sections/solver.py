@@ -49,19 +49,19 @@ class SolverSection(Section):
 def _verdict(f: FittedModel, it: Iterated, length: float) -> str:
     total = it.steps * it.iterations
     drift = float(np.median(it.drift))
-    told = (
+    text = (
         f"with {2 * total} iterations instead of {total} the rope would move by {percent(drift)} "
         f"of its length in the median frame ({millimetres(drift * length)}) and by "
         f"{percent(float(it.drift.max()))} in the worst"
     )
     if f.solver_converged:
-        return f"Converged: {told}."
+        return f"Converged: {text}."
     against = drift * length / f.rms_fit if f.rms_fit > 0 else np.inf
     rest = ""
     if against > 1:
         rest = f" That is {number(against, 2)} times what is left between simulation and recording."
     return (
-        f"Not converged: {told}.{rest} The parameters make up for the iterations that are missing: "
+        f"Not converged: {text}.{rest} The parameters make up for the iterations that are missing: "
         "they hold for this count only and are not properties of the rope."
     )
 

@@ -27,12 +27,12 @@ class SteppingSection(Section):
         assert f is not None
         assert f.stepped is not None
         s, left = f.stepped, f.stepped.clip < 0
-        told = (
+        text = (
             f"The rope was stepped through {plural(s.clips, 'clip')}, each from its first two "
             "frames on without another look at the recording; every step was solved."
         )
         if left.any():
-            told += (
+            text += (
                 f" {plural(int(left.sum()), 'frame')} ({ranges(frames[left])}) "
                 f"{'belongs' if left.sum() == 1 else 'belong'} to no clip that is long enough: "
                 "shown as recorded, and no prediction."
@@ -55,4 +55,4 @@ class SteppingSection(Section):
             axis("Newton iterations", rangemode="tozero"),
             "What each step took to be solved.",
         )
-        return paragraph(told) + facts(numbers) + plot(figure)
+        return paragraph(text) + facts(numbers) + plot(figure)
