@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ropefit.errors import BadInput
+from ropefit.perception.camera import Camera
 from ropefit.perception.cloud import scatter
 from ropefit.perception.noise import measure
 from ropefit.perception.plane import hanging_plane
@@ -68,20 +69,11 @@ def assemble(
     )
     centreline[~known] = np.nan
 
-    pixels, pixel_arcs, boundaries = [], [], []
-    for trace, line, point, (arc, line_arc) in zip(traces, lines, points, arcs, strict=True):
-        if trace.pixels is not None and trace.pixel_arc is not None:
-            pixel, pixel_arc = trace.pixels, trace.pixel_arc * length / trace.length
-        elif len(point) < 60:  # markers: the points themselves
-            pixel, pixel_arc = camera.project(point), arc
-        else:  # a cloud's denoised centreline stands in for the image's, where points were seen
-            at = np.linspace(0, length, 200)
-            at = at[_near(arc, at, length / 40)]
-            pixel, pixel_arc = camera.project(resample(line, line_arc, at)), at
-        pixels.append(pixel)
-        pixel_arcs.append(pixel_arc)
-        increasing = np.maximum.accumulate(pixel_arc)
-        boundaries.append(resample(pixel, increasing, node_arc))
+    pixels, pixel_arcs = _pixels(traces, lines, points, arcs, camera, length)
+    boundaries = [
+        resample(pixel, np.maximum.accumulate(arc), node_arc)
+        for pixel, arc in zip(pixels, pixel_arcs, strict=True)
+    ]
     centreline_px = np.stack(boundaries)
     centreline_px[~known] = np.nan
 
@@ -118,6 +110,30 @@ def assemble(
         "point_before": _before(traces),
         **_spread(traces),
     }
+
+
+def _pixels(
+    traces: list[Trace],
+    lines: list[np.ndarray],
+    points: list[np.ndarray],
+    arcs: list[tuple[np.ndarray, np.ndarray]],
+    camera: Camera,
+    length: float,
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return of each frame the rope's pixels (P, 2) and their arc lengths (P,) [m]."""
+    pixels, pixel_arcs = [], []
+    for trace, line, point, (arc, line_arc) in zip(traces, lines, points, arcs, strict=True):
+        if trace.pixels is not None and trace.pixel_arc is not None:
+            pixel, pixel_arc = trace.pixels, trace.pixel_arc * length / trace.length
+        elif len(point) < 60:  # markers: the points themselves
+            pixel, pixel_arc = camera.project(point), arc
+        else:  # a cloud's denoised centreline stands in for the image's, where points were seen
+            at = np.linspace(0, length, 200)
+            at = at[_near(arc, at, length / 40)]
+            pixel, pixel_arc = camera.project(resample(line, line_arc, at)), at
+        pixels.append(pixel)
+        pixel_arcs.append(pixel_arc)
+    return pixels, pixel_arcs
 
 
 def _before(traces: list[Trace]) -> np.ndarray | None:
