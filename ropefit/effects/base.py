@@ -155,6 +155,8 @@ class Effect(ABC):
     # Small sizes are an error of the set-up: the prior judges them, not held-out frames.
     calibrated: ClassVar[bool] = False
     calibration: ClassVar[Calibration | None] = None
+    # Usual sizes beyond which a linear effect is refused: it stands for something else.
+    implausible: ClassVar[float] = 30.0
     # Counts against the number of effects that may be accepted.
     counted: ClassVar[bool] = True
     # Where it is accepted, a recording is explained down to noise.
