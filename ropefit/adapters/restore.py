@@ -21,7 +21,7 @@ from ropefit.models import rest_curve
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.models.priors import calibration
-from ropefit.plugins import concrete
+from ropefit.plugins import EFFECTS, concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import other_states
 
@@ -106,7 +106,7 @@ def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
 def effect_of(cause: Cause) -> Effect:
     """Return the effect of the catalogue, or of an add-on, that a cause names. Raises
     StageFailed."""
-    for kind in concrete(Effect, "ropefit.effects"):
+    for kind in concrete(Effect, EFFECTS):
         if kind.__name__ == cause.variant:
             return kind(cause.end or 0)  # pyright: ignore[reportAbstractUsage]
     raise StageFailed(f"the effect {cause.variant} of diagnosis.h5 is not installed here")
