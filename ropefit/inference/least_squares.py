@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
+from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from ropefit.inference.bins import Stations, aligned
@@ -52,7 +53,7 @@ class Fit:
     @property
     def quantile(self) -> float:
         """Return Student's t for 95 %."""
-        return float(stats.t.ppf(0.975, self.freedom))
+        return float(stdtrit(self.freedom, 0.975))
 
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""

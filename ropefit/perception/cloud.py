@@ -26,19 +26,15 @@ BRANCH = 0.1  # share of the points, and of the way from end to end, that may be
 
 
 def remove_outliers(points: np.ndarray) -> np.ndarray:
-    """Return (M, 3) [m] distinct points with neighbours about as near as usual (open3d, by radius).
+    """Return (M, 3) [m] distinct points with neighbours about as near as usual.
 
     A point at the tip of the rope has its neighbours on one side only, half as many: it stays.
     """
     points = np.unique(points, axis=0)  # copies would be each other's neighbours
     if len(points) < LEAST_POINTS:
         return points
-    import open3d as o3d
-
-    usual = np.median(KDTree(points).query(points, k=NEIGHBOURS + 1)[0][:, -1])
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    _, kept = cloud.remove_radius_outlier(nb_points=NEIGHBOURS // 4, radius=LONELY * usual)
-    return points[np.sort(np.asarray(kept, dtype=int))]
+    away = np.asarray(KDTree(points).query(points, k=NEIGHBOURS + 1)[0])  # the first is the point
+    return points[away[:, NEIGHBOURS // 4] < LONELY * np.median(away[:, -1])]
 
 
 def trace_cloud(

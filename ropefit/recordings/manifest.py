@@ -31,7 +31,7 @@ Sigma = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]  # beyond: n
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class RopeTable(_Table):

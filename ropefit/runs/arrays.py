@@ -1,11 +1,10 @@
-"""Records of arrays and tensors as named arrays, and back."""
+"""Records of arrays and tensors as named arrays, and back; torch only where there are tensors."""
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
 
 import numpy as np
-import torch
 
 from ropefit.runs.journal import Arrays
 
@@ -17,7 +16,7 @@ def as_arrays(record: Any, prefix: str) -> Arrays:
     a dot."""
     found = {name: getattr(record, name) for name in record.__annotations__}
     return {
-        f"{prefix}{name}": v.detach().numpy() if isinstance(v, torch.Tensor) else np.asarray(v)
+        f"{prefix}{name}": v.detach().numpy() if hasattr(v, "detach") else np.asarray(v)
         for name, v in found.items()
         if v is not None
     }
@@ -31,6 +30,8 @@ def from_arrays(kind: type[R], prefix: str, arrays: Arrays) -> R:
         if value is not None:
             value = value.copy()  # the journal's own stay as they were
             if "Tensor" in str(annotation):
+                import torch
+
                 fields[name] = torch.from_numpy(value)
             else:
                 fields[name] = value.item() if str(annotation).startswith("float") else value

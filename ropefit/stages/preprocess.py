@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ropefit.adapters.settings import PreprocessSettings
 from ropefit.artifacts import DroppedFrame, View
@@ -27,6 +28,7 @@ from ropefit.runs.threads import threads
 MOST_GAPS = 0.2  # of the frames: more are no gaps but steps
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # small matrices: threads only wait
 def compute(
     inputs: dict[str, Any], settings: PreprocessSettings, context: Context
 ) -> dict[str, Any]:
