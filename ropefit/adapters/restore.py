@@ -76,7 +76,7 @@ def restored_rope(
         # A rope that remembers comes into every frame as the recorded ends have brought it there.
         walked = Equilibrium(setup, []).at(np.empty(0))
         near, past = walked.solution, walked.solution.conditions.friction_elements
-        setup = setup._replace(memory=())
+        setup = setup._replace(memory=(), bending=None)  # a law of bending is among them
     rope = EquilibriumRope(
         setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
         friction_elements=past,

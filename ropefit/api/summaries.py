@@ -112,6 +112,7 @@ def diagnosed(outcome: Outcome[Diagnosis]) -> dict[str, Any]:
             "rms_after_m": d.rms_after,
             "noise_m": d.noise_white,
         },
+        "linearity": d.linearity,
         "detectable": {key: item.model_dump() for key, item in d.detectable.items()},
         "next_motion": {"separates": d.separates, "description": d.motion},
         "refused": d.refused,
@@ -134,6 +135,7 @@ def _cause(c: Cause) -> dict[str, Any]:
             "p_value": c.p_value,
         },
         "description": c.sentence,
+        **({"law": c.law.model_dump()} if c.law else {}),
     }
 
 

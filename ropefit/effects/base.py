@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.drawn import Drawn
+from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import intervals_along, points_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -229,6 +230,10 @@ class Effect(ABC):
     def start_sd(self, setup: Setup) -> np.ndarray:
         """Return (n,) one sigma of all values about where a fit starts; inf: no prior."""
         return np.full(len(self.names), np.inf)
+
+    def law(self, setup: Setup) -> Law | None:
+        """Return what the curve is of which the quantities are values, if there is one."""
+        return None
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.bending import Bending
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
 from ropefit.rod.rod import Properties, Rod, build
@@ -109,7 +110,7 @@ class Setup(NamedTuple):
     kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial compliance besides 1/EA; ends (F, 2, 3) [m],
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
     points; potentials. time (F,) [s]; memory: what remembers earlier frames, and past: those of
-    them that are not among the F.
+    them that are not among the F. bending: the law of bending, where it is not linear.
     """
 
     properties: Properties
@@ -130,6 +131,7 @@ class Setup(NamedTuple):
     time: Tensor | None = None
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
+    bending: Bending | None = None
 
     @property
     def remembers(self) -> bool:
