@@ -7,7 +7,7 @@ import pytest
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
-from ropefit.fitting.simulation import NOISE, _check, as_markers
+from ropefit.fitting.simulation import NOISE, as_markers, check_same_motion
 from ropefit.runs.loading import load
 from tests.factories import marker_recording
 from tests.test_checkpoints import compute
@@ -29,7 +29,7 @@ def test_a_simulation_is_a_recording_without_noise(seen):
     assert len(shapes.points) == frames * (nodes - 2) == shapes.point_start[-1]
     assert shapes.points[nodes - 2] == pytest.approx(x[1, 1])
     assert shapes.noise == pytest.approx(np.full(frames, NOISE * seen.length))
-    _check(seen, shapes)
+    check_same_motion(seen, shapes)
 
 
 @pytest.mark.parametrize(
@@ -44,4 +44,6 @@ def test_a_simulation_is_a_recording_without_noise(seen):
 )
 def test_another_motion_is_refused(seen, change, said):
     with pytest.raises(BadInput, match=said):
-        _check(seen, as_markers(seen, np.nan_to_num(seen.centreline)).model_copy(update=change))
+        check_same_motion(
+            seen, as_markers(seen, np.nan_to_num(seen.centreline)).model_copy(update=change)
+        )

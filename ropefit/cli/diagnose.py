@@ -9,9 +9,11 @@ import typer
 
 from ropefit.cli.options import (
     OF_EXPERTS,
+    CalibrationRun,
     Debug,
     Force,
     Json,
+    NominalRun,
     OptionalPath,
     Quiet,
     Run,
@@ -27,17 +29,8 @@ if TYPE_CHECKING:
 
 def diagnose(
     run: Run = Path("run"),
-    nominal: Annotated[
-        OptionalPath,
-        typer.Option(help="Another run of the same rope, whose parameters are taken as known."),
-    ] = None,
-    calibration: Annotated[
-        OptionalPath,
-        typer.Option(
-            help="A run of the same set-up, best of a taut rope, whose camera and gravity are "
-            "taken as known."
-        ),
-    ] = None,
+    nominal: NominalRun = None,
+    calibration: CalibrationRun = None,
     simulation: Annotated[
         OptionalPath,
         typer.Option(

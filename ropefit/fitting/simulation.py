@@ -48,7 +48,7 @@ def of_simulation(
     shapes: Observations = context.external["simulation"]
     if model.nominal.stepped is not None:
         raise WrongUsage("--simulation compares shapes at rest; identify with --solver equilibrium")
-    _check(o, shapes)
+    check_same_motion(o, shapes)
     fitted = model if model.nominal.balance and model.nominal.search == "least-squares" else None
     return _both(o, fitted, shapes, shapes.recording, settings, context, rules)
 
@@ -113,7 +113,7 @@ def _ends_of(o: Observations, x: np.ndarray) -> np.ndarray:
     return np.where(held, x[:, [0, -1]], np.nan)
 
 
-def _check(o: Observations, shapes: Observations) -> None:
+def check_same_motion(o: Observations, shapes: Observations) -> None:
     """Raise BadInput where a simulation is not of the recording's motion."""
     if len(shapes.frames) != len(o.frames):
         raise BadInput(
