@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def recorded(folder: Path, frames: int = 30, sway: float = 0.0, span: float = 0.
     return folder
 
 
-def preprocessed(folder: Path, **given: float) -> str:
+def preprocessed(folder: Path, **given: Any) -> str:
     run = str(folder.with_name(f"run-{folder.name}"))
     recording = recorded(folder, **given)
     assert in_a_process("preprocess", recording, "--run", run, "--quiet")[0] == 0

@@ -104,6 +104,9 @@ def _show_simulation(session: Session, s: Simulation) -> None:
     session.say(f"{s.name}: rms {s.rms * 1e3:.3g} mm from the recording; it simulates {rope}")
     for c in s.effects.values():
         session.say(f"in the simulation: {c.sentence}")
+    session.say(f"the simulation lacks: {', '.join(s.missing) or 'nothing that was found'}")
+    for difference in s.differences:
+        session.say(difference)
     for reason in s.refused:
         session.say(f"in the simulation, not accepted: {reason}")
     session.say(
