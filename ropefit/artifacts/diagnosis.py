@@ -97,6 +97,12 @@ class Simulation(Part):
     effects: dict[str, Cause] = Field(default_factory=dict)
     rope: dict[str, Size] = Field(description="of the rope in equilibrium that is most like it")
     refused: list[str]
+    missing: list[str] = Field(
+        default_factory=list, description="effects of the recording that the simulation lacks"
+    )
+    differences: list[str] = Field(
+        default_factory=list, description="effects that both have, in different sizes"
+    )
     x: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m", nan=True)]
     rms: float = quantity("m", "of the recording's points from the simulation")
     rms_converged: float = quantity("m", "of the recording's rope in equilibrium, held-out frames")
