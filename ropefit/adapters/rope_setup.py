@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ropefit.adapters.end_path import end_path
 from ropefit.adapters.motion_of import centrelines, motion_of
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
@@ -56,8 +57,9 @@ def base_setup(o: Observations, segments: int) -> Setup:
         origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
     )
     setup = setup._replace(
-        seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time)
-    )
+        seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time),
+        end_path=end_path(o.time, o.frames, o.end_position, o.end_orientation, o.length),
+    )  # fmt: skip
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
         clamp_compliance = torch.zeros(2, 2, dtype=torch.float64)
         clamp_compliance[:, 1] = torch.inf

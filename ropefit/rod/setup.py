@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
+from ropefit.rod.path import EndPath
 from ropefit.rod.rod import Properties, Rod, build
 
 
@@ -77,14 +78,10 @@ class Potential(NamedTuple):
 
 class Motion(NamedTuple):
     """How the rope moved in each of F frames, as observed: velocity (F, N+1, 3) [m/s] and
-    acceleration (F, N+1, 3) [m/s²] of the nodes; of the ends (F, 2, 3); clamp_rate (F, 2, 3)
-    [rad/s] of the clamps about their own axes. Zero where an end is not held."""
+    acceleration (F, N+1, 3) [m/s²] of the nodes."""
 
     velocity: Tensor
     acceleration: Tensor
-    end_velocity: Tensor
-    end_acceleration: Tensor
-    clamp_rate: Tensor
 
     def frames(self, index: Tensor) -> Motion:
         """Return the motion in some of the frames."""
@@ -127,6 +124,7 @@ class Setup(NamedTuple):
     potentials: tuple[Potential, ...] = ()
     damping: Damping | None = None  # of a rope that is simulated in motion
     motion: Motion | None = None  # None: a recording too slow or too sparse to show any
+    end_path: EndPath | None = None  # None: poses that were held still
     time: Tensor | None = None
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
@@ -191,6 +189,7 @@ class Setup(NamedTuple):
             seen=self.seen.frames(index),
             load=self.load[index] if self.load.ndim == 3 else self.load,
             motion=self.motion.frames(index) if self.motion else None,
+            end_path=self.end_path.frames(index) if self.end_path else None,
         )
 
     def rod(self) -> Rod:
