@@ -11,8 +11,16 @@ from ropefit.models.priors import PAIR, Priors
 
 
 def noise_of(o: Observations, data: Data) -> Noise:
-    """White noise only: that of markers is measured by preprocess, that of points by stations."""
-    return Noise(marker=float(np.median(o.noise)) if data.material else 0.0)
+    """White noise only: that of markers is measured by preprocess, that of points by stations.
+
+    Markers off the axis are no fresh error in every frame (`wander.with_what_is_missed_alike`).
+    """
+    if not data.material:
+        return Noise()
+    own = float(np.median(o.noise))
+    if not o.marker_offset:
+        return Noise(marker=own)
+    return Noise(marker=float(np.hypot(own, o.marker_offset / 3**0.5)), sensor=own)
 
 
 def priors_of(o: Observations) -> Priors:

@@ -22,7 +22,7 @@ from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
-from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise
+from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise, with_what_is_missed_alike
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
@@ -126,6 +126,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         if not current.forward.instantaneous:  # less is left, and what is left wanders less
             problem = problem.under(wandering_noise(best.fit, scan.sensitivities))
+        else:
+            problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
         forward = best.fit.forward.starting_from(best.fit.point.solution)
         current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
@@ -146,6 +148,8 @@ def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
         problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
         nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
     noise, known = _noise(nominal, rules)
+    if nominal.forward.instantaneous and known:
+        noise = with_what_is_missed_alike(noise, nominal, known)
     forward = nominal.forward.starting_from(nominal.point.solution)
     again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
     return again, known

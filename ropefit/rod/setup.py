@@ -16,6 +16,8 @@ from ropefit.rod.moving import Damping
 from ropefit.rod.path import EndPath
 from ropefit.rod.rod import Properties, Rod, build
 
+RIGIDITY = 300.0  # times a rope's: of a rigid piece
+
 
 class SensorModel(NamedTuple):
     """How the sensor reports points: small errors of its own, and what a projection took away.
@@ -105,8 +107,8 @@ class Setup(NamedTuple):
     (2, 3) [N m]; clamp_compliance (2, 2) [rad/(N m)]: rows of both ends, to bending and to twist;
     kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial compliance besides 1/EA; ends (F, 2, 3) [m],
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
-    points; potentials. time (F,) [s]; memory: what remembers earlier frames, and past: those of
-    them that are not among the F.
+    points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
+    [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
     """
 
     properties: Properties
@@ -122,6 +124,7 @@ class Setup(NamedTuple):
     clamped: tuple[bool, bool]
     seen: SensorModel
     potentials: tuple[Potential, ...] = ()
+    rigid: Tensor | None = None
     damping: Damping | None = None  # of a rope that is simulated in motion
     motion: Motion | None = None  # None: a recording too slow or too sparse to show any
     end_path: EndPath | None = None  # None: poses that were held still
@@ -194,7 +197,11 @@ class Setup(NamedTuple):
 
     def rod(self) -> Rod:
         """Return the discrete rod with all its loads."""
-        rod = build(self.properties, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
+        p = self.properties
+        if self.rigid is not None:  # whatever the rope itself is
+            stiffer = 1 / (1 - (1 - 1 / RIGIDITY) * self.rigid)
+            p = p._replace(bend=p.bend * stiffer, twist=p.twist * stiffer)
+        rod = build(p, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
         axial = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
         return rod._replace(
             load=rod.load + self.mass[:, None] * self.gravity + self.load,
