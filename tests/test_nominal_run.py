@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.diagnosis import Cause, Size
 from ropefit.diagnosis.rules import RULES
 from ropefit.fitting import diagnosed as diagnoses
+from ropefit.models.correlated import Correlated
 from ropefit.runs.loading import load
 from ropefit.runs.protocol import Context
 from ropefit.stages import diagnose
@@ -48,9 +50,10 @@ def identified(tmp_path_factory):
     marker_recording(folder / "recording", frames=4)
     for stage in ("preprocess", "identify"):
         compute(folder / "run", stage)
-    o, model = (load(folder / "run", kind)[0] for kind in (Observations, Model))
+    o, model = load(folder / "run", Observations)[0], load(folder / "run", Model)[0]
     # Four frames of few markers show no stiffness.
     group, balance = next(iter(model.nominal.groups.values())), model.nominal.balance
+    assert balance is not None
     weight = group.parameters["EI"].value / balance.bending_length**3
     stiff = {"EI": 1e-3 * weight, "GJ": 7e-4 * weight}
     told = {
@@ -65,7 +68,7 @@ def identified(tmp_path_factory):
     return [o, model.model_copy(update={"models": {"nominal": nominal}})]
 
 
-def found_with(model: Model, **causes: Cause) -> SimpleNamespace:
+def found_with(model: Model, **causes: Cause) -> Any:
     """A diagnosis with some causes, and an EI a fifth above that identified without them."""
     p = next(iter(model.nominal.groups.values())).parameters["EI"]
     size = Size(value=1.2 * p.value, unit=p.unit, ci95=(1.1 * p.value, 1.3 * p.value))
@@ -81,8 +84,9 @@ def test_what_belongs_to_the_rope_is_known_as_well_as_it_was_found(identified):
     (name, _, mass), (_, _, section) = of_rope(model, found, o, setup)  # not the set-up's tilt
     assert name == "known_mass"
     np.testing.assert_allclose(mass.value(np.zeros(2)), MASS.values)
-    covariance = mass.root @ mass.root.T
-    np.testing.assert_allclose(covariance, MASS.covariance, rtol=0.02)
+    assert isinstance(mass, Correlated)
+    assert MASS.covariance is not None
+    np.testing.assert_allclose(mass.root @ mass.root.T, MASS.covariance, rtol=0.02)
     heavier = mass.apply(setup, torch.tensor([0.004, 0.6], dtype=torch.float64))
     assert float(heavier.mass.sum()) == pytest.approx(0.004)
     nothing = mass.apply(setup, torch.tensor([-0.004, 0.6], dtype=torch.float64))
@@ -96,14 +100,13 @@ def test_the_ropes_own_values_are_those_fitted_along_with_what_was_found(identif
     _, model = identified
     found = found_with(model, mass=MASS)
     was = next(iter(model.nominal.groups.values())).parameters["EI"]
-    changed = as_found(model, found)  # pyright: ignore[reportArgumentType]
+    changed = as_found(model, found)
     now = next(iter(changed.nominal.groups.values())).parameters["EI"]
     assert now.value == pytest.approx(1.2 * was.value)
     assert now.ci95 == pytest.approx((1.1 * was.value, 1.3 * was.value))
-    for before, after in ((was, model), (now, changed)):  # the weight is the same
-        weight = before.value / after.nominal.balance.bending_length**3
-        assert weight == pytest.approx(was.value / model.nominal.balance.bending_length**3)
-    assert as_found(model, found_with(model)) is model  # pyright: ignore[reportArgumentType]
+    lengths = [m.nominal.balance.bending_length for m in (model, changed) if m.nominal.balance]
+    assert now.value / was.value == pytest.approx((lengths[1] / lengths[0]) ** 3)  # same weight
+    assert as_found(model, found_with(model)) is model
 
 
 class Reached(Exception):

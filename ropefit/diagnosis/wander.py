@@ -13,7 +13,7 @@ import numpy as np
 
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
-from ropefit.inference.discrepancy import repeats
+from ropefit.inference.discrepancy import orders, repeats, repeats_in
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 
@@ -35,7 +35,7 @@ def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
     length = float(fitted.point.setup.properties.length.sum())
     alike = len(residual) / max(len(clips), 1)
     mesh = alike * (MESH_ERROR * length / marker) ** 2
-    many = max(repeats(fitted.stations, residual, clips), 1 + mesh)
+    many = max(repeats_in(fitted.stations, residual, clips), 1 + mesh)
     return replace(fitted.problem.noise, marker=marker, repeats=many)
 
 
@@ -48,7 +48,7 @@ def with_what_is_missed_alike(noise: Noise, fitted: Fit, sensitivities: list[Sen
     s = fitted.stations
     residual = fitted.whitener.undo(left).reshape(s.residual.shape)
     share = 1 - (noise.sensor / noise.marker) ** 2
-    many = repeats(s, residual, [np.unique(s.frame)])
+    many = repeats(s, residual, orders(s, fitted.point.seen))
     return replace(noise, repeats=1 + share * (many - 1))
 
 
