@@ -24,7 +24,14 @@ def noise_of(o: Observations, data: Data) -> Noise:
 
 
 def priors_of(o: Observations) -> Priors:
-    """The recording's own priors over the defaults. Two markers tell a clamp's direction badly."""
+    """The recording's own priors over the defaults.
+
+    Two markers tell a clamp's direction badly. Ends that are seen, not told, lie where the visible
+    rope ends: as uncertain as its length is from frame to frame, and as a point of it.
+    """
     given = {k: v for k, v in o.priors.model_dump().items() if v is not None}
-    pairs = {} if o.end_twist_known else {"end_orientation": PAIR}
-    return Priors(**(pairs | given))
+    usual: dict[str, float] = {} if o.end_twist_known else {"end_orientation": PAIR}
+    if o.ends_assumed:
+        seen = (Priors.end_position, float(np.median(o.noise)), o.length_sd or 0.0)
+        usual["end_position"] = float(np.linalg.norm(seen))
+    return Priors(**(usual | given))
