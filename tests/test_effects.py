@@ -6,6 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ropefit.adapters.end_path import end_path
 from ropefit.effects import (
     CATALOGUE,
     BendingLaw,
@@ -46,12 +47,15 @@ def pinned() -> Setup:
 
 
 def moving(setup: Setup) -> Setup:
-    """The setup with a motion, of smooth accelerations of some m/s²."""
+    """The setup with a motion, of smooth accelerations of some m/s², and a path of its ends."""
     frames, phase = len(setup.ends), torch.arange(3.0, dtype=torch.float64)
     t = torch.arange(frames, dtype=torch.float64)[:, None, None]
     nodes = torch.sin(t + 3 * setup.arc[:, None] + phase)
-    ends = torch.cos(t + torch.arange(2.0)[:, None] + phase)
-    return setup._replace(motion=Motion(nodes, 5 * nodes, ends, -3 * ends, 2 * ends))
+    time, turn = 0.3 * np.arange(frames), np.linspace(0, 0.5, frames)
+    clamp = np.zeros((frames, 2, 4))
+    clamp[..., 0], clamp[..., 2] = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    path = end_path(time, np.arange(frames), setup.ends.numpy() + turn[:, None, None], clamp, 1.0)
+    return setup._replace(motion=Motion(nodes, 5 * nodes), end_path=path)
 
 
 def clamped() -> Setup:

@@ -166,6 +166,7 @@ def _cause(o: Observations, item: engine.Accepted, last: Fit, layout: Layout) ->
         parameters=sizes_of(candidate, values, sd),
         values=values,
         value_names=list(effect.names),
+        covariance=candidate.covariance_of_values(),
         equivalent_to=sorted({r.hypothesis.name for r in item.equivalent}),
         log_evidence=item.evidence,
         p_value=item.p_value,

@@ -94,9 +94,9 @@ def restored_rope(
 
 
 def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
-    """Return the setup with every cause of a diagnosis, but errors of a solver, which no rope has.
-    Raises StageFailed for effects not installed."""
-    for cause in diagnosis.causes.values():
+    """Return the setup with every cause of a diagnosis, and those that its nominal run's rope has,
+    but errors of a solver, which no rope has. Raises StageFailed for effects not installed."""
+    for cause in (*diagnosis.known.values(), *diagnosis.causes.values()):
         effect = effect_of(cause)
         if effect.kind != "solver":
             setup = effect.apply(setup, torch.tensor(cause.values))

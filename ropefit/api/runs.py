@@ -14,7 +14,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.adapters.settings import (
+    NOMINAL_DIAGNOSIS,
+    ControlSettings,
+    DiagnoseSettings,
+    PreprocessSettings,
+)
 from ropefit.api import pipeline
 from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.artifacts.exports import Export
@@ -123,11 +128,15 @@ def diagnose(
     for name, other in (("nominal", nominal), ("calibration", calibration)):
         if other is not None:
             objects[name], external[name] = load(existing_run(other), Model)
+    given = dict.fromkeys(objects, True)
+    if nominal is not None and (nominal / Diagnosis.file_name).exists():
+        objects[NOMINAL_DIAGNOSIS], external[NOMINAL_DIAGNOSIS] = load(nominal, Diagnosis)
     if simulation is not None:
         objects["simulation"], external["--simulation"] = load(
             existing_run(simulation), Observations
         )
-    chosen = DiagnoseSettings(**settings, **dict.fromkeys(objects, True))
+        given["simulation"] = True
+    chosen = DiagnoseSettings(**settings, **given)
     existing_run(run)
     if objects and not (run / Model.file_name).exists() and (run / Observations.file_name).exists():
         if simulation is not None:  # before anything is fitted

@@ -98,6 +98,7 @@ def diagnosed(outcome: Outcome[Diagnosis]) -> dict[str, Any]:
         **_head("diagnose", outcome),
         "verdict": d.verdict,
         "effects": [_cause(c) for c in d.causes.values()],
+        "known": [_cause(c) for c in d.known.values()],
         "mismatch": [
             {
                 "arc_length_m": r.arc_length,

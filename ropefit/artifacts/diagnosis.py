@@ -53,6 +53,8 @@ class Cause(Part):
     frames: Annotated[np.ndarray, ArraySpec(("member",), dtype="int64")]
     parameters: dict[str, Size]
     values: Annotated[np.ndarray, ArraySpec(("value",))]  # as the effect takes them, SI
+    # Of the values, in SI; None in a diagnosis of an earlier version.
+    covariance: Annotated[np.ndarray, ArraySpec(("value", "other"))] | None = None
     value_names: list[str]
     equivalent_to: list[str]
     log_evidence: float = Field(description="nats over the model without it")
@@ -120,6 +122,10 @@ class Diagnosis(Artifact):
     recording: str
     verdict: Literal["none", "found", "unknown"]
     causes: dict[str, Cause] = Field(default_factory=dict)
+    known: dict[str, Cause] = Field(
+        default_factory=dict,
+        description="causes of the nominal run that belong to the rope, as fitted here",
+    )
     scan: dict[str, Candidate] = Field(default_factory=dict)
     mismatch: list[Region]
     refused: list[str] = Field(description="what is not believed, or cannot be told, and why")

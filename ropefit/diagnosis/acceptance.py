@@ -27,14 +27,14 @@ def first_acceptable(
     for candidate in candidates:
         if candidate.evidence < threshold:
             return None
-        why = _refusal(candidate, current)
+        why = refusal(candidate, current)
         if not why:
             return candidate
         refused.append(f"{candidate.hypothesis.name}: {why}")
     return None
 
 
-def _refusal(candidate: Candidate, current: Fit) -> str:
+def refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
     along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
     before, after = (heldout_rms(fit, along)[0] for fit in (current, candidate.fit))

@@ -163,6 +163,8 @@ class Effect(ABC):
     # Where it is accepted, a recording is explained down to noise.
     exact: ClassVar[bool] = True
     may_leave: ClassVar[float] = MAY_LEAVE
+    # It belongs to the rope, wherever that is recorded: `--nominal` takes it over.
+    of_rope: ClassVar[bool] = False
     # Advice for recordings in which the rope's own parameters explain the effect as well.
     confounding: ClassVar[str] = ""
 

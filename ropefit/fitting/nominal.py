@@ -82,7 +82,8 @@ def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
     was identified from: as much misfit here has no cause of its own."""
     if o.source != "markers" or source.recording == o.recording:
         return noise
-    return replace(noise, marker=max(noise.marker, source.nominal.rms_fit / 3**0.5))
+    missed = max(noise.marker, source.nominal.rms_fit / 3**0.5)
+    return replace(noise, marker=missed, sensor=noise.sensor or noise.marker)
 
 
 def as_known(term: Term, p: Parameter) -> Term:
