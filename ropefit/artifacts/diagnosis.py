@@ -161,7 +161,7 @@ class Diagnosis(Artifact):
         if unseen.value > LEAST_TESTED:
             return (
                 "Whether bending is linear cannot be told: these data visit hardly any range of "
-                "curvature; poses with the ends brought near together, and far apart, would show it."
+                "curvature; poses with the ends near together, and far apart, would show it."
             )
         low, high = max(1 - unseen.value, 0.0), 1 + unseen.value
         return (
