@@ -10,6 +10,7 @@ import numpy as np
 
 from ropefit.adapters.equilibrium_model import calibration_of
 from ropefit.adapters.law_content import law_of, sentence_of
+from ropefit.adapters.unit_mass import per_unit_mass
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
 from ropefit.artifacts.diagnosis import Candidate as Scanned
@@ -64,7 +65,7 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
                 )
             break
     gap = [np.linalg.norm(misfit(f, bins)[:, :bins], axis=-1) for f in (first, last)]
-    return {
+    fields = {
         "recording": o.recording,
         "verdict": d.verdict,
         "causes": {f"cause_{k}": _cause(o, item, last, layout) for k, item in enumerate(d.accepted)}
@@ -114,6 +115,7 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
         "force_evidence": d.latent.evidence,
         "force_threshold": d.latent.threshold,
     }
+    return fields if o.mass else per_unit_mass(fields)
 
 
 def _in_part(d: engine.Diagnosis) -> list[str]:

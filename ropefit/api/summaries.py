@@ -64,7 +64,7 @@ def identified(outcome: Outcome[Model]) -> dict[str, Any]:
 
 
 def _settled(m: FittedModel) -> dict[str, Any]:
-    """How the states were found, by kind of solver."""
+    """Return how the states were found, by kind of solver."""
     if m.iterated:
         return {
             "drift": float(np.median(m.iterated.drift)),
@@ -144,7 +144,8 @@ def _simulation(d: Diagnosis, s: Simulation) -> dict[str, Any]:
         "name": s.name,
         "verdict": s.verdict,
         "effects": [_cause(c) for c in s.effects.values()],
-        "missing": [c.name for c in d.causes.values()],
+        "missing": s.missing,
+        "differences": s.differences,
         "rope": {name: size.model_dump() for name, size in s.rope.items()},
         "rms_m": s.rms,
         "rms_converged_m": s.rms_converged,

@@ -8,7 +8,6 @@ from pydantic import Field
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
 from ropefit.artifacts.model import Calibration
 
-
 LEAST_TESTED = 1.0  # departure of the exponent: data that miss a larger one test nothing
 
 
@@ -98,6 +97,12 @@ class Simulation(Part):
     effects: dict[str, Cause] = Field(default_factory=dict)
     rope: dict[str, Size] = Field(description="of the rope in equilibrium that is most like it")
     refused: list[str]
+    missing: list[str] = Field(
+        default_factory=list, description="effects of the recording that the simulation lacks"
+    )
+    differences: list[str] = Field(
+        default_factory=list, description="effects that both have, in different sizes"
+    )
     x: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m", nan=True)]
     rms: float = quantity("m", "of the recording's points from the simulation")
     rms_converged: float = quantity("m", "of the recording's rope in equilibrium, held-out frames")
@@ -154,14 +159,15 @@ class Diagnosis(Artifact):
 
     @property
     def linearity(self) -> str:
-        """How far from linear the bending could be without being seen; empty if that is unknown."""
+        """Return how far from linear the bending could be without being seen; empty if that is
+        unknown."""
         unseen = self.detectable.get("bending_law")
         if self.causes or unseen is None:
             return ""
         if unseen.value > LEAST_TESTED:
             return (
                 "Whether bending is linear cannot be told: these data visit hardly any range of "
-                "curvature; poses with the ends near together, and far apart, would show it."
+                "curvature; poses with the ends brought together, and far apart, would show it."
             )
         low, high = max(1 - unseen.value, 0.0), 1 + unseen.value
         return (

@@ -156,6 +156,8 @@ class Effect(ABC):
     # Small sizes are an error of the set-up: the prior judges them, not held-out frames.
     calibrated: ClassVar[bool] = False
     calibration: ClassVar[Calibration | None] = None
+    # Usual sizes beyond which a linear effect is refused: it stands for something else.
+    implausible: ClassVar[float] = 30.0
     # Counts against the number of effects that may be accepted.
     counted: ClassVar[bool] = True
     # Where it is accepted, a recording is explained down to noise.
@@ -185,12 +187,14 @@ class Effect(ABC):
 
     @property
     def tangent(self) -> bool:
-        """Whether the scan takes the derivative at zero, or the response to a finite size."""
+        """Return whether the scan takes the derivative at zero, or the response to a finite
+        size."""
         return self.linear
 
     @property
     def prior_decides(self) -> bool:
-        """Whether its prior is its test: held-out frames cannot tell it from the set-up's error."""
+        """Return whether its prior is its test: held-out frames cannot tell it from the set-up's
+        error."""
         return self.kind == "measurement" or self.calibrated
 
     def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray | None:
@@ -250,7 +254,7 @@ class Effect(ABC):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all values, in order."""
+        """Return the names of all values, in order."""
         return (*(q.name for q in self.quantities), *self.place_names)
 
 

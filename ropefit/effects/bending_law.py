@@ -128,7 +128,7 @@ def _rising(x: Tensor, at: Tensor) -> Tensor:
 
 
 def _falling(x: Tensor, at: Tensor) -> Tensor:
-    """Highest at the curvature `at`, and level beyond."""
+    """Return the moment that is highest at the curvature `at`, and level beyond."""
     x = torch.minimum(x, at)
     return x - x**3 / (3 * at**2)
 

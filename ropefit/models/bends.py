@@ -17,12 +17,12 @@ from ropefit.solvers.equilibrium.turns import rolled
 
 
 def vectors(solution: Solution) -> np.ndarray:
-    """(F, N+1, 2) the vector parts of the bend elements; zero where there is none."""
+    """Return (F, N+1, 2) the vector parts of the bend elements; zero where there is none."""
     return darboux(solution)[..., 1:3]
 
 
 def darboux(solution: Solution) -> np.ndarray:
-    """(F, N+1, 4) the Darboux quaternions of the frames; zero where nothing is bent."""
+    """Write p = a* b, of the sign that lies nearer to the rest rotation."""
     return _darboux(solution.rod, solution.conditions, solution)
 
 
@@ -64,8 +64,8 @@ def conditions_of(setup: Setup, rod: Rod | None = None) -> Conditions:
 
 
 def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) -> np.ndarray:
-    """(P, N+1, 2) change of the vectors of Darboux quaternions p (N+1, 4) when the frames turn by
-    (P, N, 3), the clamps by clamp (P, 2, 3), each about its own axes."""
+    """Return (P, N+1, 2) change of the vectors of Darboux quaternions p (N+1, 4) when the frames
+    turn by (P, N, 3), the clamps by clamp (P, 2, 3), each about its own axes."""
     ends = np.zeros((len(turns), 2, 3)) if clamp is None else clamp
     every = np.concatenate([ends[:, :1], turns, ends[:, 1:]], axis=1)
     low, high = every[:, :-1], every[:, 1:]
@@ -74,7 +74,8 @@ def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) ->
 
 
 def spun(rod: Rod, held: Conditions, start: States, toward: np.ndarray) -> States:
-    """A start whose frames are all spun alike, for its bends to lie as `toward` (N+1, 2) does."""
+    """Return a start whose frames are all spun alike, for its bends to lie as `toward` (N+1, 2)
+    does."""
     out = start.copy()
     out.q[:] = rolled(start.q, _darboux(rod, held, start)[..., 1:3], toward[None])
     return out
@@ -122,7 +123,7 @@ def merged(parts: list[Solution]) -> Solution:
 
 
 def _numbered(node: np.ndarray | None) -> list[tuple[int, int]]:
-    """Supports as (node, which of that node's)."""
+    """Return supports as (node, which of that node's)."""
     out: list[tuple[int, int]] = []
     for k in [] if node is None else node.tolist():
         out.append((k, sum(other == k for other, _ in out)))

@@ -64,7 +64,8 @@ class Equilibrium(Model):
             self.path = point.path if isinstance(point, WalkedPoint) else None
 
     def kept(self, point: Point) -> Arrays:
-        """What of the point settled last, and of this model's memory, only settling gives."""
+        """Return what of the point settled last, and of this model's memory, only settling
+        gives."""
         solution = point.solution
         if isinstance(point, WalkedPoint):
             arrays = as_arrays(point.path, "path.")
@@ -79,7 +80,7 @@ class Equilibrium(Model):
         return arrays
 
     def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
-        """The point at u that was kept; the model remembers what it did then."""
+        """Return the point at u that was kept; the model remembers what it did then."""
         setup = self.setup_at(u)
         if setup.remembers:  # settled once more, from there: what friction held is not kept
             point: Point = walk(u, setup, None, from_arrays(States, "path.", arrays))
@@ -101,7 +102,7 @@ class Equilibrium(Model):
 
 
 def _rod_of(setup: Setup) -> Rod:
-    """The rod, or one for each frame where loads differ."""
+    """Return the rod, or one for each frame where loads differ."""
     rod = setup.rod()
     return rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
 

@@ -55,8 +55,8 @@ class EquilibriumRope:
 
     @property
     def start(self) -> State:
-        """Where the recording has the control point, and the first frame, for searches that move
-        them. What lies between is zero."""
+        """Return where the recording has the control point, and the first frame, for searches that
+        move them. What lies between is zero."""
         frames, nodes = len(self.setup.ends), self.setup.segments // self.every + 1
         ends = self.setup.ends if self.recorded is None else self.recorded
         x = torch.zeros(frames, nodes, 3, dtype=torch.float64)
@@ -66,7 +66,7 @@ class EquilibriumRope:
         return State(x, q)
 
     def frames(self, index: Tensor) -> EquilibriumRope:
-        """The same rope in some of its frames."""
+        """Return the same rope in some of its frames."""
         setup = self.setup.frames(index)
         recorded = None if self.recorded is None else self.recorded[index]
         near = None if self.near is None else self.near.frames(index.numpy())
@@ -78,7 +78,8 @@ class EquilibriumRope:
     def settle(
         self, values: Tensor, move: Tensor | None = None, frame: Tensor | None = None
     ) -> State:
-        """Equilibria for values (..., F, 4) in the order of NAMES; NaN where none is reached.
+        """Return equilibria for values (..., F, 4) in the order of NAMES; NaN where none is
+        reached.
 
         move (..., F, 3) [m] of the control point; frame (..., F, 4) of the first end's clamp.
         """
@@ -135,7 +136,8 @@ class EquilibriumRope:
         return State(x, q)
 
     def _states(self, rod: Rod, held: Conditions, start: States | None) -> State:
-        """Nodes and frames of every segment, on the CPU: from `start`, or else from catenaries."""
+        """Return nodes and frames of every segment, on the CPU: from `start`, or else from
+        catenaries."""
         device, potentials = self.device, self.setup.potentials
         if held.friction_elements is not None:  # by the compiled path only, like all below
             device = None

@@ -68,7 +68,7 @@ class WalkedPoint(Point):
     path: States
 
     def respond(self, changes: list[Change]) -> np.ndarray:
-        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
+        """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
         if not changes:
             return np.zeros((0, *self.seen.shape))
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
@@ -113,7 +113,7 @@ class WalkedPoint(Point):
 def _with_friction(
     step: Step, own: Directions, load: np.ndarray, missed: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Changes (P, N+1, 3) of one frame's nodes and (P, N, 3) turns of its frames.
+    """Return changes (P, N+1, 3) of one frame's nodes and (P, N, 3) turns of its frames.
 
     missed (N+1, 3, 3) [N/m]: friction's stiffness that its supports do not have, since it grows
     with the normal force. The force from it is that for which the nodes that it acts on move as
@@ -196,8 +196,8 @@ def _settle_one(
     starts: list[States | None],
     toward: np.ndarray | None,
 ) -> Solution:
-    """A frame's equilibrium from the first start that leads to one, in the end from that of a rope
-    without a past.
+    """Return a frame's equilibrium from the first start that leads to one, in the end from that of
+    a rope without a past.
 
     toward (N+1, 2): where a rope that is free to spin has its bends, as near as it can.
     """
@@ -222,13 +222,13 @@ def _arrived(states: States) -> bool:
 
 
 def in_frames(values: np.ndarray | None, frames: int) -> np.ndarray:
-    """(H, ...) a copy of values (H, ...) or (1, ...)."""
+    """Return (H, ...) a copy of values (H, ...) or (1, ...)."""
     assert values is not None
     return np.array(np.broadcast_to(values, (frames, *values.shape[1:])))
 
 
 def _law_slopes(changes: list[Change]) -> Laws:
-    """Derivatives of the branches' laws in P changes."""
+    """Return derivatives of the branches' laws in P changes."""
     rows = []
     for changed in changes:
         low, high = (laws_of(changed(size)) for size in (-STEP, STEP))
@@ -240,5 +240,5 @@ def _law_slopes(changes: list[Change]) -> Laws:
 
 
 def laws_of(setup: Setup) -> Laws:
-    """What a setup's rope remembers by."""
+    """Return what a setup's rope remembers by."""
     return memory.laws(setup.memory, setup.rod(), setup.properties.bend, setup.clock)

@@ -135,13 +135,13 @@ class Setup(NamedTuple):
 
     @property
     def remembers(self) -> bool:
-        """Whether a frame's shape depends on the frames before it."""
+        """Return whether a frame's shape depends on the frames before it."""
         return bool(self.memory) or any(p.friction is not None for p in self.potentials)
 
     @property
     def possible(self) -> bool:
-        """Whether matter can be so: lengths, rigidities and density are positive everywhere, and
-        nothing gets longer under compression."""
+        """Return whether matter can be so: lengths, rigidities and density are positive everywhere,
+        and nothing gets longer under compression."""
         p = self.properties
         positive = (p.length, p.bend, p.twist, p.density)
         return all(bool((v > 0).all()) for v in positive) and bool((self.stretch >= 0).all())
