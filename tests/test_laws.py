@@ -14,6 +14,7 @@ from ropefit.models.parameters import terms
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from tests.concealed import EI, nominal_fit, recorded, rope
+from tests.factories import write_manifest
 
 SOFTER = [-0.3, 0.2, -0.1, 0.15, -0.2]
 
@@ -127,3 +128,40 @@ def test_units_times_metre():
     assert times_metre("", -1) == "1/m"
     assert times_metre("", 0) == "1"
     assert times_metre("N m^2", -0.4) == "N m^1.6"
+
+
+def test_the_command_line_tells_the_law_and_draws_it(ropefit, tmp_path):
+    """Markers on a softening rope: the object of --json has form, constants and curve."""
+    fine = form(rope(144, 10), "tanh", 6.0)
+    x = Equilibrium(fine, []).at(np.empty(0)).seen[:, ::6]
+    x = x + np.random.default_rng(2).normal(0, 5e-4, x.shape)
+    folder = tmp_path / "softening"
+    folder.mkdir()
+    write_manifest(folder, '[markers]\nfile = "markers.npz"', "length = 1.0\nmass = 0.06")
+    np.savez(folder / "markers.npz", positions=x, time=np.arange(10.0))
+    rows = [f"{t},{t},{end},{p[0]},{p[1]},{p[2]}" for t, pair in enumerate(fine.ends.tolist())
+            for end, p in enumerate(pair)]  # fmt: skip
+    (folder / "ends.csv").write_text("\n".join(["frame,time,end,x,y,z", *rows]) + "\n")
+    ropefit("preprocess", folder, "--run", "run")
+    ropefit("identify", "--run", "run")
+    answer = ropefit.json("diagnose", "--run", "run")
+    (effect,) = answer["effects"]
+    assert effect["name"] == "bending_law"
+    law = effect["law"]
+    assert any("tanh" in name for name in law["forms"])
+    curve = law["curve"]
+    assert curve["unit_x"] == "1/m"
+    assert curve["unit_y"] == "N m"
+    y, low, high = (np.array(curve[name]) for name in ("y", "low", "high"))
+    assert (low <= y * 1.001).all()
+    assert (y <= high * 1.001).all()
+    middle = 32**0.5
+    truth = EI * middle / np.tanh(middle / 6) * np.tanh(np.array(curve["x"]) / 6)
+    least, most = curve["visited"]
+    inside = (np.array(curve["x"]) > least) & (np.array(curve["x"]) < most)
+    assert np.abs(y[inside] / truth[inside] - 1).max() < 0.1
+    assert "softens" in effect["description"]
+    ropefit("report", "--run", "run")
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "The law" in page
+    assert "bending moment (N m)" in page

@@ -67,7 +67,7 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
         changed = effect.apply(whole, given)
         how = effect.exported(named, changed, nodes, beside)
         if how.settles and changed.remembers:
-            notes.append(f"{cause.name}: no target's rope remembers how it was bent; left out")
+            notes.append(f"{cause.name}: export writes no memory of how a rope was bent; left out")
             continue
         beside, whole = how.beside, changed if how.settles else whole
         if how.in_rope:

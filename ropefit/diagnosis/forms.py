@@ -22,6 +22,7 @@ DRAWS = 200  # of a band, and of the intervals of constants
 WIDER = 1.5  # times the largest value of the data: where the curve ends
 DEPARTURES = (0.1, 0.2, 0.4, 0.8, 1.6)  # sd of departures from a smooth curve that are tried
 BROAD = 3.0  # usual sizes: sd of the prior of a smooth curve's values
+LEAST_SHARE = 1e-3  # of the largest: smaller values of x are as good as zero
 INSIDE = (0.02, 0.98)  # quantiles of the values of the data: where the curve is visited
 
 
@@ -63,6 +64,7 @@ def described(candidate: Candidate, final: Fit) -> Described | None:
         return None
     values = law.visited(final.point.solution.x)
     least, most = (float(q) for q in np.quantile(values, INSIDE))
+    least = max(least, LEAST_SHARE * most)
     x = np.concatenate([[0.0], np.geomspace(0.1 * least, WIDER * values.max(), POINTS - 1)])
     mine = _place(final, candidate.term)
     mean, covariance = _smooth(final, candidate.term, mine, law)
