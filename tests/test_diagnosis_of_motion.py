@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from ropefit.diagnosis.acceptance import _allowed_for
 from ropefit.diagnosis.search import search
 from ropefit.effects import Effect, PointMass
+from ropefit.effects.gravity_misalignment import GravityMisalignment
 from ropefit.inference.bins import Data
 from ropefit.inference.discrepancy import repeats_in
 from ropefit.inference.least_squares import fit
@@ -16,6 +20,7 @@ from ropefit.inference.problem import FitProblem
 from ropefit.models.dynamics import Dynamics
 from ropefit.models.grips import grips
 from ropefit.models.parameters import terms
+from ropefit.models.priors import nuisance
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.moving import Damping
 from ropefit.rod.rod import uniform
@@ -85,6 +90,24 @@ def test_derivatives_reach_through_the_first_state():
         scale = np.abs(expected).max()
         assert scale > 1e-6
         assert np.abs(jacobian[k] - expected).max() < 2e-3 * scale
+
+
+def test_steps_are_no_longer_than_5_ms():
+    lines, _ = recorded(None, [], seed=0)
+    forward = model(driven(24), lines)
+    assert {run.fine for run in forward.at(np.empty(0)).runs} == {2}
+    forward.time = 0.4 * forward.time
+    assert {run.fine for run in forward.at(np.empty(0)).runs} == {1}
+
+
+def test_an_error_of_the_set_up_counts_as_allowed_for_only_where_a_fit_has_it():
+    lines, data = recorded(None, [], seed=0)
+    forward = model(driven(24), lines, ("EI",))
+    at_start = fit(forward, FitProblem(data, Noise(marker=0.002), 40), None, 1, tolerance=1.0)
+    assert not _allowed_for(GravityMisalignment(), at_start)
+    gravity = nuisance("gravity", ["x", "y"], ["rad"] * 2, GravityMisalignment().apply, [0.01] * 2)
+    with_it = replace(at_start, forward=forward.with_terms([*forward.terms, gravity]))
+    assert _allowed_for(GravityMisalignment(), with_it)
 
 
 @pytest.mark.parametrize(("keep", "expected"), [(0.0, 1.0), (0.9, 19.0)])

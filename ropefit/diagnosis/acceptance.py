@@ -6,6 +6,7 @@ import numpy as np
 
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.held_out import by_stretches, heldout_rms
+from ropefit.effects.base import Effect
 from ropefit.inference.least_squares import Fit
 
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
@@ -47,11 +48,18 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     supported = effect.prior_decides or agreeing(candidate.gains)
     if after > MOST_RMS_RATIO * before or not supported:
         return "held-out frames do not support it"
-    small = effect.calibrated or effect.calibration is not None  # the fit allows for it already
-    moving = not current.forward.instantaneous and not small
-    if moving and after > MOST_RMS_RATIO_IN_MOTION * before:
+    moving = not current.forward.instantaneous
+    if moving and not _allowed_for(effect, current) and after > MOST_RMS_RATIO_IN_MOTION * before:
         return "the error of held-out clips hardly falls"
     return ""
+
+
+def _allowed_for(effect: Effect, fitted: Fit) -> bool:
+    """Return whether a fit has an effect's small sizes already, as an error of the set-up."""
+    if effect.calibrated or effect.calibration is None:
+        return effect.calibrated
+    own = {effect.calibration.name, f"{effect.calibration.name}_{effect.end}"}
+    return any(term.nuisance and term.name in own for term in fitted.forward.terms)
 
 
 def agreeing(gains: np.ndarray) -> bool:

@@ -17,7 +17,7 @@ from ropefit.inference.discrepancy import orders, repeats, repeats_in
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 
-MESH_ERROR = 5e-4  # of the length: by which a rope of 24 segments differs from one of 48
+MESH_ERROR = 5e-4  # of the length: by which ropes of other meshes, steps and solvers differ
 
 
 def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:

@@ -1,0 +1,272 @@
+"""Blind benchmark of `ropefit diagnose` in motion: MuJoCo's rope, shaken, with one thing concealed.
+
+    python -m benchmarks.discovery.motions [--seeds FIRST:LAST] [--out DIR] [--json FILE]
+                                           [--write docs/results.md]
+
+Every seed draws a rope, its motion and what is concealed (`CAUSES` in turn, among them nothing).
+The ends are pinned: MuJoCo's rope does not twist, and between clamps it moves otherwise.
+What is told is diagnosed by `ropefit run --solver dynamics`. Finished seeds are kept in DIR.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from benchmarks.discovery.concealed import interval
+from benchmarks.discovery.run import kept, stages
+from benchmarks.discovery.setting import Setting, World, draw
+from benchmarks.document import parser, publish
+from reference_simulators import mujoco_rope
+from reference_simulators.rod_equations import Array, Point, Section
+
+CLIPS, FRAMES, STEP = 3, 150, 0.01  # s
+PAUSE = 10.0  # s between clips
+MARKERS = 11
+NOISE = (5e-5, 2e-4)  # m per coordinate
+DRAG = (0.1, 0.8)  # 1/s, of the medium
+RISE = 0.3  # s, until the sway is at its height
+MOST_FRAMES = "8"  # hundreds of frames in motion: all clips
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a recording tells wrongly: length and gravity by factors, gravity's direction by an
+    angle [rad], the ends by a lag [s]."""
+
+    length: float = 1.0
+    gravity: float = 1.0
+    gravity_tilt: float = 0.0
+    lag: float = 0.0
+
+
+@dataclass(frozen=True)
+class Concealed:
+    """What is concealed: the names that count as found, the size by key, and where [m]."""
+
+    names: tuple[str, ...]
+    key: str
+    size: float
+    place: tuple[float, float] | None = None
+
+
+Drawn = tuple[World, Told, Concealed | None]
+
+
+def nothing(s: Setting, rng: np.random.Generator) -> Drawn:
+    return s.world, Told(), None
+
+
+def point_mass(s: Setting, rng: np.random.Generator) -> Drawn:
+    at = s.rod.length * float(rng.uniform(0.25, 0.75))
+    mass = s.rod.density * s.rod.length * float(rng.uniform(0.08, 0.3))
+    rod = replace(s.rod, points=(Point(at, mass=mass),))
+    return replace(s.world, rod=rod), Told(), Concealed(("point_mass",), "mass", mass, (at, at))
+
+
+def mass_section(s: Setting, rng: np.random.Generator) -> Drawn:
+    a, b = interval(s.rod, rng, 0.15, 0.3)
+    factor = float(rng.uniform(2.0, 3.5))
+    rod = replace(s.rod, sections=(Section(a, b, density=factor),))
+    mass = (factor - 1) * s.rod.density * (b - a)
+    return replace(s.world, rod=rod), Told(), Concealed(("mass_section",), "mass", mass, (a, b))
+
+
+def stiff_section(s: Setting, rng: np.random.Generator) -> Drawn:
+    a, b = interval(s.rod, rng, 0.15, 0.3)
+    factor = float(rng.uniform(5.0, 12.0))
+    rod = replace(s.rod, sections=(Section(a, b, bending=factor),))
+    return (
+        replace(s.world, rod=rod),
+        Told(),
+        Concealed(("stiff_section",), "factor", factor, (a, b)),
+    )
+
+
+def length(s: Setting, rng: np.random.Generator) -> Drawn:
+    excess = float(rng.choice([-1, 1]) * rng.uniform(0.015, 0.04))
+    return s.world, Told(length=1 / (1 + excess)), Concealed(("length_error",), "excess", excess)
+
+
+def gravity_scale(s: Setting, rng: np.random.Generator) -> Drawn:
+    excess = float(rng.choice([-0.3, 0.4]) * rng.uniform(0.7, 1.2))
+    return s.world, Told(gravity=1 / (1 + excess)), Concealed(("weight_error",), "excess", excess)
+
+
+def gravity_tilt(s: Setting, rng: np.random.Generator) -> Drawn:
+    angle = float(np.radians(rng.uniform(2.5, 5.0)))
+    return s.world, Told(gravity_tilt=angle), Concealed(("gravity_misalignment",), "angle", angle)
+
+
+def time_lag(s: Setting, rng: np.random.Generator) -> Drawn:
+    lag = float(rng.choice([-1, 1]) * rng.uniform(0.025, 0.04))
+    return s.world, Told(lag=lag), Concealed(("time_lag",), "lag", lag)
+
+
+CAUSES: dict[str, Callable[[Setting, np.random.Generator], Drawn]] = {
+    one.__name__: one
+    for one in (
+        nothing, point_mass, time_lag, mass_section, gravity_tilt, length, stiff_section,
+        gravity_scale,
+    )
+}  # fmt: skip
+
+
+def make(folder: Path, seed: int) -> tuple[str, Concealed | None]:
+    """Write a recording; return what is concealed in it."""
+    rng = np.random.default_rng([seed, 77])
+    kind = list(CAUSES)[seed % len(CAUSES)]
+    setting = draw(False, rng, count=12)
+    world, told, concealed = CAUSES[kind](setting, rng)
+    drag, noise = float(rng.uniform(*DRAG)), float(rng.uniform(*NOISE))
+    lines, ends = [], []
+    times = np.arange(0.0, STEP * (FRAMES - 0.5), STEP)
+    for clip in range(CLIPS):
+        pose = sway(world, 4 * clip, rng)
+        rope = mujoco_rope.Rope(world.rod, world.held, setting.diameter)
+        rope.rest(pose(0.0))
+        seen = rope.filmed(pose, times, drag)
+        at = np.linspace(0, world.rod.length, MARKERS)
+        lines.append(CubicSpline(rope.arc_length, seen, axis=1)(at))
+        late = times - told.lag
+        ends.append(np.stack([[pose(t)[0], world.held.positions[0, 1]] for t in late]))
+    markers = np.concatenate(lines)
+    markers += noise * rng.standard_normal(markers.shape)
+    _write(folder, f"motion-{seed}", setting, told, np.concatenate(ends), markers)
+    return kind, concealed
+
+
+def sway(world: World, frame: int, rng: np.random.Generator) -> Callable[[float], Any]:
+    """Return place (3,) [m] and direction (3,) of end 0 at a time [s]: shaken about a pose."""
+    first = world.held.positions[frame, 0]
+    way = np.array([1.0, 0.0, 0.0])  # of a pinned end: says nothing
+    inward = world.held.positions[frame, 1] - first
+    first = first + 0.1 * inward  # room to be shaken in
+    reach: Array = 0.07 * world.rod.length * rng.uniform(0.7, 1.2, 3)
+    rate, phase = rng.uniform(4, 9, 3), rng.uniform(0, 2 * np.pi, 3)
+
+    def pose(time: float) -> tuple[Array, Array]:
+        grown = min(max(time, 0.0) / RISE, 1.0) ** 2
+        return first + grown * reach * (np.sin(rate * time + phase) - np.sin(phase)), way
+
+    return pose
+
+
+def _write(
+    folder: Path, name: str, setting: Setting, told: Told, ends: Array, markers: Array
+) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    time = np.concatenate(
+        [STEP * np.arange(FRAMES) + k * (PAUSE + STEP * FRAMES) for k in range(CLIPS)]
+    )
+    rod, length = setting.rod, told.length * setting.rod.length
+    arc = np.linspace(0, length, MARKERS)
+    np.savez(folder / "markers.npz", positions=markers, time=time, arc_length=arc)
+    rows = ["frame,time,end,x,y,z"]
+    for f, now in enumerate(time):
+        for end in range(2):
+            rows.append(f"{f},{now:.9g},{end}," + ",".join(f"{v:.9g}" for v in ends[f, end]))
+    (folder / "ends.csv").write_text("\n".join(rows) + "\n")
+    size, tilt = told.gravity * 9.81, told.gravity_tilt
+    gravity = [size * np.sin(tilt), 0.0, -size * np.cos(tilt)]
+    mass = rod.density * rod.length
+    (folder / "recording.toml").write_text(
+        f'format = "ropefit-recording/1"\nname = "{name}"\n'
+        f"gravity = {[round(float(v), 9) for v in gravity]}\n"
+        f"[rope]\nlength = {length:.9g}\nmass = {mass:.9g}\n"
+        '[ends]\nfile = "ends.csv"\n[markers]\nfile = "markers.npz"\n'
+    )
+
+
+def one(seed: int, out: Path) -> dict[str, Any]:
+    """Make, run and judge a seed."""
+    recording, run = out / f"recording-{seed}", out / f"run-{seed}"
+    kind, concealed = make(recording, seed)
+    done = kept(
+        out / f"{seed}.json",
+        lambda: stages(
+            ("preprocess", recording, "--run", run),
+            ("identify", "--solver", "dynamics", "--holdout", "0", "--run", run),
+            ("diagnose", "--most-frames", MOST_FRAMES, "--run", run),
+        ),
+    )
+    return {"seed": seed, "cause": kind, **judge(concealed, done["answer"]), **done}
+
+
+def judge(concealed: Concealed | None, answer: dict[str, Any] | None) -> dict[str, Any]:
+    """Return whether an answer is right, names the cause first, or at all, and has its size."""
+    effects = answer["effects"] if answer else []
+    if concealed is None:
+        right = answer is not None and answer["verdict"] == "none"
+        return {"right": right, "first": right, "in_set": right, "size": None}
+    named = [{e["name"], *e["equivalent_to"]} for e in effects]
+    first = bool(effects) and effects[0]["name"] in concealed.names
+    in_set = any(n & set(concealed.names) for n in named)
+    size = None
+    own = next((e for e in effects if e["name"] in concealed.names), None)
+    told = own["parameters"].get(concealed.key) if own else None
+    if told:
+        low, high = told["ci95"]
+        size = bool(low <= concealed.size <= high)
+    return {"right": first, "first": first, "in_set": in_set, "size": size, "true": concealed.size}
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    rows = [
+        f"MuJoCo's rope, shaken: {CLIPS} clips of {FRAMES} frames, {MARKERS} markers; written by",
+        "`python -m benchmarks.discovery.motions`.",
+        "",
+        "| seed | concealed | verdict | named (equivalent to) | size in its interval "
+        "| held out before → after [mm] |",
+        "|---" * 6 + "|",
+    ]
+    for row in found:
+        a = row["answer"]
+        if a is None:
+            rows.append(f"| {row['seed']} | {row['cause']} | {row['error']} | - | - | - |")
+            continue
+        names = ", ".join(
+            e["name"] + (f" ({', '.join(e['equivalent_to'])})" if e["equivalent_to"] else "")
+            for e in a["effects"]
+        )
+        held = a["heldout"]
+        change = f"{1e3 * held['rms_before_m']:.2f} → {1e3 * held['rms_after_m']:.2f}"
+        size = {None: "-", True: "yes", False: "no"}[row["size"]]
+        rows.append(
+            f"| {row['seed']} | {row['cause']} | {a['verdict']} | {names or '-'} | {size} "
+            f"| {change} |"
+        )
+    clean = [r for r in found if r["cause"] == "nothing"]
+    others = [r for r in found if r["cause"] != "nothing"]
+    sized = [r["size"] for r in others if r["size"] is not None]
+    rows += [
+        "",
+        f"Clean and called so: {sum(r['right'] for r in clean)} of {len(clean)}. Named first: "
+        f"{sum(r['first'] for r in others)} of {len(others)}; in the set: "
+        f"{sum(r['in_set'] for r in others)}; size in its 95 % interval: {sum(sized)} of "
+        f"{len(sized)}.",
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def main() -> None:
+    """Make, run, score, print."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--seeds", default="100:127", help="FIRST:LAST")
+    arguments.add_argument("--out", type=Path, default=Path("motions"), help="results' folder")
+    options = arguments.parse_args()
+    first, last = (int(part) for part in options.seeds.split(":"))
+    found = []
+    for seed in range(first, last):
+        found.append(one(seed, options.out))
+        print(seed, found[-1]["cause"], "right" if found[-1]["right"] else "WRONG", flush=True)
+    publish(options, "discovery-motions", table(found), {"found": found})
+
+
+if __name__ == "__main__":
+    main()
