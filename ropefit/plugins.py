@@ -8,6 +8,9 @@ from typing import TypeVar
 from ropefit.errors import StageFailed
 
 T = TypeVar("T")
+# The groups of entry points that are asked for.
+GROUPS = ("ropefit.effects", "ropefit.exporters", "ropefit.importers")
+EFFECTS, EXPORTERS, IMPORTERS = GROUPS
 
 
 def concrete(base: type[T], group: str) -> list[type[T]]:

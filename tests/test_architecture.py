@@ -128,7 +128,8 @@ def test_command_line_imports_nothing_heavy():
 
 EFFECTS = PACKAGE / "effects"
 BASES = {"ropefit.effects.base", "ropefit.effects.contact", "ropefit.effects.misfit"}
-BASES |= {"ropefit.effects.place", "ropefit.effects.drawn"}  # of effects, of no single one
+BASES |= {"ropefit.effects.place", "ropefit.effects.drawn", "ropefit.effects.law"}
+# All are of effects, of no single one.
 
 
 def effect_names() -> tuple[set[str], set[str]]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.end_path import end_path
 from ropefit.adapters.motion_of import motion_of
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.next_motion import next_motion
@@ -39,8 +40,7 @@ def shaken():
     still = bare(p, DOWN, ends, clamp, torch.tensor([0.0, -2, 0]).double())
     bump = torch.sin(torch.linspace(0, torch.pi, SEGMENTS + 1, dtype=torch.float64))[:, None]
     acceleration = bump * torch.from_numpy(rng.normal(scale=4.0, size=(FRAMES, 1, 3)))
-    zero = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
-    moving = still._replace(motion=Motion(0 * acceleration, acceleration, zero, zero, zero))
+    moving = still._replace(motion=Motion(0 * acceleration, acceleration))
     true = Inertia().apply(moving, torch.ones(1, dtype=torch.float64))
     seen = Equilibrium(true, []).at(np.empty(0))
     assert seen.solution.converged.all()
@@ -73,16 +73,16 @@ def test_motion_is_seen_in_clouds_of_which_stretches_are_hidden():
 
 def test_the_grippers_clock_is_an_error_of_the_set_up_wherever_the_ends_move():
     setup, _ = shaken()
-    assert setup.motion is not None
-    moving = setup._replace(
-        motion=setup.motion._replace(end_velocity=setup.motion.end_velocity + 1)
-    )
+    time = 0.5 * np.arange(FRAMES)
+    ends = np.zeros((FRAMES, 2, 3)) + time[:, None, None]
+    path = end_path(time, np.arange(FRAMES), ends, setup.clamp.numpy(), 1.0)
+    moving = setup._replace(end_path=path)
     known = Priors(time_lag=0.004)
     (clock,) = (t for t in calibration(moving, known, False) if t.name == "clock")
     np.testing.assert_allclose(clock.prior, 0.004)
     late = clock.apply(moving, torch.tensor([0.01], dtype=torch.float64))
     np.testing.assert_allclose(late.ends - moving.ends, 0.01)
-    for still, shared in ((setup, False), (moving, True), (moving._replace(motion=None), False)):
+    for still, shared in ((setup, False), (moving, True)):
         assert all(t.name != "clock" for t in calibration(still, known, shared))
 
 

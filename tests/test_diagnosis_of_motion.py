@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from ropefit.diagnosis.search import search
-from ropefit.diagnosis.wander import repeats
 from ropefit.effects import Effect, PointMass
 from ropefit.inference.bins import Data
+from ropefit.inference.discrepancy import repeats_in
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -101,7 +101,7 @@ def test_samples_that_wander_count_once(keep, expected):
         np.zeros((frames, markers, 3)), share, np.ones((frames, markers), bool), True, np.zeros(3)
     )
     stations = FitProblem(data, Noise(marker=1.0), 1).match(lines)
-    found = repeats(stations, noise.reshape(-1, 3), [np.arange(frames)])
+    found = repeats_in(stations, noise.reshape(-1, 3), [np.arange(frames)])
     assert found == pytest.approx(expected, rel=0.25)
 
 

@@ -6,8 +6,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ropefit.adapters.end_path import end_path
 from ropefit.effects import (
     CATALOGUE,
+    BendingLaw,
     Effect,
     FreeKink,
     Kink,
@@ -45,12 +47,15 @@ def pinned() -> Setup:
 
 
 def moving(setup: Setup) -> Setup:
-    """The setup with a motion, of smooth accelerations of some m/s²."""
+    """The setup with a motion, of smooth accelerations of some m/s², and a path of its ends."""
     frames, phase = len(setup.ends), torch.arange(3.0, dtype=torch.float64)
     t = torch.arange(frames, dtype=torch.float64)[:, None, None]
     nodes = torch.sin(t + 3 * setup.arc[:, None] + phase)
-    ends = torch.cos(t + torch.arange(2.0)[:, None] + phase)
-    return setup._replace(motion=Motion(nodes, 5 * nodes, ends, -3 * ends, 2 * ends))
+    time, turn = 0.3 * np.arange(frames), np.linspace(0, 0.5, frames)
+    clamp = np.zeros((frames, 2, 4))
+    clamp[..., 0], clamp[..., 2] = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    path = end_path(time, np.arange(frames), setup.ends.numpy() + turn[:, None, None], clamp, 1.0)
+    return setup._replace(motion=Motion(nodes, 5 * nodes), end_path=path)
 
 
 def clamped() -> Setup:
@@ -124,8 +129,11 @@ def test_every_effect_says_what_it_is():
 
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [(StiffSection(), [0.8, 0.45, 0.2]), (Tether(), [3.0, 0.1, 0.2, 0.4, 0.5])],
-)
+    [
+        (BendingLaw(), [-0.3, 0.2, -0.1, 0.15, -0.2]), (StiffSection(), [0.8, 0.45, 0.2]),
+        (Tether(), [3.0, 0.1, 0.2, 0.4, 0.5]),
+    ],
+)  # fmt: skip
 def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values):
     bare = rope(30, frames=3)
     values = torch.tensor(values, dtype=torch.float64)

@@ -109,7 +109,6 @@ def test_a_model_at_rest_is_fitted_to_the_calmest_frames():
     size = torch.linspace(0, 3, 40, dtype=torch.float64)
     size[7] = 0.0
     acceleration = size[:, None, None].expand(40, 41, 3)
-    zero = torch.zeros(40, 2, 3, dtype=torch.float64)
-    moving = setup._replace(motion=Motion(acceleration, acceleration, zero, zero, zero))
+    moving = setup._replace(motion=Motion(acceleration, acceleration))
     np.testing.assert_array_equal(calmest(frames, moving, 4), [0, 1, 2, 7])
     np.testing.assert_array_equal(calmest(frames[10:], moving, 3), [10, 11, 12])

@@ -8,7 +8,6 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.artifacts import Observations
 from ropefit.rod.setup import Motion
-from ropefit.solvers.equilibrium.turns import to_turn
 
 WINDOW = 3  # frames on either side that a parabola in time is fitted to
 # On either side of a quartic: three quarters of the noise, a quarter of the bias.
@@ -39,17 +38,7 @@ def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
     size = np.sqrt((acceleration**2).sum(-1).mean())
     if size < LEAST_FORCE * np.linalg.norm(o.gravity):
         return None
-    end_velocity, end_acceleration = rates(o.time, np.nan_to_num(o.end_position), clips)
-    clamp = np.nan_to_num(o.end_orientation)
-    for t in range(1, len(clamp)):  # of the two quaternions of a rotation, the nearer
-        clamp[t] *= np.where((clamp[t] * clamp[t - 1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
-    clamp_rate = to_turn(clamp, rates(o.time, clamp, clips)[0], 2.0)
-    return Motion(
-        *map(
-            torch.from_numpy,
-            (velocity, acceleration, end_velocity, end_acceleration, clamp_rate),
-        )
-    )
+    return Motion(torch.from_numpy(velocity), torch.from_numpy(acceleration))
 
 
 def centrelines(o: Observations, arc: np.ndarray) -> np.ndarray:

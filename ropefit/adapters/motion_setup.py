@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ropefit.adapters.motion_of import centrelines, clips_of, rates
+from ropefit.adapters.end_path import end_path
+from ropefit.adapters.motion_of import centrelines, clips_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space
 from ropefit.artifacts import Observations
 from ropefit.inference.bins import Data
 from ropefit.rod.carried import carried, continuous, third
 from ropefit.rod.moving import Damping
-from ropefit.rod.setup import Motion, Setup
-from ropefit.solvers.equilibrium.turns import to_turn
+from ropefit.rod.setup import Setup
 
 SEGMENTS = 24  # a clip of 500 frames takes some 50 ms
 EVERY = 2  # nodes between which a clip's first state is pulled to the observed rope
@@ -62,7 +62,8 @@ def span_of(o: Observations) -> Span:
     zero = torch.zeros_like(setup.properties.length)
     setup = setup._replace(
         damping=Damping(zero, zero, zero, zero),
-        motion=_motion_of_ends(o, setup, clamp, clips),
+        motion=None,  # of the nodes: simulated, not observed
+        end_path=end_path(o.time, o.frames, setup.ends.numpy(), clamp, last - first),
         clamp=torch.from_numpy(clamp),
         clamp_compliance=clamp_compliance,
     )
@@ -77,16 +78,6 @@ def span_of(o: Observations) -> Span:
         arc,
         lines,
     )
-
-
-def _motion_of_ends(
-    o: Observations, setup: Setup, clamp: np.ndarray, clips: list[np.ndarray]
-) -> Motion:
-    """Return how the ends move; the motion of the nodes is simulated, not observed."""
-    velocity, acceleration = rates(o.time, np.nan_to_num(setup.ends.numpy()), clips)
-    turning = to_turn(np.nan_to_num(clamp), rates(o.time, np.nan_to_num(clamp), clips)[0], 2.0)
-    nothing = torch.zeros(len(o.frames), 1, 3, dtype=torch.float64)
-    return Motion(nothing, nothing, *map(torch.from_numpy, (velocity, acceleration, turning)))
 
 
 def _grip(o: Observations, end: int) -> float:

@@ -12,13 +12,27 @@ from ropefit.models.priors import PAIR, Priors
 
 def noise_of(o: Observations, data: Data) -> Noise:
     """Return white noise only: that of markers is measured by preprocess, that of points by
-    stations."""
-    return Noise(marker=float(np.median(o.noise)) if data.material else 0.0)
+    stations.
+
+    Markers off the axis are no fresh error in every frame (`wander.with_what_is_missed_alike`).
+    """
+    if not data.material:
+        return Noise()
+    own = float(np.median(o.noise))
+    if not o.marker_offset:
+        return Noise(marker=own)
+    return Noise(marker=float(np.hypot(own, o.marker_offset / 3**0.5)), sensor=own)
 
 
 def priors_of(o: Observations) -> Priors:
-    """Return the recording's own priors over the defaults. Two markers tell a clamp's direction
-    badly."""
+    """Return the recording's own priors over the defaults.
+
+    Two markers tell a clamp's direction badly. Ends that are seen, not told, lie where the visible
+    rope ends: as uncertain as its length is from frame to frame, and as a point of it.
+    """
     given = {k: v for k, v in o.priors.model_dump().items() if v is not None}
-    pairs = {} if o.end_twist_known else {"end_orientation": PAIR}
-    return Priors(**(pairs | given))
+    usual: dict[str, float] = {} if o.end_twist_known else {"end_orientation": PAIR}
+    if o.ends_assumed:
+        seen = (Priors.end_position, float(np.median(o.noise)), o.length_sd or 0.0)
+        usual["end_position"] = float(np.linalg.norm(seen))
+    return Priors(**(usual | given))

@@ -21,7 +21,7 @@ from ropefit.models import rest_curve
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.models.priors import calibration
-from ropefit.plugins import concrete
+from ropefit.plugins import EFFECTS, concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import other_states
 
@@ -76,7 +76,7 @@ def restored_rope(
         # A rope that remembers comes into every frame as the recorded ends have brought it there.
         walked = Equilibrium(setup, []).at(np.empty(0))
         near, past = walked.solution, walked.solution.conditions.friction_elements
-        setup = setup._replace(memory=())
+        setup = setup._replace(memory=(), bending=None)  # a law of bending is among them
     rope = EquilibriumRope(
         setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
         friction_elements=past,
@@ -94,9 +94,9 @@ def restored_rope(
 
 
 def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
-    """Return the setup with every cause of a diagnosis, but errors of a solver, which no rope has.
-    Raises StageFailed for effects not installed."""
-    for cause in diagnosis.causes.values():
+    """Return the setup with every cause of a diagnosis, and those that its nominal run's rope has,
+    but errors of a solver, which no rope has. Raises StageFailed for effects not installed."""
+    for cause in (*diagnosis.known.values(), *diagnosis.causes.values()):
         effect = effect_of(cause)
         if effect.kind != "solver":
             setup = effect.apply(setup, torch.tensor(cause.values))
@@ -106,7 +106,7 @@ def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
 def effect_of(cause: Cause) -> Effect:
     """Return the effect of the catalogue, or of an add-on, that a cause names. Raises
     StageFailed."""
-    for kind in concrete(Effect, "ropefit.effects"):
+    for kind in concrete(Effect, EFFECTS):
         if kind.__name__ == cause.variant:
             return kind(cause.end or 0)  # pyright: ignore[reportAbstractUsage]
     raise StageFailed(f"the effect {cause.variant} of diagnosis.h5 is not installed here")

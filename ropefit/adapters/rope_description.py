@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from ropefit import attachments as records
 from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.restore import effect_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
+from ropefit.effects.place import nearest_node
 from ropefit.errors import NotConverged
 from ropefit.exporters import RopeDescription
 from ropefit.models.equilibrium import Equilibrium
@@ -53,9 +55,13 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     values = {name: value * (factor if name in weighs else 1.0) for name, value in fitted.items()}
     setup = started_setup(setup, values, o)
     notes = []
-    beside: tuple[Any, ...] = ()
+    beside: tuple[Any, ...] = tuple(
+        records.PointMass(nearest_node(setup, piece.arc_length, nodes), piece.mass)
+        for piece in o.fittings.values()
+        if piece.mass
+    )
     whole = setup
-    for cause in diagnosis.causes.values() if diagnosis else []:
+    for cause in (*diagnosis.known.values(), *diagnosis.causes.values()) if diagnosis else ():
         effect, given = effect_of(cause), torch.tensor(cause.values)
         named = dict(zip(cause.value_names, cause.values.tolist(), strict=True))
         changed = effect.apply(whole, given)

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ropefit.adapters.end_path import end_path
 from ropefit.adapters.motion_of import centrelines, motion_of
 from ropefit.artifacts import Observations
+from ropefit.effects.place import at_point, over_interval
 from ropefit.errors import BadInput
 from ropefit.inference.bins import Data, match
 from ropefit.rod.rod import uniform
@@ -57,13 +59,31 @@ def base_setup(o: Observations, segments: int) -> Setup:
         origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
     )
     setup = setup._replace(
-        seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time)
-    )
+        seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time),
+        end_path=end_path(o.time, o.frames, o.end_position, o.end_orientation, o.length),
+    )  # fmt: skip
+    setup = with_fittings(setup, o)
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
         clamp_compliance = torch.zeros(2, 2, dtype=torch.float64)
         clamp_compliance[:, 1] = torch.inf
         setup = setup._replace(clamp_compliance=clamp_compliance)
     return setup
+
+
+def with_fittings(setup: Setup, o: Observations) -> Setup:
+    """Return the setup with the rigid pieces that the recording tells of, and their weights."""
+    arc, mass, rigid = setup.arc, setup.mass, setup.rigid
+    for piece in o.fittings.values():
+        at, long = (torch.tensor(v, dtype=torch.float64) for v in (piece.arc_length, piece.length))
+        share = at_point(arc, at)
+        if piece.length:
+            inside = over_interval(arc, at, long)
+            rigid = inside if rigid is None else torch.maximum(rigid, inside)
+            part = inside * setup.properties.length / (inside * setup.properties.length).sum()
+            half = torch.nn.functional.pad(0.5 * part, (1, 1))
+            share = half[1:] + half[:-1]
+        mass = mass + piece.mass * share
+    return setup._replace(mass=mass, rigid=rigid)
 
 
 def data_in_space(o: Observations) -> Data:

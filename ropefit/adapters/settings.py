@@ -28,6 +28,9 @@ class PreprocessSettings(StageSettings):
     mask: str | None = None
 
 
+NOMINAL_DIAGNOSIS = "nominal_diagnosis"  # under which a stage is given that of the nominal run
+
+
 class DiagnoseSettings(StageSettings):
     """seed of the replicates; most_frames used, evenly spread; nominal: another run's rope;
     calibration: another run's camera and gravity; simulation: shapes of another simulator."""

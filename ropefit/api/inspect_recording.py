@@ -81,7 +81,10 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     warnings = [*tracer.warnings, *failed, *_unsaid(recording), *_frames_without_poses(recording)]
     time = np.array([recording.source.time[frame] for frame in frames])
     rope = recording.manifest.rope
-    given = [("long", rope.length, "m"), ("thick", rope.diameter, "m"), ("heavy", rope.mass, "kg")]
+    given = [
+        ("long", rope.length, "m"), ("thick", rope.diameter, "m"), ("heavy", rope.mass, "kg"),
+        ("heavy", rope.mass_per_length, "kg a metre"),
+    ]  # fmt: skip
     known = [f"{value:g} {unit} {what}" for what, value, unit in given if value is not None]
     summary = [
         ("frames", f"{len(frames)} ({frames[0]}..{frames[-1]}), {time[0]:g} to {time[-1]:g} s"),
@@ -129,7 +132,7 @@ def _unsaid(recording: Recording) -> list[str]:
         found.append(
             "no [rope] length: it is estimated from what is seen, and any error of it goes into EI"
         )
-    if recording.manifest.rope.mass is None:
+    if not recording.manifest.rope.mass_known:
         found.append("no [rope] mass: rigidities are told per weight of the rope, not in N m²")
     size = float(np.linalg.norm(recording.gravity))
     if abs(size - EARTH) > FAR_FROM_EARTH * EARTH:

@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ropefit.adapters.contents import read_run
-from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.adapters.settings import (
+    NOMINAL_DIAGNOSIS,
+    ControlSettings,
+    DiagnoseSettings,
+    PreprocessSettings,
+)
 from ropefit.api import pipeline
 from ropefit.api.keywords import checked_settings
 from ropefit.artifacts import (
@@ -147,6 +152,7 @@ def diagnose(
     model: Model,
     *,
     nominal: Model | None = None,
+    nominal_diagnosis: Diagnosis | None = None,
     calibration: Model | None = None,
     simulation: Observations | None = None,
     progress: Progress | None = None,
@@ -155,14 +161,17 @@ def diagnose(
     """Return where data and model differ beyond noise, and which effects explain it
     (docs/diagnosis.md).
 
-    nominal: the same rope's model from another recording, taken as known; calibration: the model of
-    another recording of the same set-up, for its camera and gravity; simulation: what preprocess
-    makes of another simulator's recording of the same motion. settings: any other option of
+    nominal: the same rope's model from another recording, taken as known, and nominal_diagnosis:
+    what was found there, of which all that belongs to the rope is taken over; calibration: the
+    model of another recording of the same set-up, for its camera and gravity; simulation: what
+    preprocess makes of another simulator's recording of the same motion. settings: any other of
     `ropefit diagnose`. Raises BadInput, NotConverged, WrongUsage.
     """
     given = {"nominal": nominal, "calibration": calibration, "simulation": simulation}
     external = {name: other for name, other in given.items() if other is not None}
     chosen = checked_settings(DiagnoseSettings, **dict.fromkeys(external, True), **settings)
+    if nominal_diagnosis is not None:
+        external[NOMINAL_DIAGNOSIS] = nominal_diagnosis
     hashes = _of(observations, model)
     hashes |= {name: content_sha256(other) for name, other in external.items()}
     return _compute(

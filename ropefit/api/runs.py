@@ -14,7 +14,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.adapters.settings import (
+    NOMINAL_DIAGNOSIS,
+    ControlSettings,
+    DiagnoseSettings,
+    PreprocessSettings,
+)
 from ropefit.api import pipeline
 from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.artifacts.exports import Export
@@ -98,6 +103,11 @@ def diagnosable(model: Model) -> bool:
     return model.nominal.search == "least-squares"
 
 
+def controllable(model: Model) -> bool:
+    """Return whether a model tells where a control point was: not one of a rope in motion."""
+    return model.nominal.stepped is None
+
+
 def diagnose(
     run: Path,
     settings: Given,
@@ -109,20 +119,34 @@ def diagnose(
 ) -> Outcome[Diagnosis]:
     """Make diagnosis.h5 of observations.h5 and model.h5.
 
-    nominal, calibration: other runs whose rope, or whose camera and gravity, are taken as known;
-    simulation: a run of a simulator's recording of the same motion.
+    nominal, calibration: other runs whose rope, or whose camera and gravity, are taken as known: a
+    run that has only observations.h5 is identified first, by the nominal rope's solver. simulation:
+    a run of a simulator's recording of the same motion.
     """
     objects: dict[str, Any] = {}
     external: dict[str, str] = {}
     for name, other in (("nominal", nominal), ("calibration", calibration)):
         if other is not None:
             objects[name], external[name] = load(existing_run(other), Model)
+    given = dict.fromkeys(objects, True)
+    if nominal is not None and (nominal / Diagnosis.file_name).exists():
+        objects[NOMINAL_DIAGNOSIS], external[NOMINAL_DIAGNOSIS] = load(nominal, Diagnosis)
     if simulation is not None:
         objects["simulation"], external["--simulation"] = load(
             existing_run(simulation), Observations
         )
-    chosen = DiagnoseSettings(**settings, **dict.fromkeys(objects, True))
+        given["simulation"] = True
+    chosen = DiagnoseSettings(**settings, **given)
     existing_run(run)
+    if objects and not (run / Model.file_name).exists() and (run / Observations.file_name).exists():
+        if simulation is not None:  # before anything is fitted
+            from ropefit.fitting.simulation import check_same_motion
+
+            check_same_motion(load(run, Observations)[0], objects["simulation"])
+        moving = nominal is not None and objects["nominal"].nominal.stepped is not None
+        solver = "dynamics" if moving else "equilibrium"
+        context.say(f"no {Model.file_name} yet: ropefit identify --solver {solver}")
+        identify(run, {"solver": solver}, context)
     return _stage(pipeline.DIAGNOSE, run, chosen, context, objects, external, force)
 
 

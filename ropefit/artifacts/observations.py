@@ -38,6 +38,14 @@ class SetupPriors(Part):
     mass: float | None = quantity("kg", default=None)
 
 
+class Fitting(Part):
+    """A rigid piece on the rope; of no length: a point."""
+
+    arc_length: float = quantity("m", "of its middle")
+    length: float = quantity("m", default=0.0)
+    mass: float = quantity("kg", "besides the rope's", default=0.0)
+
+
 class DroppedFrame(Part):
     """A frame of the recording that is not used, and why."""
 
@@ -61,6 +69,10 @@ class Observations(Artifact):
     diameter: float | None = quantity("m", default=None)
     mass: float | None = quantity("kg", "whole rope", default=None)
     priors: SetupPriors = Field(default_factory=SetupPriors)
+    marker_offset: float = quantity(
+        "m", "one sigma of how far markers lie off the axis, alike in all frames", default=0.0
+    )
+    fittings: dict[str, Fitting] = Field(default_factory=dict)
 
     frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
     time: Annotated[np.ndarray, ArraySpec(("frame",), "s")]

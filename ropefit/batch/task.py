@@ -146,7 +146,9 @@ def _diagnose(task: Task, run: Path, record: Record, fresh: list[str]) -> Summar
     return summaries.diagnosed(runs.diagnose(run, {}, Context()))
 
 
-def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary:
+def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary | None:
+    if not runs.controllable(load(run, Model)[0]):
+        return None
     return summaries.controlled(runs.control(run, task.settings["control"], Context()))
 
 

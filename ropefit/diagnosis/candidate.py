@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ropefit.diagnosis.calm import calm
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection
@@ -44,6 +45,11 @@ class Candidate:
         """Return (k + p,) standard errors in SI."""
         sd = np.sqrt(np.maximum(np.diag(self.covariance()), 0.0))
         return sd * self.term.slope(self._mine(self.fit.point.u)) / self._length()
+
+    def covariance_of_values(self) -> np.ndarray:
+        """Return (k + p, k + p) the covariance of its values in SI, to first order."""
+        slope = self.term.slope(self._mine(self.fit.point.u)) / self._length()
+        return slope[:, None] * self.covariance() * slope
 
     def covariance(self) -> np.ndarray:
         """Return (k + p, k + p) the covariance of its values in search coordinates."""
@@ -105,22 +111,22 @@ def fit_candidate(
 
     lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
     """
-    setup = smaller.forward.base
+    setup, slow = smaller.forward.base, hypothesis.effect.slow
+    origin = calm(smaller) if slow else smaller
     limits = hypothesis.term(setup, start)
     for share in START_SHARES if hypothesis.effect.linear else (1.0,):
         at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
         term = hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
-        forward = smaller.forward.with_terms([*smaller.forward.terms, term], smaller.point.solution)
-        begin = np.concatenate([_revived(smaller), np.zeros(term.size)])
+        forward = smaller.forward.with_terms([*smaller.forward.terms, term], origin.point.solution)
+        begin = np.concatenate([_revived(origin), np.zeros(term.size)])
         first = settled(forward, begin)
         if first.converged.all() and first.setup.possible:
             break
     else:
         return None
-    if _distorted(smaller):
+    if origin is smaller and _distorted(smaller):
         begin[: -term.size] = _refitted_beside(smaller, first.seen)
-    slow = hypothesis.effect.slow
-    if slow and np.allclose(first.seen, smaller.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
+    if slow and np.allclose(first.seen, origin.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there is no gradient
     most = SLOW_EVALUATIONS if slow else EVALUATIONS
     fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5)
@@ -134,7 +140,7 @@ def fit_candidate(
 
 
 def _continued(before: float, fitted: Fit, lowest: float) -> Fit:
-    """Return continue a slow fit as long as it gains: contact comes and goes, and gains soon
+    """Continue a slow fit as long as it gains: contact comes and goes, and gains soon
     shrink. One that even at its present pace could not reach the cost `lowest` stays as it is."""
     for left in range(SLOW_ROUNDS, 0, -1):
         if fitted.converged or fitted.cost - left * SLOW_EVALUATIONS * _pace(fitted) > lowest:
@@ -158,10 +164,10 @@ def _pace(fitted: Fit) -> float:
 def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> Candidate:
     """Compare a fitted hypothesis, its term the last one, with the smaller model.
 
-    The log evidence is Laplace's approximation, with broad priors; noise that turns out larger
-    than assumed scales it down.
+    The log evidence is Laplace's approximation, with broad priors; what even the larger model
+    misses scales it down.
     """
-    spread = max(1.0, fitted.scale**2)
+    spread = max(1.0, fitted.spread)
     evidence = 0.5 * (smaller.cost - fitted.cost) / spread - occam_factor(fitted, term)
     along = by_stretches(fitted)
     gains = block_losses(smaller, along) - block_losses(fitted, along)

@@ -84,7 +84,7 @@ def next_motion(first: Candidate, second: Candidate) -> tuple[str, float, np.nda
                 *(torch.zeros_like(item[:1]).expand(5, *item.shape[1:]) for item in base.motion)
             )
             moved = base._replace(
-                ends=ends, clamp=clamp, seen=seen, motion=slow, time=None, past=None
+                ends=ends, clamp=clamp, seen=seen, motion=slow, end_path=None, time=None, past=None
             )
             forward = candidate.fit.forward
             point = forward.of_setup(moved, None, forward.terms).at(candidate.fit.point.u)

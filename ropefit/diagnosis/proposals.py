@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.diagnosis.calm import calm, excess, pushes
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, effects_of
 from ropefit.effects import Effect
 from ropefit.effects.misfit import Misfit
@@ -22,7 +23,7 @@ Start = tuple[Hypothesis, np.ndarray]
 def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) -> list[list[Start]]:
     """Return starts, each with alternatives in case it does not settle, of effects whose fits are
     slow or of the others; names: only of these effects."""
-    misfit = misfit_of(current)
+    misfit = misfit_of(calm(current) if slow else current)
     return [
         [(Hypothesis(effect, NO_PLACE), values) for values in choices]
         for effect in effects_of(misfit.setup, names)
@@ -56,20 +57,10 @@ def misfit_of(fitted: Fit) -> Misfit:
         variance=float(np.trace(s.white().mean(axis=0))) if len(s.frame) else 0.0,
         excess=excess(fitted),
         terms=frozenset(term.name for term in fitted.forward.terms),
+        pushes=lambda: pushes(fitted),
     )
 
 
 def uneven(fitted: Fit) -> bool:
     """Return whether some frames are left far worse than the median one."""
     return bool((excess(fitted) > UNEVEN_SD).any())
-
-
-def excess(fitted: Fit) -> np.ndarray:
-    """Return (F,) standard errors by which the frames' mean squares exceed the median one."""
-    s, frames = fitted.stations, len(fitted.point.seen)
-    square = (fitted.z.reshape(len(s.frame), -1) ** 2).mean(axis=1)
-    count = np.bincount(s.frame, minlength=frames)
-    mean = np.bincount(s.frame, square, frames) / np.maximum(count, 1)
-    usual = float(np.median(mean[count > 0]))
-    spread = np.sqrt(2 / np.maximum(count * s.residual.shape[1], 1))
-    return np.where(count > 0, (mean / usual - 1) / spread, 0.0)

@@ -11,24 +11,26 @@ import numpy as np
 from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.latent_force import LatentForce, latent_force
 from ropefit.diagnosis.noise_measurement import measured_noise
+from ropefit.diagnosis.pairs import best_pair
 from ropefit.diagnosis.proposals import Start, proposals, uneven
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
-from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise
+from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise, with_what_is_missed_alike
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 BEYOND_SENSOR = 3.0  # times what markers and mesh explain
+CHANCE_SD = 3.0  # standard deviations of χ² that are chance
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -117,6 +119,15 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
                 current = again
                 continue
         best = rules.selection.acceptable(candidates, limits.threshold, current, refused)
+        pair = None
+        if not accepted and most > 1 and _leaves_much(current, candidates, limits.threshold):
+            single = best.evidence if best else 0.0
+            pair = best_pair(current, scan.sensitivities, single, limits.threshold)
+        if pair is not None:
+            for candidate, without in pair[0]:
+                accepted.append(accept(candidate, [candidate], without, len(scan.sensitivities)))
+            current = pair[1]
+            continue
         if best is None:
             break
         tried = len(scan.sensitivities)
@@ -126,6 +137,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         if not current.forward.instantaneous:  # less is left, and what is left wanders less
             problem = problem.under(wandering_noise(best.fit, scan.sensitivities))
+        else:
+            problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
         forward = best.fit.forward.starting_from(best.fit.point.solution)
         current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
@@ -137,6 +150,18 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     )  # fmt: skip
 
 
+def _leaves_much(current: Fit, candidates: list[Candidate], threshold: float) -> bool:
+    """Return whether something is there that no single effect explains."""
+    there = [c for c in candidates if c.evidence >= threshold]
+    left = min((unexplained(c.fit) for c in there), default=0.0)
+    return bool(there) and current.forward.instantaneous and left > _chance_of_chi2(current)
+
+
+def _chance_of_chi2(fitted: Fit) -> float:
+    """Return by how much χ² may exceed what noise has by chance."""
+    return CHANCE_SD * float(np.sqrt(2 * len(fitted.z)))
+
+
 def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
     """Measure the noise and fit the nominal model with it; and the sensitivities of the nominal
     model, where they were needed for that."""
@@ -146,6 +171,8 @@ def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
         problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
         nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
     noise, known = _noise(nominal, rules)
+    if nominal.forward.instantaneous and known:
+        noise = with_what_is_missed_alike(noise, nominal, known)
     forward = nominal.forward.starting_from(nominal.point.solution)
     again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
     return again, known

@@ -13,12 +13,11 @@ import numpy as np
 
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
-from ropefit.inference.bins import Stations
+from ropefit.inference.discrepancy import orders, repeats, repeats_in
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 
 MESH_ERROR = 5e-4  # of the length: by which a rope of 24 segments differs from one of 48
-LEAST_CORRELATION = 0.05  # of the residual with itself: later lags count as independent
 
 
 def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
@@ -36,8 +35,21 @@ def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
     length = float(fitted.point.setup.properties.length.sum())
     alike = len(residual) / max(len(clips), 1)
     mesh = alike * (MESH_ERROR * length / marker) ** 2
-    many = max(repeats(fitted.stations, residual, clips), 1 + mesh)
+    many = max(repeats_in(fitted.stations, residual, clips), 1 + mesh)
     return replace(fitted.problem.noise, marker=marker, repeats=many)
+
+
+def with_what_is_missed_alike(noise: Noise, fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
+    """Return the noise of markers of which a part is what the rope misses in another recording,
+    too: that is no fresh error in every frame, and counts as often as what is left here does."""
+    if not noise.sensor or noise.marker <= noise.sensor:
+        return noise
+    left = _left_by_the_best(fitted, sensitivities)
+    s = fitted.stations
+    residual = fitted.whitener.undo(left).reshape(s.residual.shape)
+    share = 1 - (noise.sensor / noise.marker) ** 2
+    many = repeats(s, residual, orders(s, fitted.point.seen))
+    return replace(noise, repeats=1 + share * (many - 1))
 
 
 def _left_by_the_best(fitted: Fit, sensitivities: list[Sensitivity]) -> np.ndarray:
@@ -53,21 +65,3 @@ def _left_by_the_best(fitted: Fit, sensitivities: list[Sensitivity]) -> np.ndarr
             if gain > most:
                 best, most = project.z - columns @ sizes, gain
     return best
-
-
-def repeats(s: Stations, residual: np.ndarray, clips: list[np.ndarray]) -> float:
-    """Return of how many samples (M, D) one is independent, in time and along the rope."""
-    rows = np.unique(s.frame)
-    table = np.zeros((len(rows), int(s.bin.max()) + 1, residual.shape[1]))
-    table[np.searchsorted(rows, s.frame), s.bin] = residual
-    table = table.reshape(len(rows), -1)
-    covariance = table.T @ table
-    alike = (covariance**2).sum() / np.trace(covariance) ** 2 * np.count_nonzero(table.any(0))
-    parts = [table[np.isin(rows, clip)] for clip in clips]
-    whole, lag, correlation = float((table**2).mean()), 1, 0.0
-    while True:
-        pairs = [(part[:-lag] * part[lag:]).ravel() for part in parts if len(part) > lag]
-        shared = float(np.concatenate(pairs).mean()) / whole if pairs else 0.0
-        if shared < LEAST_CORRELATION:
-            return float(max(1 + 2 * correlation, 1.0) * max(alike, 1.0))
-        correlation, lag = correlation + shared, lag + 1

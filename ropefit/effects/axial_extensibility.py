@@ -19,6 +19,7 @@ class AxialExtensibility(Effect):
     """`compliance` 1/EA [1/N]: relative stretch per newton of tension."""
 
     name = "axial_extensibility"
+    of_rope = True
     of_simulators = True
     quantities = (
         Quantity(

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.drawn import Drawn
+from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import intervals_along, points_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -155,11 +156,15 @@ class Effect(ABC):
     # Small sizes are an error of the set-up: the prior judges them, not held-out frames.
     calibrated: ClassVar[bool] = False
     calibration: ClassVar[Calibration | None] = None
+    # Usual sizes beyond which a linear effect is refused: it stands for something else.
+    implausible: ClassVar[float] = 30.0
     # Counts against the number of effects that may be accepted.
     counted: ClassVar[bool] = True
     # Where it is accepted, a recording is explained down to noise.
     exact: ClassVar[bool] = True
     may_leave: ClassVar[float] = MAY_LEAVE
+    # It belongs to the rope, wherever that is recorded: `--nominal` takes it over.
+    of_rope: ClassVar[bool] = False
     # Advice for recordings in which the rope's own parameters explain the effect as well.
     confounding: ClassVar[str] = ""
 
@@ -227,6 +232,10 @@ class Effect(ABC):
     def start_sd(self, setup: Setup) -> np.ndarray:
         """Return (n,) one sigma of all values about where a fit starts; inf: no prior."""
         return np.full(len(self.names), np.inf)
+
+    def law(self, setup: Setup) -> Law | None:
+        """Return what the curve is of which the quantities are values, if there is one."""
+        return None
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]

@@ -29,6 +29,7 @@ class IntrinsicCurvature(Effect):
     """
 
     name = "intrinsic_curvature"
+    of_rope = True
     locus = "interval"
     vector = ("curvature", "1/m")
     quantities = (

@@ -32,6 +32,7 @@ class Kink(Effect):
     over a width; `log_width`: logarithm of that in metres."""
 
     name = "kink"
+    of_rope = True
     locus = "point"
     vector = ("angle", "rad")
     quantities = (

@@ -23,6 +23,7 @@ class MassSection(Effect):
     """`mass` [kg] more (or less), spread evenly over an interval."""
 
     name = "mass_section"
+    of_rope = True
     locus = "interval"
     quantities = (Quantity("mass", "kg", 0.01, by_weight=1.0),)
 

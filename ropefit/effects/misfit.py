@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ropefit.rod.setup import Setup
+
+
+class Push(NamedTuple):
+    """A force (3,) [N] at one place of the data (3,) [m] that explains most of what a frame leaves,
+    and by how much that lowers its χ²."""
+
+    frame: int
+    place: np.ndarray
+    force: np.ndarray
+    gain: float
 
 
 @dataclass(frozen=True)
@@ -17,7 +29,8 @@ class Misfit:
     camera reports them, NaN in frames without equilibrium. At the M stations: frame (M,), places
     (M, 3) [m] on the rope, moves (M, 3) [m] from the rope to the data. variance [m²] of the noise
     of a point, summed over the components that count; excess (F,) standard errors by which a
-    frame's mean square exceeds the median one; terms: names of all parts of the model.
+    frame's mean square exceeds the median one; terms: names of all parts of the model; pushes():
+    of frames that stand out, the strongest first.
     """
 
     setup: Setup
@@ -28,3 +41,4 @@ class Misfit:
     variance: float
     excess: np.ndarray
     terms: frozenset[str]
+    pushes: Callable[[], list[Push]] = list

@@ -17,6 +17,7 @@ from ropefit.effects.place import horizontal, middle_of
 from ropefit.effects.support_plane import SupportPlane, bearing_point
 from ropefit.rod.setup import Setup
 
+PUSHED_SHARE = 0.1  # of the strongest push: others with less may be what distorts a frame
 EXCESS_SD = 3.0  # standard errors by which a frame must be worse than usual to show a bar
 LIFT_SD = 2.5  # standard errors of the mean lift that makes a bar worth a fit
 LIFTED_SHARE = 0.7  # of the greatest lift: stations on the bar
@@ -65,9 +66,34 @@ class Obstacle(Contact):
         return np.array([q.size(setup) for q in self.quantities])
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
-        """Propose the place in space where the data of bad frames lie above the fitted rope."""
+        """Propose the place in space where the rope is pushed; else where it is lifted."""
         if has_free_end(misfit):
             return []
+        pushed, lifted = self._starts_where_pushed(misfit), self._starts_where_lifted(misfit)
+        return [choices for choices in (pushed + lifted,) if choices]
+
+    def _starts_where_pushed(self, misfit: Misfit) -> list[np.ndarray]:
+        """Propose a bar where single forces explain the frames that stand out."""
+        found = misfit.pushes()
+        found = [push for push in found if push.gain > PUSHED_SHARE * found[0].gain]
+        if not found:
+            return []
+        setup, heading = misfit.setup, heading_across(misfit.setup)
+        places = np.array([push.place for push in found]) - middle_of(setup).numpy()
+        away = np.array([_across(setup, heading, push.force) for push in found])
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        weight = np.array([push.gain for push in found])
+        out = []
+        for which in (slice(None), slice(1)):  # the axis behind all places, or behind the first
+            for radius in RADII:
+                for below in LOWERED:
+                    axis = places[which] - (radius + below) * away[which]
+                    centre = np.average(axis, axis=0, weights=weight[which])
+                    out.append(np.array([*centre, radius, heading]))
+        return out
+
+    def _starts_where_lifted(self, misfit: Misfit) -> list[np.ndarray]:
+        """Propose the place in space where the data of bad frames lie above the fitted rope."""
         up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
         data, lift = misfit.places + misfit.moves, np.zeros(len(misfit.frame))
         for t in np.flatnonzero(misfit.excess > EXCESS_SD):
@@ -83,7 +109,7 @@ class Obstacle(Contact):
         away /= np.linalg.norm(away)  # of a steep rope not upwards
         heading = heading_across(misfit.setup)
         tried = [(way, r, r + d) for way in (away, up) for r in RADII for d in LOWERED]
-        return [[np.array([*(centre - origin - d * way), r, heading]) for way, r, d in tried]]
+        return [np.array([*(centre - origin - d * way), r, heading]) for way, r, d in tried]
 
     def starts_beside(
         self, leader: Effect, values: np.ndarray, misfit: Misfit
@@ -120,6 +146,13 @@ class Obstacle(Contact):
         radius = values["radius"]
         label = f"bar, radius {1e3 * radius:.2g} mm"
         return Drawn("bar", axis, components(values, ""), size=radius, label=label)
+
+
+def _across(setup: Setup, heading: float, vector: np.ndarray) -> np.ndarray:
+    """Return the part of a vector (3,) across a horizontal axis of some heading."""
+    first, second = (axis.numpy() for axis in horizontal(setup.gravity))
+    axis = np.cos(heading) * first + np.sin(heading) * second
+    return vector - (vector @ axis) * axis
 
 
 def heading_across(setup: Setup) -> float:

@@ -18,6 +18,7 @@ class PointMass(Effect):
     """Weight of `mass` [kg] at an arc length, shared by the nodes beside it."""
 
     name = "point_mass"
+    of_rope = True
     locus = "point"
     quantities = (Quantity("mass", "kg", 0.003, lower=0.0, by_weight=1.0),)
     confounding = (

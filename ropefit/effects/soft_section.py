@@ -17,6 +17,7 @@ class SoftSection(Effect):
     """`log_factor`: logarithm of the rigidity outside an interval over that inside."""
 
     name = "soft_section"
+    of_rope = True
     locus = "interval"
     quantities = (
         Quantity(

@@ -27,6 +27,7 @@ class StiffSection(Effect):
     """`log_factor`: logarithm of the rigidity inside an interval over that outside."""
 
     name = "stiff_section"
+    of_rope = True
     locus = "interval"
     quantities = (
         Quantity(

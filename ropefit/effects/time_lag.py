@@ -7,8 +7,22 @@ from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn
-from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.rod.quaternion import multiply
 from ropefit.rod.setup import Setup
+
+USUAL_SHARE = 0.1  # of the time between frames: a usual lag, where frames are few
+LARGEST = 0.3  # s; more than the time between two frames only where they are dense
+
+
+class _Lag(Quantity):
+    """A time [s] whose usual size grows with the time between frames."""
+
+    def size(self, setup: Setup) -> float:
+        return (
+            self.scale
+            if setup.end_path is None
+            else max(self.scale, USUAL_SHARE * setup.end_path.step)
+        )
 
 
 class TimeLag(Effect):
@@ -16,18 +30,21 @@ class TimeLag(Effect):
 
     name = "time_lag"
     kind = "measurement"
-    quantities = (Quantity("lag", "s", 0.02, -0.3, 0.3),)
+    quantities = (_Lag("lag", "s", 0.02),)
     calibration = Calibration("clock", ("lag",), "time_lag", own_sensor=True)
 
     def applies(self, setup: Setup) -> bool:
-        return setup.motion is not None and bool((setup.motion.end_velocity != 0).any())
+        return setup.end_path is not None
+
+    def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
+        most = LARGEST if setup.end_path is None else max(LARGEST, setup.end_path.step)
+        return [-most], [most]
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        assert setup.motion is not None
-        m, lag = setup.motion, values[0]
-        ends = setup.ends + lag * m.end_velocity + 0.5 * lag**2 * m.end_acceleration
-        clamp = multiply(setup.clamp, from_rotation_vector(lag * m.clamp_rate))
-        return setup._replace(ends=ends, clamp=clamp)
+        if setup.end_path is None:  # poses that are held still have no lag
+            return setup
+        shift, turn = setup.end_path.moved(values[0])
+        return setup._replace(ends=setup.ends + shift, clamp=multiply(setup.clamp, turn))
 
     def sentence(self, values: dict[str, float]) -> str:
         late = "late" if values["lag"] > 0 else "early"

@@ -10,7 +10,7 @@ from ropefit.exporters.mujoco import MuJoCo
 from ropefit.exporters.mujoco3 import MuJoCo3
 from ropefit.exporters.newton import Newton
 from ropefit.exporters.pyelastica import PyElastica
-from ropefit.plugins import concrete
+from ropefit.plugins import EXPORTERS, concrete
 
 __all__ = [
     "ExportResult",
@@ -30,7 +30,7 @@ __all__ = [
 
 def exporters() -> dict[str, type[Exporter]]:
     """Return {target: class} of every exporter, those of installed add-ons included."""
-    return {kind.target: kind for kind in concrete(Exporter, "ropefit.exporters")}
+    return {kind.target: kind for kind in concrete(Exporter, EXPORTERS)}
 
 
 def exporter(target: str) -> type[Exporter]:

@@ -30,7 +30,10 @@ def simulator_of(target: str) -> Simulator:
     """Return where texts for `target` run. Raises WrongUsage where nothing runs them."""
     simulator = exporter(target).simulator
     if simulator is None:
-        raise WrongUsage(f"--check: {target} is a format, and none runs it; leave --check out")
+        raise WrongUsage(
+            f"--check: {target} names no simulator that could run it (Exporter.simulator); leave "
+            "--check out"
+        )
     return simulator
 
 

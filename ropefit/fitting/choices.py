@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ropefit.adapters.frozen import frozen_values
 from ropefit.adapters.scene import node_at
+from ropefit.adapters.shapes_only import shapes_only
 from ropefit.artifacts import Observations
 from ropefit.errors import WrongUsage
 from ropefit.fitting.settings import IdentifySettings
@@ -28,10 +29,9 @@ def given_values(o: Observations, settings: IdentifySettings, context: Context) 
     WrongUsage."""
     if not settings.from_run:
         return settings.start
-    return (
-        frozen_values(context.external["from"], f"--from {context.external['from_path']}", o)
-        | settings.start
-    )
+    where = f"--from {context.external['from_path']}"
+    shapes_only(context.external["from"].nominal, where)
+    return frozen_values(context.external["from"], where, o) | settings.start
 
 
 def free_names(settings: IdentifySettings, o: Observations) -> list[str]:

@@ -12,12 +12,14 @@ from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.motion_model import at_observed_nodes
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
-from ropefit.adapters.settings import DiagnoseSettings
-from ropefit.artifacts import Model, Observations
+from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
+from ropefit.adapters.taken_over import as_found, of_rope
+from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.artifacts.diagnosis import Cause
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import Rules
-from ropefit.errors import BadInput, WrongUsage
+from ropefit.errors import BadInput
 from ropefit.fitting.nominal import (
     nominal_at_rest,
     nominal_terms,
@@ -25,7 +27,9 @@ from ropefit.fitting.nominal import (
     with_what_is_missed,
 )
 from ropefit.fitting.nominal_motion import nominal_in_motion
+from ropefit.inference.least_squares import Fit
 from ropefit.inference.problem import FitProblem
+from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
@@ -37,10 +41,10 @@ def in_motion(
     o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
 ) -> dict[str, Any]:
     """Diagnose the stepped rope. Raises BadInput, NotConverged, WrongUsage."""
-    if settings.nominal or settings.calibration:
-        raise WrongUsage("--nominal and --calibration are of ropes at rest; leave them out")
     context.progress(0.02, "nominal fit")
-    span, nominal = nominal_in_motion(o, model.nominal, settings.most_frames)
+    known = context.external["nominal"] if settings.nominal else None
+    calibration = context.external["calibration"] if settings.calibration else None
+    span, nominal = nominal_in_motion(o, model, settings.most_frames, known, calibration)
     result = engine.search(nominal, settings.seed, context.progress, rules)
     shown = np.unique(nominal.stations.frame)
     reached = np.isin(np.arange(len(o.frames)), shown)
@@ -64,15 +68,19 @@ def at_rest(
         np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
     )
     setup, data = compared(setup, used, settings.most_frames), data_in_space(o).frames(used)
-    source = context.external["nominal"] if settings.nominal else model
+    source, found = (context.external["nominal"] if settings.nominal else model), None
+    if settings.nominal:
+        source, found = _as_diagnosed(source, context)
     terms, setup = nominal_terms(o, source, setup, prior=settings.nominal)
+    known = of_rope(source, found, o, setup) if found else []
+    terms += [term for _, _, term in known]
     noise = noise_of(o, data)
     if settings.nominal:
         noise = with_what_is_missed(noise, source, o)
     problem = FitProblem(data, noise, STATIONS)
     context.progress(0.02, "nominal fit")
-    known = context.external["calibration"] if settings.calibration else None
-    errors = set_up_errors(setup, o, known) if rules.calibration else []
+    calibrated = context.external["calibration"] if settings.calibration else None
+    errors = set_up_errors(setup, o, calibrated) if rules.calibration else []
     nominal = nominal_at_rest(setup, [*terms, *errors], problem)
     result = None
     for _ in range(2):  # with an effect, other frames may be near instability
@@ -98,7 +106,29 @@ def at_rest(
     layout = Layout(
         o.frames[used], np.arange(len(used)), 0.0, o.length, lambda x: x[:, ::every][:, :nodes]
     )
-    return content(o, result, layout)
+    now = {name: _as_fitted(cause, term, result.final) for name, cause, term in known}
+    return content(o, result, layout) | {"known": now}
+
+
+def _as_diagnosed(source: Model, context: Context) -> tuple[Model, Diagnosis | None]:
+    """Return the nominal run's model, and its diagnosis, as fitted along with what was found."""
+    found = context.external.get(NOMINAL_DIAGNOSIS)
+    if found is None:
+        context.say(
+            "warning: the nominal run was not diagnosed: what its rope has besides its rigidity is "
+            "not known here and may be taken for a change; run `ropefit diagnose` on it"
+        )
+        return source, None
+    if found.verdict == "unknown":
+        context.say("warning: the nominal run misses something unknown; it may be missed here, too")
+    return as_found(source, found), found
+
+
+def _as_fitted(cause: Cause, term: Term, final: Fit) -> Cause:
+    """Return a cause of the nominal run with its values as fitted here."""
+    parts = zip(final.forward.terms, final.forward.split(final.point.u), strict=True)
+    u = next(part for one, part in parts if one is term)
+    return cause.model_copy(update={"values": term.value(u)})
 
 
 def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:

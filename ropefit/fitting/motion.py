@@ -31,6 +31,7 @@ from ropefit.runs.protocol import Context
 SHORTEST = 20  # frames of a clip
 OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes
 HORIZONS = (0.5, 1.5)  # s of each clip that are fitted before all of it
+LEAST_MOTION = 0.01  # of the length: a rope that moves less shows neither inertia nor damping
 LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get below
 LOOK = 15  # evaluations of a first fit
 
@@ -46,6 +47,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     span = span_of(o)
     if not all(np.isfinite(span.lines[c[:2]]).all() for c in clips):
         raise BadInput("the first two frames of a clip show too few markers to start from")
+    _check_that_it_moves(span, clips)
     free = free_names(settings, o, span.setup)
     terms = terms_of(o, span.setup, free)
     train, out = held_back(clips, len(o.frames), settings.holdout)
@@ -165,6 +167,20 @@ def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:
     """Return the data of some clips."""
     used = np.isin(np.arange(len(span.data.points)), np.concatenate(clips))
     return FitProblem(span.data, noise, 1).without(~used)
+
+
+def _check_that_it_moves(span: Span, clips: list[np.ndarray]) -> None:
+    """Raise BadInput where no clip shows a motion."""
+    length = span.last - span.first
+    moved = max(
+        float(np.nanmax(np.linalg.norm(span.lines[c] - span.lines[c[0]], axis=-1), initial=0.0))
+        for c in clips
+    )
+    if moved < LEAST_MOTION * length:
+        raise BadInput(
+            f"no point of the rope moves by more than {1e3 * moved:.2g} mm: there is no motion to "
+            "fit; use --solver equilibrium"
+        )
 
 
 def _check(point: MotionPoint, clips: list[np.ndarray]) -> None:

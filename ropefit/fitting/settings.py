@@ -87,10 +87,10 @@ class IdentifySettings(StageSettings):
         The others may be given and change nothing.
         """
         names = EVERY_FIT | OF_SEARCH[self.how]
-        if self.solver in ("jacobi", "thomas"):
-            names |= OF_WEIGHTS
-        elif self.solver == "equilibrium":
+        if self.solver == "equilibrium":
             names |= OF_EQUILIBRIUM if self.how == "least-squares" else OF_BATCHED_EQUILIBRIUM
+        elif self.solver != "dynamics":
+            names |= OF_WEIGHTS
         whole = super().used() | {"search": self.how}
         return {name: value for name, value in whole.items() if name in names}
 

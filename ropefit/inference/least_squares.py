@@ -11,6 +11,7 @@ from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from ropefit.inference.bins import Stations, aligned
+from ropefit.inference.discrepancy import inflation
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Whitener
 from ropefit.inference.problem import FitProblem
@@ -27,7 +28,8 @@ class Fit:
 
     problem: what the model was fitted to; z (M D,): whitened residual; jacobian (M D, P) of the
     model in the search variables, whitened;
-    covariance (P, P) of the search variables; cost: χ² with the priors' share; scale: sd of z.
+    covariance (P, P) of the search variables; cost: χ² with the priors' share; scale: sd of z;
+    spread: by how much the variance of estimates exceeds that by the noise alone.
     """
 
     forward: Model
@@ -40,10 +42,12 @@ class Fit:
     prior: np.ndarray
     covariance: np.ndarray
     cost: float
+    spread: float
     freedom: int
     converged: bool
     evaluations: int
     trace: list[float]
+    calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
 
     @property
     def scale(self) -> float:
@@ -168,15 +172,16 @@ def fit(
     cost, status, nfev = best["told"]
     jacobian, prior, held = objective.jacobian(best["u"]), objective.prior, objective.held
     freedom = max(len(z) - int((~held).sum()), 1)
-    spread = max(float(z @ z) / freedom, 1e-12)
-    # The residual's own size scales the data's share of the information, not the priors'.
-    scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
     stations = objective.stations
+    elsewhere = forward.instantaneous and problem.noise.repeats > 1  # of a motion: measured here
+    spread = inflation(stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere)
+    # What the model misses scales the data's share of the information, not the priors'.
+    scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
     current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
         forward, problem, point, current, objective.whitener, z, jacobian, prior,
-        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), freedom, bool(status > 0), int(nfev),
-        best["trace"].tolist(),
+        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), spread, freedom, bool(status > 0),
+        int(nfev), best["trace"].tolist(),
     )  # fmt: skip
 
 

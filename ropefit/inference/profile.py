@@ -72,14 +72,13 @@ def _estimate(
 def _profile(found: Fit, k: int, value: float) -> tuple[tuple[float, float] | None, float | None]:
     """Return interval or upper limit, from the rise of χ² with the parameter held, others
     refitted."""
-    spread = max(found.scale**2, 1e-12)
 
     def rise(shift: float) -> float:
         """Return the rise of χ², in units of the residual's own size, with the logarithm moved by
         `shift`."""
         held = _without(found.forward, k, found.point.u[k] + shift)
         start = np.delete(found.point.u, k)
-        return (fit(held, found.problem, start, 15).cost - found.cost) / spread
+        return (fit(held, found.problem, start, 15).cost - found.cost) / found.spread
 
     def crossing(goal: float, direction: float, most: float) -> float | None:
         inner, outer = 0.0, direction * 0.5

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import torch
 
+from ropefit.models.bends import conditions_of
 from ropefit.models.history import WalkedPoint, walk
 from ropefit.models.model import Model
 from ropefit.models.response import Point
@@ -43,8 +44,7 @@ class Equilibrium(Model):
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
         """Return what holds the ends at search variables u (P,)."""
-        setup = self.setup_at(u)
-        return Conditions(setup.ends, setup.clamp)
+        return conditions_of(self.setup_at(u))
 
     def at(self, u: np.ndarray, start: States | None = None) -> Point:
         """Settle at u. Frames that do not converge are NaN in `seen`."""
@@ -73,7 +73,8 @@ class Equilibrium(Model):
             arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
             if point.setup.potentials:  # what stands for them comes out of settling
                 arrays |= as_arrays(solution.rod, "rod.")
-                arrays |= as_arrays(solution.conditions, "conditions.")
+                held = replace(solution.conditions, friction_elements=None)  # the setup's law
+                arrays |= as_arrays(held, "conditions.")
         if self.last is not None and self.last is not solution:
             arrays |= {f"last.{f.name}": getattr(self.last, f.name) for f in fields(States)}
         return arrays
@@ -84,10 +85,13 @@ class Equilibrium(Model):
         if setup.remembers:  # settled once more, from there: what friction held is not kept
             point: Point = walk(u, setup, None, from_arrays(States, "path.", arrays))
         else:
-            rod, held = _rod_of(setup), Conditions(setup.ends, setup.clamp)
+            rod = _rod_of(setup)
+            held = conditions_of(setup, rod)
             if setup.potentials:
                 rod = from_arrays(Rod, "rod.", arrays)
+                law = held.friction_elements
                 held = from_arrays(Conditions, "conditions.", arrays)
+                held = replace(held, friction_elements=law)
             # The journal's own arrays stay as they were.
             known = {name: arrays[f"solution.{name}"].copy() for name in ARRAYS}
             point = _point(u, setup, Solution(**known, rod=rod, conditions=held))
@@ -111,7 +115,8 @@ def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
 
 def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
     """Return equilibria of frames, each by itself."""
-    conditions, rod = Conditions(setup.ends, setup.clamp), _rod_of(setup)
+    rod = _rod_of(setup)
+    conditions = conditions_of(setup, rod)
     if setup.potentials:
         return solve_with_potentials(rod, conditions, setup.potentials, start, deepest)
     solution = solve(rod, conditions, start)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.models.bends import elements_of, joined
 from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.batched.implicit import settled_batched
@@ -119,7 +120,8 @@ class EquilibriumRope:
         rod, start = s._replace(properties=rows).rod(), None
         of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
         past = None if self.friction_elements is None else self.friction_elements.frames(of)
-        held = Conditions(ends, clamp, friction_elements=past)
+        law = elements_of(s, rod, len(flat))
+        held = Conditions(ends, clamp, friction_elements=joined(past, law))
         if self.near is not None:
             start = self.near.frames(of)
         x, q = self._states(rod, held, start)

@@ -12,8 +12,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ropefit.models.bends import darboux, merged, spun, stacked, vector_change, vectors
-from ropefit.models.response import STEP, Change, Point, add_sensor, directions_of, slopes_of
+from ropefit.models.bends import (
+    darboux,
+    elements_of,
+    joined,
+    merged,
+    spun,
+    stacked,
+    vector_change,
+    vectors,
+)
+from ropefit.models.response import (
+    STEP,
+    Change,
+    Point,
+    add_sensor,
+    directions_of,
+    law_moments,
+    slopes_of,
+)
 from ropefit.models.rubbing import loose, rubbings
 from ropefit.rod import friction, memory
 from ropefit.rod.friction import Grip
@@ -72,13 +89,14 @@ class WalkedPoint(Point):
             if not step.solution.converged[0]:
                 out[t] = np.nan
                 continue
-            p = darboux(step.solution)
+            p = darboux(step.solution)[0]
             answer = memory.answer(
                 self.laws, law_slopes, t, step.first, step.before, change, p[:, 1:3]
             )
             # As a change of the rest shape: that is how the solver takes a change of moments.
             stiff = step.solution.rod.stiffness.reshape(nodes, 3)[:, :2].numpy()
-            rest[t, :, :, :2] -= answer.force / np.where(stiff > 0, stiff, np.inf)
+            force = answer.force + law_moments(slopes, p[None, :, 1:3])[0]
+            rest[t, :, :, :2] -= force / np.where(stiff > 0, stiff, np.inf)
             own = Directions(*(None if d is None else d[t : t + 1] if len(d) > 1 else d
                                for d in directions))  # fmt: skip
             own = own._replace(rest=rest[t : t + 1])
@@ -127,6 +145,7 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
     picked = shown.numpy()
     frames, rod = len(whole.ends), whole.rod()
     law, begins = laws_of(whole), memory.restarts(whole.clock)
+    elastic = elements_of(whole, rod, 1)
     spins = float(rod.stiffness[..., 0, 2]) == 0.0 == float(rod.stiffness[..., -1, 2])
     row = {int(t): k for k, t in enumerate(picked)}
     rough = [p for p in whole.potentials if p.friction is not None]
@@ -139,12 +158,13 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
             lost = False
             state = memory.unloaded(one.rest[:, :2].numpy(), len(law.fresh))
             grips = [loose(whole.segments + 1) for _ in rough]
-        friction_elements = FrictionElements(
+        past = FrictionElements(
             *(item[None] for item in memory.friction_elements(law, t, first, state))
         )
         held = Conditions(
-            whole.ends[t : t + 1], whole.clamp[t : t + 1], friction_elements=friction_elements
-        )
+            whole.ends[t : t + 1], whole.clamp[t : t + 1],
+            friction_elements=joined(past, elastic),
+        )  # fmt: skip
         known = None
         if path is not None:
             known = path.frames(np.array([t]))
@@ -160,7 +180,7 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
         lost = not solution.converged[0]
         if not lost:
             last, x = solution, torch.from_numpy(solution.x[0])
-            state = memory.after(law, t, first, state, vectors(solution))
+            state = memory.after(law, t, first, state, vectors(solution)[0])
             grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
     solution = merged([steps[t].solution for t in picked])
     seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()

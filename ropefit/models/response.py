@@ -14,6 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.models.bends import vectors
+from ropefit.rod.bending import Springs, moment_changes, springs
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import SensorModel, Setup
@@ -46,6 +48,7 @@ class Point:
             return np.zeros((0, *self.seen.shape))
         slopes = slopes_of(self.setup, changes, self.solution)
         directions = directions_of(self.solution.rod, slopes, len(self.seen))
+        directions = with_law(directions, self.solution, slopes)
         dx, _ = tangent(self.solution, directions)
         return add_sensor(dx, slopes, self.setup.seen)
 
@@ -79,6 +82,29 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
     )
 
 
+def law_moments(slopes: list[Slopes], vector: np.ndarray) -> np.ndarray:
+    """Return (F, P, N+1, 2) [N m] derivatives of the moments of a law of bending at vectors (F,
+    N+1, 2) that stay."""
+    out = np.zeros((len(vector), len(slopes), *vector.shape[1:]))
+    for k, s in enumerate(slopes):
+        if s.springs is not None:
+            out[:, k] = moment_changes(*s.springs, STEP, vector)
+    return out
+
+
+def with_law(directions: Directions, solution: Solution, slopes: list[Slopes]) -> Directions:
+    """Return directions with the moments of a law of bending that change, as a change of the rest
+    shape: that is how the solver takes them."""
+    if all(s.springs is None for s in slopes):
+        return directions
+    moved = law_moments(slopes, vectors(solution))
+    stiff = solution.rod.stiffness.reshape(-1, 1, moved.shape[2], 3)[..., :2].numpy()
+    assert directions.rest is not None
+    rest = np.array(np.broadcast_to(directions.rest, (*moved.shape[:3], 3)))
+    rest[..., :2] -= moved / np.where(stiff > 0, stiff, np.inf)
+    return directions._replace(rest=rest)
+
+
 def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.ndarray:
     """Return (P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
     dx = np.moveaxis(dx, 1, 0) * (1 - float(seen.lag))
@@ -91,28 +117,34 @@ def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.nd
 @dataclass(frozen=True)
 class Slopes:
     """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
-    [rad] and what is seen [m] at nodes that stay, in one value."""
+    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending STEP to
+    either side."""
 
     rod: list[np.ndarray]
     force: np.ndarray | None
     ends: np.ndarray
     clamp: np.ndarray
     seen: np.ndarray
+    springs: tuple[Springs, Springs] | None
 
 
 def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> Slopes:
     """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
     is built from changes."""
     a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
-    rod = still
-    if not _equal(_built_from(a), _built_from(b)):
-        rod = [slope(p, q) for p, q in zip(a.rod(), b.rod(), strict=True)]
+    rod, law = still, None
+    same = _equal(_built_from(a), _built_from(b))
+    if not same or a.bending is not b.bending:
+        rods = a.rod(), b.rod()
+        rod = still if same else [slope(p, q) for p, q in zip(*rods, strict=True)]
+        if a.bending is not None or b.bending is not None:
+            law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
     force = None
     if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
         force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
-    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x))
+    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x), law)
 
 
 def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:

@@ -17,8 +17,8 @@ from ropefit.rod.quaternion import director
 from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd.chain import Chain
-from ropefit.solvers.xpbd.compiled import simulate_compiled
-from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State
+from ropefit.solvers.xpbd.compiled import COMPILED, simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 
 # Order of the six weights of Algorithm 1 in every parameter vector.
 ETA = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")
@@ -94,7 +94,8 @@ class Rope:
             State(x.expand(*shape, -1, -1), q.expand(*shape, -1, -1)),
             SOLVERS[self.solver],
         )
-        return simulate_compiled(
+        algorithm = simulate_compiled if self.solver in COMPILED else simulate
+        return algorithm(
             start, self.rest, self.chain, self._eta(eta), solver, self.gravity, self.settings
         )
 

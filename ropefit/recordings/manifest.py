@@ -23,6 +23,7 @@ from ropefit.errors import BadInput
 FORMAT = "ropefit-recording/1"
 MIN_MASS, MAX_MASS = 1e-9, 1e4  # kg
 MAX_LENGTH = 100.0  # m; longer ropes are almost surely millimetres
+MOST_FITTINGS = 100
 COARSEST_DEPTH = 0.1  # m per unit of a depth image; above it was given the wrong way round
 MAX_DIAMETER = 1.0  # m; so are thicker ones
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -40,6 +41,21 @@ class RopeTable(_Table):
     length: Positive | None = None
     diameter: Positive | None = None
     mass: Positive | None = None
+    mass_per_length: Positive | None = None
+
+    def whole_mass(self, length: float) -> float | None:
+        """Return the mass [kg] of a rope of this length [m], None where it is not known."""
+        return self.mass_per_length * length if self.mass_per_length else self.mass
+
+    @property
+    def mass_known(self) -> bool:
+        return self.mass is not None or self.mass_per_length is not None
+
+    @model_validator(mode="after")
+    def _one_mass(self) -> RopeTable:
+        if self.mass and self.mass_per_length:
+            raise ValueError("give mass or mass_per_length, not both")
+        return self
 
     @field_validator("length", "diameter")
     @classmethod
@@ -128,6 +144,7 @@ class RgbdTable(_Table):
 class MarkersTable(_Table):
     file: str
     arc_length: list[Finite] | None = None
+    offset: Sigma | None = None  # m: one sigma of how far they lie off the rope's axis
 
     @field_validator("arc_length")
     @classmethod
@@ -135,6 +152,14 @@ class MarkersTable(_Table):
         if value is not None and any(b <= a for a, b in pairwise(value)):
             raise ValueError("arc_length must increase from end 0 to end 1")
         return value
+
+
+class FittingTable(_Table):
+    """A rigid piece on the rope: an end piece, a gland, a clip; without a length, a point."""
+
+    arc_length: float = Field(ge=0, allow_inf_nan=False)  # m, of its middle
+    length: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    mass: float = Field(default=0.0, ge=0, le=MAX_MASS)  # kg, besides the rope's
 
 
 class PriorsTable(_Table):
@@ -164,6 +189,7 @@ class Manifest(_Table):
     clouds: CloudsTable | None = None
     rgbd: RgbdTable | None = None
     markers: MarkersTable | None = None
+    fittings: list[FittingTable] = Field(default_factory=list, max_length=MOST_FITTINGS)
     priors: PriorsTable = PriorsTable()
 
     @model_validator(mode="after")
@@ -174,6 +200,11 @@ class Manifest(_Table):
             raise ValueError("gravity beyond 1000 m/s^2; it is in m/s^2")
         if self.ends and self.ends.markers and not self.markers:
             raise ValueError("[ends] markers needs a [markers] table")
+        if any(f.mass for f in self.fittings) and not self.rope.mass_known:
+            raise ValueError("the mass of [[fittings]] needs that of the rope ([rope] mass)")
+        length = self.rope.length
+        if length and any(f.arc_length + 0.5 * f.length > 1.001 * length for f in self.fittings):
+            raise ValueError(f"[[fittings]] reach beyond the rope's end at {length:g} m")
         return self
 
 

@@ -64,6 +64,8 @@ def under_it(run: RunContents) -> list[str]:
         text.append("Whether something is missing was not looked into: run ropefit diagnose.")
     if d is not None and d.verdict == "none" and (seen := _would_have_seen(d)):
         text.append(seen)
+    if d is not None and d.verdict == "none" and d.linearity:
+        text.append(d.linearity)
     return text
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
 from ropefit.effects.drawn import Drawn
-from ropefit.plugins import concrete
+from ropefit.plugins import EFFECTS, concrete
 from ropefit.reporting.words import readable
 
 UNIT = 0.06  # of the rope's length: how large a symbol is
@@ -58,7 +58,7 @@ class Place:
 def drawn_of(cause: Cause, gravity: np.ndarray) -> Drawn:
     """Return how an effect wants to be drawn; effects of packages not installed: their stretch."""
     values = dict(zip(cause.value_names, map(float, cause.values), strict=True))
-    for kind in concrete(Effect, "ropefit.effects"):
+    for kind in concrete(Effect, EFFECTS):
         if kind.__name__ == cause.variant:
             return kind(cause.end or 0).drawn(values, gravity)  # pyright: ignore[reportAbstractUsage]
     return Drawn()

@@ -11,9 +11,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.bending import Bending
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
+from ropefit.rod.path import EndPath
 from ropefit.rod.rod import Properties, Rod, build
+
+RIGIDITY = 300.0  # times a rope's: of a rigid piece
 
 
 class SensorModel(NamedTuple):
@@ -77,14 +81,10 @@ class Potential(NamedTuple):
 
 class Motion(NamedTuple):
     """How the rope moved in each of F frames, as observed: velocity (F, N+1, 3) [m/s] and
-    acceleration (F, N+1, 3) [m/s²] of the nodes; of the ends (F, 2, 3); clamp_rate (F, 2, 3)
-    [rad/s] of the clamps about their own axes. Zero where an end is not held."""
+    acceleration (F, N+1, 3) [m/s²] of the nodes."""
 
     velocity: Tensor
     acceleration: Tensor
-    end_velocity: Tensor
-    end_acceleration: Tensor
-    clamp_rate: Tensor
 
     def frames(self, index: Tensor) -> Motion:
         """Return the motion in some of the frames."""
@@ -108,8 +108,9 @@ class Setup(NamedTuple):
     (2, 3) [N m]; clamp_compliance (2, 2) [rad/(N m)]: rows of both ends, to bending and to twist;
     kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial compliance besides 1/EA; ends (F, 2, 3) [m],
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
-    points; potentials. time (F,) [s]; memory: what remembers earlier frames, and past: those of
-    them that are not among the F.
+    points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
+    [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
+    bending: the law of bending, where it is not linear.
     """
 
     properties: Properties
@@ -125,11 +126,14 @@ class Setup(NamedTuple):
     clamped: tuple[bool, bool]
     seen: SensorModel
     potentials: tuple[Potential, ...] = ()
+    rigid: Tensor | None = None
     damping: Damping | None = None  # of a rope that is simulated in motion
     motion: Motion | None = None  # None: a recording too slow or too sparse to show any
+    end_path: EndPath | None = None  # None: poses that were held still
     time: Tensor | None = None
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
+    bending: Bending | None = None
 
     @property
     def remembers(self) -> bool:
@@ -191,11 +195,16 @@ class Setup(NamedTuple):
             seen=self.seen.frames(index),
             load=self.load[index] if self.load.ndim == 3 else self.load,
             motion=self.motion.frames(index) if self.motion else None,
+            end_path=self.end_path.frames(index) if self.end_path else None,
         )
 
     def rod(self) -> Rod:
         """Return the discrete rod with all its loads."""
-        rod = build(self.properties, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
+        p = self.properties
+        if self.rigid is not None:  # whatever the rope itself is
+            stiffer = 1 / (1 - (1 - 1 / RIGIDITY) * self.rigid)
+            p = p._replace(bend=p.bend * stiffer, twist=p.twist * stiffer)
+        rod = build(p, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
         axial = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
         return rod._replace(
             load=rod.load + self.mass[:, None] * self.gravity + self.load,

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from ropefit.adapters.settings import PreprocessSettings
 from ropefit.artifacts import DroppedFrame, View
+from ropefit.artifacts.observations import Fitting
 from ropefit.errors import BadInput
 from ropefit.perception.album import Album
 from ropefit.perception.assemble import assemble
@@ -78,7 +79,12 @@ def compute(
         "source": recording.source.table,
         "gravity": recording.gravity,
         "diameter": rope.diameter,
-        "mass": rope.mass,
+        "mass": recording.manifest.rope.whole_mass(content["length"]),
+        "marker_offset": (recording.manifest.markers and recording.manifest.markers.offset) or 0.0,
+        "fittings": {
+            f"fitting_{k}": Fitting(**one.model_dump())
+            for k, one in enumerate(recording.manifest.fittings)
+        },
         "priors": recording.manifest.priors.model_dump(exclude={"marker_noise"}),
         "frames": np.array(frames),
         "time": np.array([recording.source.time[frame] for frame in frames]),

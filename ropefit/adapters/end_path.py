@@ -1,0 +1,58 @@
+"""The path of the ends through their recorded poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy.interpolate import CubicSpline
+
+from ropefit.rod.carried import continuous
+from ropefit.rod.path import EndPath
+
+LEAST_POSES = 4  # of a clip: cubics go through them
+LONGEST_GAP = 3.0  # median steps: no path is interpolated across more
+LEAST_MOVE = 1e-3  # of the length: ends that move less from frame to frame stay where they are
+SAME_TIME = 1e-6  # s
+
+
+def end_path(
+    time: np.ndarray, frames: np.ndarray, ends: np.ndarray, clamp: np.ndarray, length: float
+) -> EndPath | None:
+    """Return the path through poses of the ends (F, 2, 3) [m] and clamps (F, 2, 4) at times (F,).
+
+    None where frames (F,), their numbers, are the only times there are, as of poses that were held
+    still; where a clip is too short to interpolate; or where no end moves.
+    """
+    if len(time) < LEAST_POSES or np.abs(time - frames).max() < SAME_TIME:
+        return None
+    clips = _clips(time)
+    position, turn = np.nan_to_num(ends), np.nan_to_num(continuous(clamp))
+    moves = np.linalg.norm(np.diff(position, axis=0), axis=-1) / length
+    turns = np.linalg.norm(np.diff(turn, axis=0), axis=-1)
+    if min(map(len, clips)) < LEAST_POSES or max(moves.max(), turns.max()) < LEAST_MOVE:
+        return None
+    step, begin, piece = float(np.median(np.diff(time[clips[0]]))), 0.0, 0
+    own: list[list[np.ndarray]] = []
+    pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for clip in clips:
+        at, many = time[clip] - time[clip[0]] + begin, len(clip) - 1
+        pieces.append((at[:-1], *(CubicSpline(at, v[clip]).c for v in (position, turn))))
+        one = np.ones(len(clip))
+        own.append(
+            [at, piece * one, (piece + many - 1) * one, at[0] * one - step, at[-1] + step * one]
+        )
+        begin, piece = at[-1] + LONGEST_GAP * step, piece + many
+    clock, first, last, earliest, latest = (np.concatenate(v) for v in zip(*own, strict=True))
+    start, places, rotations = zip(*pieces, strict=True)
+    tensors = (
+        clock, first.astype(np.int64), last.astype(np.int64), earliest, latest,
+        np.concatenate(start), np.concatenate(places, axis=1), np.concatenate(rotations, axis=1),
+    )  # fmt: skip
+    return EndPath(*map(torch.from_numpy, tensors), step=step)
+
+
+def _clips(time: np.ndarray) -> list[np.ndarray]:
+    """Return indices of the frames that follow each other without a gap."""
+    steps = np.diff(time)
+    gaps = (steps > LONGEST_GAP * float(np.median(steps))) | (steps <= 0)
+    return np.split(np.arange(len(time)), np.flatnonzero(gaps) + 1)

@@ -1,0 +1,79 @@
+"""What a diagnosis of another recording says of the same rope: taken over by `--nominal`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.adapters.frozen import weight_factor
+from ropefit.adapters.restore import effect_of
+from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.artifacts.diagnosis import Cause
+from ropefit.models.correlated import correlated
+from ropefit.models.terms import Term
+from ropefit.rod.setup import Setup
+
+LEAST_SD = 1e-3  # of the usual size, or of the length: however well another run knows a value
+
+
+def as_found(model: Model, found: Diagnosis) -> Model:
+    """Return another run's model with the rope's own values as they were fitted along with what was
+    found, and with what was then left."""
+    fitted = model.nominal
+    if not found.causes or fitted.balance is None:
+        return model
+    name, group = next(iter(fitted.groups.items()))
+    parameters = {
+        key: p.model_copy(update={"value": found.rope[key].value, "ci95": found.rope[key].ci95})
+        if key in found.rope
+        else p
+        for key, p in group.parameters.items()
+    }
+    stiffer = parameters["EI"].value / group.parameters["EI"].value
+    longer = fitted.balance.bending_length * stiffer ** (1 / 3)
+    balance = fitted.balance.model_copy(update={"bending_length": longer})
+    groups = {name: group.model_copy(update={"parameters": parameters})}
+    left = min(fitted.rms_fit, found.rms_after)
+    changed = {"groups": groups, "balance": balance, "rms_fit": left}
+    models = model.models | {"nominal": fitted.model_copy(update=changed)}
+    return model.model_copy(update={"models": models})
+
+
+def of_rope(
+    model: Model, found: Diagnosis, o: Observations, setup: Setup
+) -> list[tuple[str, Cause, Term]]:
+    """Return what another run found that belongs to the rope, each with its name and its term: its
+    values there, under their covariance. Weights count as in `frozen.weight_factor`."""
+    out, factor = [], weight_factor(model.nominal, o)
+    length = float(setup.properties.length.sum())
+    for name, cause in (found.known | found.causes).items():
+        effect = effect_of(cause)
+        if not effect.of_rope or cause.covariance is None or not effect.applies(setup):
+            continue
+        places = [1.0] * len(effect.place_names)
+        scale = np.array([*(factor**q.by_weight for q in effect.quantities), *places])
+        usual = np.array(
+            [*(q.size(setup) for q in effect.quantities), *(length * p for p in places)]
+        )
+        covariance = cause.covariance * np.outer(scale, scale) + np.diag((LEAST_SD * usual) ** 2)
+        lower, upper = effect.bounds(setup)
+        least = torch.tensor([*lower, *(0.0 for _ in places)], dtype=torch.float64)
+        most = torch.tensor([*upper, *(2 * length for _ in places)], dtype=torch.float64)
+
+        def apply(
+            setup: Setup, v: Tensor, effect=effect, least: Tensor = least, most: Tensor = most
+        ) -> Setup:
+            return effect.apply(setup, torch.minimum(torch.maximum(v, least), most))
+
+        one = np.ones(len(usual))
+        units = (*(q.unit for q in effect.quantities), *("m" for _ in places))
+        term = Term(
+            effect.name, effect.names, units, apply, scale * cause.values, usual, -np.inf * one,
+            np.inf * one, np.inf * one,
+        )  # fmt: skip
+        term = replace(correlated(effect.name, [term], covariance), effect=effect)
+        out.append((f"known_{name}", cause, term))
+    return out

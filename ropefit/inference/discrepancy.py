@@ -1,0 +1,69 @@
+"""What a model misses beyond noise: it is no fresh error in every sample.
+
+A shape that is missed is missed alike in neighbouring frames and along the rope. Such a residual is
+worth as many samples as there are independent ones (effective sample size, Geyer 1992, in time;
+participation ratio of the covariance along the rope), and so are evidence and intervals.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.inference.bins import Stations
+
+MOST_POSES = 500  # more are a motion
+LEAST_CORRELATION = 0.05  # of the residual with itself: later lags count as independent
+
+
+def inflation(s: Stations, z: np.ndarray, scale: float, seen: np.ndarray, known: bool) -> float:
+    """Return by how much the variance of estimates exceeds that by the noise alone.
+
+    seen (F, K, 3): the rope; z (M D,): whitened residual of sd `scale`: 1 from noise,
+    and what is beyond from what the model misses, of which several samples count as one. Below 1
+    noise was taken as too large, unless it is known from elsewhere.
+    """
+    beyond = scale**2 - 1
+    if beyond <= 0:
+        return 1.0 if known else max(scale**2, 1e-12)
+    return 1 + beyond * repeats(s, z.reshape(s.residual.shape), orders(s, seen))
+
+
+def orders(s: Stations, seen: np.ndarray) -> list[np.ndarray]:
+    """Return orders of the frames with stations: in time, and from each pose to the nearest that is
+    left, as poses at rest may be recorded in any order."""
+    rows = np.unique(s.frame)
+    shapes = np.nan_to_num(seen[rows]).reshape(len(rows), -1)
+    apart = np.linalg.norm(shapes[:, None] - shapes, axis=-1) if len(rows) < MOST_POSES else None
+    if apart is None:
+        return [rows]
+    at = int(np.unravel_index(apart.argmax(), apart.shape)[0])  # from one of the outermost
+    chain, left = [at], set(range(len(rows))) - {at}
+    while left:
+        chain.append(min(left, key=lambda t: apart[chain[-1], t]))
+        left.remove(chain[-1])
+    return [rows, rows[chain]]
+
+
+def repeats(s: Stations, residual: np.ndarray, series: list[np.ndarray]) -> float:
+    """Return of how many samples (M, D) one is independent, along the rope and in the most alike
+    of some series of frames."""
+    return max(repeats_in(s, residual, [one]) for one in series)
+
+
+def repeats_in(s: Stations, residual: np.ndarray, clips: list[np.ndarray]) -> float:
+    """Return the same over clips, each a series of frames."""
+    rows = np.unique(s.frame)
+    table = np.zeros((len(rows), int(s.bin.max()) + 1, residual.shape[1]))
+    table[np.searchsorted(rows, s.frame), s.bin] = residual
+    table = table.reshape(len(rows), -1)
+    covariance, columns = table.T @ table, np.count_nonzero(table.any(0))
+    alike = (covariance**2).sum() / np.trace(covariance) ** 2 * columns
+    alike -= columns / len(rows)  # so much of it is chance
+    parts = [table[np.searchsorted(rows, clip[np.isin(clip, rows)])] for clip in clips]
+    whole, lag, correlation = float((table**2).mean()), 1, 0.0
+    while True:
+        pairs = [(part[:-lag] * part[lag:]).ravel() for part in parts if len(part) > lag]
+        shared = float(np.concatenate(pairs).mean()) / whole if pairs else 0.0
+        if shared < LEAST_CORRELATION:
+            return float(max(1 + 2 * correlation, 1.0) * max(alike, 1.0))
+        correlation, lag = correlation + shared, lag + 1

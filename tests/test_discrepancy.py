@@ -1,0 +1,43 @@
+"""What a model misses beyond noise counts as few samples as are independent."""
+
+import numpy as np
+import pytest
+
+from ropefit.inference.bins import Stations
+from ropefit.inference.discrepancy import inflation
+
+FRAMES, BINS, DIMS = 40, 20, 2
+ORDER = np.random.default_rng(5).permutation(FRAMES)  # in which poses are recorded
+
+
+def stations() -> Stations:
+    frame, bin_ = (v.ravel() for v in np.indices((FRAMES, BINS)))
+    empty = {name: np.empty(0) for name in Stations.__dataclass_fields__}
+    residual = np.zeros((len(frame), DIMS))
+    return Stations(**{**empty, "frame": frame, "bin": bin_, "residual": residual})
+
+
+def inflated(z: np.ndarray, known: bool = False) -> float:
+    seen = np.arange(FRAMES)[ORDER, None, None] * np.ones((1, 3, 3))
+    return inflation(stations(), z.ravel(), float(np.sqrt((z**2).mean())), seen, known)
+
+
+def test_white_noise_that_is_larger_than_told_is_just_larger():
+    z = 2 * np.random.default_rng(0).normal(size=(FRAMES, BINS, DIMS))
+    assert inflated(z) == pytest.approx(4, rel=0.25)
+
+
+def test_a_misfit_that_lasts_is_few_samples():
+    rng = np.random.default_rng(1)
+    shape = rng.normal(size=(1, BINS, DIMS))
+    steady = rng.normal(size=(FRAMES, BINS, DIMS)) + shape * np.sqrt(3)
+    many = inflated(steady)
+    assert many > 10 * float((steady**2).mean())
+    slow = np.cos(np.linspace(0, 2 * np.pi, FRAMES))[ORDER, None, None] * shape * np.sqrt(6)
+    assert 10 < inflated(rng.normal(size=slow.shape) + slow) < many
+
+
+def test_noise_that_was_taken_as_too_large_narrows_unless_it_is_known():
+    z = 0.5 * np.random.default_rng(2).normal(size=(FRAMES, BINS, DIMS))
+    assert inflated(z) == pytest.approx(0.25, rel=0.1)
+    assert inflated(z, known=True) == 1.0

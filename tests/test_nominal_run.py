@@ -1,0 +1,131 @@
+"""`--nominal`: what another run found that belongs to the rope is taken over."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
+from ropefit.adapters.taken_over import as_found, of_rope
+from ropefit.artifacts import Model, Observations
+from ropefit.artifacts.diagnosis import Cause, Size
+from ropefit.diagnosis.rules import RULES
+from ropefit.fitting import diagnosed as diagnoses
+from ropefit.models.correlated import Correlated
+from ropefit.runs.loading import load
+from ropefit.runs.protocol import Context
+from ropefit.stages import diagnose
+from tests.concealed import rope
+from tests.factories import marker_recording
+from tests.test_checkpoints import compute
+
+
+def cause(variant: str, names: list[str], values: list[float], sd: list[float]) -> Cause:
+    """What a diagnosis says of an effect; its first two values are correlated by a half."""
+    correlation = np.eye(len(sd))
+    correlation[0, 1] = correlation[1, 0] = 0.5
+    return Cause(
+        name=variant, kind="physics", variant=variant, frames=np.arange(2), parameters={},
+        values=np.array(values), value_names=names, equivalent_to=[], log_evidence=50.0,
+        covariance=correlation * np.outer(sd, sd), p_value=0.0, heldout_gain=np.ones(5),
+        sentence="",
+    )  # fmt: skip
+
+
+MASS = cause("PointMass", ["mass", "arc_length"], [0.004, 0.6], [0.0005, 0.01])
+SECTION = cause(
+    "StiffSection", ["log_factor", "centre", "width"], [0.8, 0.4, 0.2], [0.1, 0.01, 0.02]
+)
+TILT = cause("GravityMisalignment", ["tilt_1", "tilt_2"], [0.05, 0.0], [0.01, 0.01])
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """The artifacts of a small run."""
+    folder = tmp_path_factory.mktemp("nominal")
+    marker_recording(folder / "recording", frames=4)
+    for stage in ("preprocess", "identify"):
+        compute(folder / "run", stage)
+    o, model = load(folder / "run", Observations)[0], load(folder / "run", Model)[0]
+    # Four frames of few markers show no stiffness.
+    group, balance = next(iter(model.nominal.groups.values())), model.nominal.balance
+    assert balance is not None
+    weight = group.parameters["EI"].value / balance.bending_length**3
+    stiff = {"EI": 1e-3 * weight, "GJ": 7e-4 * weight}
+    told = {
+        n: p.model_copy(update={"value": stiff.get(n, p.value)})
+        for n, p in group.parameters.items()
+    }
+    changed = {
+        "groups": {"all": group.model_copy(update={"parameters": told})},
+        "balance": balance.model_copy(update={"bending_length": 0.1}),
+    }
+    nominal = model.nominal.model_copy(update=changed)
+    return [o, model.model_copy(update={"models": {"nominal": nominal}})]
+
+
+def found_with(model: Model, **causes: Cause) -> Any:
+    """A diagnosis with some causes, and an EI a fifth above that identified without them."""
+    p = next(iter(model.nominal.groups.values())).parameters["EI"]
+    size = Size(value=1.2 * p.value, unit=p.unit, ci95=(1.1 * p.value, 1.3 * p.value))
+    return SimpleNamespace(
+        verdict="found", causes=causes, known={}, rope={"EI": size}, rms_after=1e-4
+    )
+
+
+def test_what_belongs_to_the_rope_is_known_as_well_as_it_was_found(identified):
+    o, model = identified
+    found = found_with(model, mass=MASS, section=SECTION, tilt=TILT)
+    setup = rope(80)
+    (name, _, mass), (_, _, section) = of_rope(model, found, o, setup)  # not the set-up's tilt
+    assert name == "known_mass"
+    np.testing.assert_allclose(mass.value(np.zeros(2)), MASS.values)
+    assert isinstance(mass, Correlated)
+    assert MASS.covariance is not None
+    np.testing.assert_allclose(mass.root @ mass.root.T, MASS.covariance, rtol=0.02)
+    heavier = mass.apply(setup, torch.tensor([0.004, 0.6], dtype=torch.float64))
+    assert float(heavier.mass.sum()) == pytest.approx(0.004)
+    nothing = mass.apply(setup, torch.tensor([-0.004, 0.6], dtype=torch.float64))
+    assert float(nothing.mass.sum()) == 0.0  # no weight is less than none
+    stiffer = section.apply(setup, torch.from_numpy(section.value(np.zeros(3))))
+    ratio = stiffer.properties.bend / setup.properties.bend
+    assert float(ratio.max()) == pytest.approx(np.exp(0.8))
+
+
+def test_the_ropes_own_values_are_those_fitted_along_with_what_was_found(identified):
+    _, model = identified
+    found = found_with(model, mass=MASS)
+    was = next(iter(model.nominal.groups.values())).parameters["EI"]
+    changed = as_found(model, found)
+    now = next(iter(changed.nominal.groups.values())).parameters["EI"]
+    assert now.value == pytest.approx(1.2 * was.value)
+    assert now.ci95 == pytest.approx((1.1 * was.value, 1.3 * was.value))
+    lengths = [m.nominal.balance.bending_length for m in (model, changed) if m.nominal.balance]
+    assert now.value / was.value == pytest.approx((lengths[1] / lengths[0]) ** 3)  # same weight
+    assert as_found(model, found_with(model)) is model
+
+
+class Reached(Exception):
+    """The nominal fit would begin now."""
+
+
+def test_a_nominal_run_that_was_not_diagnosed_is_asked_for(identified, monkeypatch):
+    o, model = identified
+
+    def fitted(setup, terms, *_):
+        raise Reached([term.name for term in terms])
+
+    monkeypatch.setattr(diagnoses, "nominal_at_rest", fitted)
+    inputs = {Observations.file_name: o, Model.file_name: model}
+    for found, named, asked in ((None, False, 1), (found_with(model, mass=MASS), True, 0)):
+        said: list[str] = []
+        external = {"nominal": model} | ({NOMINAL_DIAGNOSIS: found} if found else {})
+        context = Context(say=said.append, external=external)
+        with pytest.raises(Reached) as caught:
+            diagnose.diagnosed(inputs, DiagnoseSettings(nominal=True), context, RULES)
+        assert ("point_mass" in caught.value.args[0]) is named
+        assert len([line for line in said if "run `ropefit diagnose` on it" in line]) == asked
