@@ -7,6 +7,7 @@ import pty
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,6 +155,16 @@ def test_compilation_is_said_once_a_machine(tmp_path):
     assert said("one", "one") == [COMPILING]
     assert said("one", "two") == []
     assert list(tmp_path.glob("cache/*/*.nbc"))
+
+
+def test_solvers_in_all_folders_share_one_mark():
+    """Each solver has its own folder of compiled code; the first of any says it for all."""
+    from ropefit.solvers.compiling import PACKAGE, _beside
+
+    folders = ("solvers/equilibrium/kernels", "solvers/xpbd/kernels", "inference")
+    kept = {_beside(PACKAGE / folder / "__pycache__") for folder in folders}
+    assert kept == {PACKAGE / "__pycache__"}
+    assert _beside(Path("cache") / "kernels_1") == _beside(Path("cache") / "inference_2")
 
 
 def test_a_viewer_that_is_missing_is_one_line(run, monkeypatch):

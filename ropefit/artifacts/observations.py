@@ -83,7 +83,8 @@ class Observations(Artifact):
         description="no [ends] in the recording: ends seen were taken as pinned"
     )
     end_twist_known: bool = Field(
-        default=True, description="false: clamps come from two markers, which show no twist"
+        default=True,
+        description="false: clamps are tangents or pairs of markers, which show no twist",
     )
     end_position: Annotated[np.ndarray, ArraySpec(("frame", "end", "xyz"), "m", nan=True)]
     end_orientation: Annotated[np.ndarray, ArraySpec(("frame", "end", "wxyz"), nan=True)]

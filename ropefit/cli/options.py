@@ -125,7 +125,8 @@ Roi = Annotated[
 Mask = Annotated[
     OptionalPath,
     typer.Option(
-        help="A folder of masks, one image a frame; the rope is where they are not black.",
+        help="A folder of masks, one image a frame, the rope where it is not black; frames "
+        "without one are excluded.",
         rich_help_panel=OF_PICTURES,
     ),
 ]

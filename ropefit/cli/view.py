@@ -14,7 +14,10 @@ def view(
     run: Run = Path("run"),
     out: Annotated[
         OptionalPath,
-        typer.Option(help="The rerun recording to write; by default RUN/view.rrd."),
+        typer.Option(
+            help="The file to write: .rrd for rerun, .mcap for Foxglove and ROS 2. "
+            "By default RUN/view.rrd."
+        ),
     ] = None,
     serve: Annotated[
         bool, typer.Option("--serve", help="Serve the run to the browser by viser instead.")
@@ -24,7 +27,7 @@ def view(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Show a run in 3D: as a file for rerun, or in the browser."""
+    """Show a run in 3D: as a file for rerun or Foxglove, or in the browser."""
     with start_session(json, quiet, debug) as session:
         from ropefit.adapters.contents import read_run
         from ropefit.runs.run_directory import existing_run
@@ -35,6 +38,13 @@ def view(
 
             serve_run(contents, port, session.say)
             session.result({"stage": "view", "port": port})
+            return
+        if out is not None and out.suffix == ".mcap":
+            from ropefit.viewing.mcap import write_mcap
+
+            path = write_mcap(contents, out)
+            session.say(f"view: {path} written; open it in Foxglove")
+            session.result({"stage": "view", "file": str(path)})
             return
         from ropefit.viewing.rerun import write_rerun
 

@@ -33,15 +33,20 @@ def foreground(points: np.ndarray, ends: np.ndarray, length: float | None) -> np
         if len(points) < 50:
             break
         size = length or float(np.linalg.norm(np.diff(np.quantile(points, (0.05, 0.95), axis=0))))
-        sheet = _sheet(points, size, rng)
-        if sheet is None:
+        inside = sheet(points, size, rng)
+        if inside is None:
             break
-        points = points[~sheet]
+        points = points[~inside]
     return points
 
 
-def _sheet(points: np.ndarray, size: float, rng: np.random.Generator) -> np.ndarray | None:
-    """Return (N,) bool: the points of the plane that holds the most, if they are a sheet."""
+def sheet(
+    points: np.ndarray, size: float, rng: np.random.Generator, least: float = LEAST_SHARE
+) -> np.ndarray | None:
+    """Return (N,) bool: the points of the plane that holds the most, if they are a sheet.
+
+    size [m]: of the rope; least: share of the points.
+    """
     some = points[rng.choice(len(points), min(len(points), 2000), replace=False)]
     corners = some[rng.integers(0, len(some), (TRIES, 3))]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -50,7 +55,7 @@ def _sheet(points: np.ndarray, size: float, rng: np.random.Generator) -> np.ndar
     best = int((heights < NEAR * size).sum(axis=0).argmax())
     inside = np.abs((points - corners[best, 0]) @ normal[best]) < NEAR * size
     for _ in range(3):
-        if inside.sum() < max(LEAST_SHARE * len(points), 30):
+        if inside.sum() < max(least * len(points), 30):
             return None
         middle = points[inside].mean(axis=0)
         axis = np.linalg.eigh(np.cov((points[inside] - middle).T))[1][:, 0]

@@ -16,6 +16,7 @@ from ropefit.perception.trace import (
     project_to_polyline,
     resample,
 )
+from ropefit.perception.whole_scene import is_scene, rope_in_scene
 
 LEAST_POINTS = 20
 NEIGHBOURS = 8
@@ -52,6 +53,8 @@ def trace_cloud(
     end). With `radius` [m] and `viewpoint` (3,) the visible surface is moved back onto the
     centreline. At most `most` points are kept, evenly in order. Raises FrameRejected.
     """
+    if is_scene(points, length):
+        points = rope_in_scene(points, ends, length)
     points = remove_outliers(foreground(points, ends, length))
     if len(points) < LEAST_POINTS:
         raise FrameRejected(f"only {len(points)} points after outlier removal")

@@ -8,7 +8,7 @@ import numpy as np
 
 from ropefit.perception.cues import lab_of, nearness
 from ropefit.perception.looks import Looks, learn
-from ropefit.perception.segment import FAMILIAR_CUE, Segmentation, candidate_of
+from ropefit.perception.segment import FAMILIAR_CUE, Candidate, Segmentation, candidate_of
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ def best_looks(pictures: list[Picture]) -> Looks | None:
         for lab, other, beside in zip(labs, pictures, nears, strict=True):
             mask = looks.mask(other.color, beside)
             quick = candidate_of(FAMILIAR_CUE, mask, lab, other.ends, other.depth)
-            scores.append(quick.score * float(quick.path.seen.mean()) if quick else 0.0)
+            shows = isinstance(quick, Candidate)
+            scores.append(quick.score * float(quick.path.seen.mean()) if shows else 0.0)
         score = float(np.mean(scores))
         if score > 0 and (best is None or score > best.score):
             best = replace(looks, score=score)

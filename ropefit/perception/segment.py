@@ -31,6 +31,8 @@ LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
 FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
+SEE = "; --debug-images DIR shows every step"
+UNSPECIFIED = f"; give --color, --roi or --mask{SEE}"
 COMPARABLE = 0.5  # of the length, of the score: another rope
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
@@ -111,21 +113,28 @@ def segment_rope(
     specified = looked.mask is not None or looked.color is not None
     lab = lab_of(color)
     found: list[Candidate] = []
+    failed: dict[str, str] = {}  # {cue: why it shows no rope}
     if looked.looks is not None and not specified:
         near = None if depth is None else nearness(depth)
         quick = candidate_of(
             FAMILIAR_CUE, looked.looks.mask(color, near) & allowed, lab, ends, depth
         )
-        if quick is not None:
+        if isinstance(quick, Candidate):
             if quick.score > FAMILIAR * looked.looks.score:
                 return _finished(quick, lab, ends, depth is None)
             found.append(quick)
     for cue, guess in _masks(lab, color, depth, looked):
         candidate = candidate_of(cue, guess & allowed, lab, ends, depth)
-        if candidate is not None:
+        if isinstance(candidate, Candidate):
             found.append(candidate)
+        else:
+            failed[cue] = candidate
     if not found:
-        raise FrameRejected("no long thin region of one colour in the image")
+        raise FrameRejected(
+            "no long thin region of one colour in the image: "
+            + "; ".join(f"{cue}: {why}" for cue, why in failed.items())
+            + (UNSPECIFIED if not specified else SEE)
+        )
     # A mask may show little of a rope that the picture shows more of: that is asked of the best.
     found.sort(key=lambda item: -item.score * float(np.sqrt(item.path.seen.mean())))
     chosen = [
@@ -134,8 +143,8 @@ def segment_rope(
     best = max(chosen, key=lambda item: item.score)
     if best.score < DOUBTFUL and not specified:
         raise FrameRejected(
-            "nothing in the image is long and thin enough to be the rope; give --color, --roi or "
-            "--mask"
+            "nothing in the image is long and thin enough to be the rope: the best cue "
+            f"({best.cue}) scores {best.score:.3f}, {DOUBTFUL:g} is needed{UNSPECIFIED}"
         )
     others = sorted(
         [(item.cue, item.score) for item in found if not _same(item.path.points, best)],
@@ -198,19 +207,24 @@ def _masks(
 
 def candidate_of(
     cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray, depth: np.ndarray | None = None
-) -> Candidate | None:
+) -> Candidate | str:
+    """Return a mask followed as a rope, or why it shows none."""
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    if not 0 < closed.mean() < MOST_AREA * (1 if cue != "the given mask" else 10):
-        return None
+    share, most = closed.mean(), MOST_AREA * (1 if cue != "the given mask" else 10)
+    if share == 0:
+        return "no pixel"
+    if share >= most:
+        return f"{share:.0%} of the picture, a rope fills less than {most:.0%}"
     mask = without_specks(closed)
     strands = find_strands(mask)
     if strands is None:
-        return None
+        return "no line"
     if depth is not None:
         strands = replace(strands, lines=cut_at_jumps(strands.lines, depth, strands.width))
     paths = link(strands.lines, strands.width, ends, depth)
     if not paths or paths[0].length < LEAST_PATH:
-        return None
+        longest = paths[0].length if paths else 0.0
+        return f"the longest line has {longest:.0f} px, a rope at least {LEAST_PATH:.0f}"
     score = ropiness(mask, strands, paths[0], lab, ends)
     least = max(COMPARABLE * paths[0].length, ROPE_ASPECT * strands.width)
     long = any(path.length * path.seen.mean() > least for path in paths[1:])

@@ -118,6 +118,8 @@ class Tracer:
         assert self.camera is not None
         looked = self.looked
         if self.masks is not None:
+            if frame not in self.masks.paths:
+                raise FrameRejected(f"no mask of this frame in {self.masks.folder}")
             looked = replace(looked, mask=self.masks.mask(frame, color.shape[:2]))
         if depth is None:
             trace, found = trace_image(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,4 +71,5 @@ def at_times(
         between = Slerp(time, turns)(at).as_quat() if len(time) > 1 else scalar_last
         quaternion = np.broadcast_to(between[:, [3, 0, 1, 2]], (len(at), 4))
         turned = dict(zip(frames, quaternion, strict=True))
-    return End(end.kind, dict(zip(frames, position, strict=True)), turned)
+    positions = dict(zip(frames, position, strict=True))
+    return replace(end, position=positions, orientation=turned)

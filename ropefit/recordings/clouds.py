@@ -14,6 +14,7 @@ from ropefit.recordings.ply import read_ply
 from ropefit.recordings.sources import Sight, Source, check_metres, check_spread
 
 MAX_BYTES = 2 << 30
+SCENE = 200  # lengths of the rope that a scene may spread over; millimetres are 300 to 1000
 
 
 class Clouds(Source):
@@ -29,7 +30,10 @@ class Clouds(Source):
 
     def sight(self, frame: int) -> Sight:
         points = read_cloud(self.paths[frame])
-        check_spread(self.paths[frame], frame, points, self.manifest.rope.length)
+        assert self.manifest.clouds is not None
+        if crop := self.manifest.clouds.crop:
+            points = points[((points > crop[0]) & (points < crop[1])).all(axis=1)]
+        check_spread(self.paths[frame], frame, points, self.manifest.rope.length, SCENE)
         return Sight(points=points)
 
     def files(self) -> list[Path]:

@@ -15,6 +15,8 @@ from ropefit.recordings.sources import check_metres
 from ropefit.recordings.tables import read_table, whole
 
 QUATERNION = ["qw", "qx", "qy", "qz"]
+TANGENT = ["tx", "ty", "tz"]
+NEEDED = ["frame", "time", "end", "x", "y", "z"]
 
 
 def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> tuple[End, End]:
@@ -39,39 +41,65 @@ def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> t
 
 def end_times(path: Path) -> dict[int, float]:
     """Return {frame: time [s]} of an ends file, for sources that have no clock of their own."""
-    columns = read_table(path, ["frame", "time", "end", "x", "y", "z"], QUATERNION)
+    columns = read_table(path, NEEDED, QUATERNION + TANGENT)
     return dict(zip(whole(path, "frame", columns["frame"]).tolist(), columns["time"], strict=True))
 
 
 def _from_file(path: Path) -> tuple[tuple[End, End], list[dict[int, float]]]:
     """Return ends 0 and 1 and, of each, the time [s] of every frame."""
-    columns = read_table(path, ["frame", "time", "end", "x", "y", "z"], QUATERNION)
+    columns = read_table(path, NEEDED, QUATERNION + TANGENT)
     frame = whole(path, "frame", columns["frame"])
     which = whole(path, "end", columns["end"])
     if not np.isin(which, (0, 1)).all():
         raise BadInput(f"{path}: column end holds 0 (control point) or 1 (other end) only")
     position = np.stack([columns[axis] for axis in "xyz"], axis=1)
     check_metres(path, position)
-    present = [name for name in QUATERNION if name in columns]
-    if present and len(present) < 4:
-        raise BadInput(f"{path}: a quaternion needs all of qw,qx,qy,qz; got {','.join(present)}")
-    quaternion = (
-        np.stack([columns[name] for name in QUATERNION], axis=1)
-        if present
-        else np.full((len(frame), 4), np.nan)
-    )
+    quaternion, roll_known = _orientation(path, columns)
     ends, clocks = [], []
     for end in (0, 1):
         rows = np.flatnonzero(which == end)
         if np.unique(frame[rows]).size != rows.size:
             raise BadInput(f"{path}: end {end} has two rows for one frame")
-        ends.append(_end(path, end, frame[rows].tolist(), position[rows], quaternion[rows]))
+        ends.append(
+            _end(path, end, frame[rows].tolist(), position[rows], quaternion[rows], roll_known)
+        )
         clocks.append(dict(zip(frame[rows].tolist(), columns["time"][rows].tolist(), strict=True)))
     return (ends[0], ends[1]), clocks
 
 
+def _orientation(path: Path, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, bool]:
+    """Return quaternions (rows, 4), NaN where none is given, and whether they tell the roll: they
+    do as quaternions, not as tangents."""
+    rows = len(columns["frame"])
+    for names, what in ((QUATERNION, "a quaternion"), (TANGENT, "a tangent")):
+        present = [name for name in names if name in columns]
+        if present and len(present) < len(names):
+            needs, got = ",".join(names), ",".join(present)
+            raise BadInput(f"{path}: {what} needs all of {needs}; got {got}")
+    if "qw" in columns and "tx" in columns:
+        raise BadInput(f"{path}: give quaternions or tangents, not both")
+    if "qw" in columns:
+        return np.stack([columns[name] for name in QUATERNION], axis=1), True
+    if "tx" not in columns:
+        return np.full((rows, 4), np.nan), True
+    tangents = np.stack([columns[name] for name in TANGENT], axis=1)
+    if (np.linalg.norm(tangents, axis=1) < 1e-9).any():
+        raise BadInput(f"{path}: a tangent of no length")
+    given = np.isfinite(tangents).all(axis=1)
+    if (given != np.isfinite(tangents).any(axis=1)).any():
+        raise BadInput(f"{path}: a tangent with a missing entry")
+    out = np.full((rows, 4), np.nan)
+    out[given] = [quaternion_along(tangent) for tangent in tangents[given]]
+    return out, False
+
+
 def _end(
-    path: Path, end: int, frames: list[int], position: np.ndarray, quaternion: np.ndarray
+    path: Path,
+    end: int,
+    frames: list[int],
+    position: np.ndarray,
+    quaternion: np.ndarray,
+    roll_known: bool,
 ) -> End:
     if not frames:
         return End.free()
@@ -81,9 +109,7 @@ def _end(
     clamped = given.all(axis=1)
     if clamped.any() and not clamped.all():
         row = frames[int(np.argmin(clamped))]
-        raise BadInput(
-            f"{path}: end {end} is clamped in some frames but has no quaternion in {row}"
-        )
+        raise BadInput(f"{path}: end {end} is clamped in some frames but has no direction in {row}")
     positions = dict(zip(frames, position, strict=True))
     if not clamped.any():
         return End("pinned", positions, {})
@@ -91,7 +117,8 @@ def _end(
     if (np.abs(norm - 1) > 0.01).any():
         row = frames[int(np.argmax(np.abs(norm - 1)))]
         raise BadInput(f"{path}: end {end}, frame {row}: quaternion is not of unit length")
-    return End("clamped", positions, dict(zip(frames, quaternion / norm[:, None], strict=True)))
+    turned = dict(zip(frames, quaternion / norm[:, None], strict=True))
+    return End("clamped", positions, turned, roll_known)
 
 
 def _from_markers(markers: Markers, held: list[int], end: int) -> End:
@@ -115,7 +142,7 @@ def _from_markers(markers: Markers, held: list[int], end: int) -> End:
     if (np.linalg.norm(along, axis=1) < 1e-9).any():
         raise BadInput(f"{markers.path}: the two held markers of end {end} coincide")
     orientation = [quaternion_along(tangent) for tangent in along]
-    return End("clamped", positions, dict(zip(frames, orientation, strict=True)))
+    return End("clamped", positions, dict(zip(frames, orientation, strict=True)), roll_known=False)
 
 
 def quaternion_along(tangent: np.ndarray) -> np.ndarray:

@@ -95,6 +95,14 @@ class EndsTable(_Table):
 class CloudsTable(_Table):
     pattern: str
     viewpoint: tuple[Finite, Finite, Finite] | None = None
+    crop: tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]] | None = None
+
+    @field_validator("crop")
+    @classmethod
+    def _box(cls, value: tuple[Any, Any] | None) -> tuple[Any, Any] | None:
+        if value is not None and any(low >= high for low, high in zip(*value, strict=True)):
+            raise ValueError("crop is [lowest corner, highest corner], in metres")
+        return value
 
 
 class Intrinsics(_Table):

@@ -36,12 +36,10 @@ class Masks:
             raise BadInput(f"{folder}: no mask in it; name them by frame, such as 000012.png")
 
     def mask(self, frame: int, shape: tuple[int, int]) -> np.ndarray:
-        """Return the mask (H, W) of a frame of that shape. Raises BadInput."""
+        """Return the mask (H, W) of a frame that has one, of that shape. Raises BadInput."""
         from PIL import Image
 
-        path = self.paths.get(frame)
-        if path is None:
-            raise BadInput(f"{self.folder}: no mask of frame {frame}; add it")
+        path = self.paths[frame]
         try:
             with Image.open(path, formats=["PNG", "JPEG"]) as image:
                 if image.size != (shape[1], shape[0]):

@@ -20,12 +20,14 @@ class End:
     """One end of the rope over time.
 
     position: {frame: (3,) [m]}; orientation: {frame: (4,) quaternion w x y z, R(q) e3 = tangent
-    from end 0 to end 1}. Free: both empty. Pinned: no orientation.
+    from end 0 to end 1}. Free: both empty. Pinned: no orientation. roll_known: False where the
+    orientation stands for a tangent and its roll about that means nothing.
     """
 
     kind: EndKind
     position: Mapping[int, np.ndarray]
     orientation: Mapping[int, np.ndarray]
+    roll_known: bool = True
 
     @staticmethod
     def free() -> End:

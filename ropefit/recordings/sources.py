@@ -59,17 +59,20 @@ def check_metres(path: Path, points: np.ndarray) -> None:
         raise BadInput(f"{path}: a position of {largest:.4g} m; positions are in metres")
 
 
-def check_spread(path: Path, frame: int, points: np.ndarray, length: float | None) -> None:
+def check_spread(
+    path: Path, frame: int, points: np.ndarray, length: float | None, times: float = 1.0
+) -> None:
     """Refuse a frame whose points (N, 3), NaN where unknown, cannot all lie on a rope: millimetres?
 
-    Half of the points within a box longer than the rope is no matter of outliers. Raises BadInput.
+    Half of the points within a box longer than the rope is no matter of outliers. times: of the
+    length, where a whole scene may be seen. Raises BadInput.
     """
     seen = points[np.isfinite(points).all(axis=1)]
     if len(seen) < 2:
         return
     low, high = np.quantile(seen, (0.25, 0.75), axis=0)
     spread, most = float(np.linalg.norm(high - low)), length or MAX_LENGTH
-    if spread > most:
+    if spread > (times if length else 1.0) * most:
         rope = f"the rope is {most:g} m long" if length else f"ropes reach {most:g} m"
         raise BadInput(
             f"{path}: frame {frame}: the points spread over {spread:.4g} m but {rope}; "

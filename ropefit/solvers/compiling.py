@@ -18,6 +18,7 @@ COMPILING = (
     "compiling the solvers for this machine; this happens once for each of them and takes about a "
     "minute in all (nothing is wrong)"
 )
+PACKAGE = Path(__file__).parents[1]
 MARK = ".ropefit-compiling-"  # a file of this name beside numba's cache: it has been said
 
 
@@ -66,7 +67,9 @@ def _first(dispatcher: Any) -> bool:
 
 def _beside(kept: Path) -> Path:
     """Return one folder for all of ropefit's loops; numba has one for each folder of source."""
-    return kept.parents[1] / kept.name if kept.name == "__pycache__" else kept.parent
+    if kept.is_relative_to(PACKAGE):
+        return PACKAGE / "__pycache__"
+    return kept if kept.name == "__pycache__" else kept.parent
 
 
 @cache
@@ -76,6 +79,6 @@ def _source() -> str:
     import numba
 
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -91,7 +91,7 @@ def compute(
         "dropped": dropped,
         "end_kind": tracer.end_kind,
         "ends_assumed": recording.ends is None,
-        "end_twist_known": not (recording.manifest.ends and recording.manifest.ends.markers),
+        "end_twist_known": all(end.roll_known for end in recording.ends or ()),
         "view": View(**vars(content.pop("camera"))),
         **album.pictures(),
         **content,
