@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 RUN    ?= run
 
-.PHONY: demo test bounds check install schemas results exporters wheel audit batch clean
+.PHONY: demo test bounds check install schemas results exporters wheel audit docs batch clean
 .DEFAULT_GOAL := demo
 
 install: $(STAMP)
@@ -69,6 +69,11 @@ wheel: $(STAMP)
 
 audit: $(STAMP)
 	$(BIN)/python -m benchmarks.robustness.audit --write docs/dependencies.md
+
+# The documents as a site in build/site; a broken link fails.
+docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 include pipelines/batch.mk
 include pipelines/paper.mk

@@ -25,7 +25,8 @@ class Field:
     """A force per length [N/m] that pushes away from something, by the distance d [m] to it.
 
     `axis` (3,) is the normal of a plane, the direction of a bar, or zero for a point; `point` (3,)
-    [m] lies on it. Force: hardness * max(0, reach - d), or strength * exp(-d / reach) if `soft`.
+    [m] lies on it. Force: hardness * max(0, reach - d), or strength * exp(-d / reach) if `soft`,
+    or strength * (reach / d)^power.
     """
 
     point: Array
@@ -34,6 +35,7 @@ class Field:
     hardness: float  # N/m², or N/m when soft
     kind: str  # plane, bar
     soft: bool = False
+    power: float = 0.0
 
     def force(self, x: Array) -> tuple[Array, Array]:
         """Return the force (…, 3) per length [N/m] at x (…, 3) [m], and the derivative by x."""
@@ -51,6 +53,9 @@ class Field:
         if self.soft:
             size = self.hardness * np.exp(-d / self.reach)
             slope = -size / self.reach
+        elif self.power:
+            size = self.hardness * (self.reach / d) ** self.power
+            slope = -self.power * size / d
         else:
             size = self.hardness * np.maximum(0.0, self.reach - d)
             slope = np.where(d < self.reach, -self.hardness, 0.0)
@@ -106,6 +111,7 @@ class Rod:
     points: tuple[Point, ...] = ()
     fields: tuple[Field, ...] = ()
     softening: float = 0.0  # 1/(N m)²: curvature grows by (1 + softening |m|²)
+    bent: Any = None  # instead of EI: the curvature and its derivative as functions of the moment
     inside: Inside | None = None
     end_springs: tuple[Any, Any] = field(default=(None, None))
     # each None or (stiffness [N m/rad], direction (3,) towards end 1)
@@ -230,6 +236,16 @@ def curvatures(rod: Rod, middle: Array, body: Array) -> tuple[Array, Array]:
     slope = flexibility[..., None] * (
         bent[..., None] * np.eye(3) + 2 * rod.softening * body[..., :, None] * body[..., None, :]
     )
+    if rod.bent is not None:
+        across = body[..., :2]
+        size = np.sqrt((across * across).sum(-1))[..., None]
+        curvature, rate = rod.bent(size)
+        way, ratio = across / np.maximum(size, 1e-300), curvature / np.maximum(size, 1e-300)
+        outer = way[..., :, None] * way[..., None, :]
+        u, slope = u.copy(), slope.copy()
+        u[..., :2] = rest[..., :2] + curvature * way
+        slope[..., :2, :] = 0.0
+        slope[..., :2, :2] = ratio[..., None] * np.eye(2) + (rate - ratio)[..., None] * outer
     if rod.inside is None:
         return u, slope
     # With d = k - centre: (own + rigidity) d, or own d + rigidity slip d/|d| where that is more.

@@ -66,7 +66,7 @@ class Rope:
 
     @classmethod
     def of(cls, observations: Observations, model: Model, segments: int | None = None) -> Rope:
-        """The rope that was identified, from the first parameter set of a fitted model.
+        """Return the rope that was identified, from the first parameter set of a fitted model.
 
         Where its mass is not known it is one kilogram a metre, and so are its rigidities: shapes
         are the same. Raises WrongUsage for models of the paper's solvers.
@@ -89,7 +89,7 @@ class Rope:
         )
 
     def __call__(self, ends: Tensor, clamps: Tensor | None = None, throw: bool = True) -> Tensor:
-        """(frames, segments + 1, 3) [m]: where the nodes come to rest, from end 0 to end 1.
+        """Return (frames, segments + 1, 3) [m]: where the nodes come to rest, from end 0 to end 1.
 
         ends (frames, 2, 3) [m], NaN for an end that is free; clamps (frames, 2, 4): quaternions
         w x y z whose third axis is the rope's tangent, NaN (or None) for an end that may turn. An

@@ -8,10 +8,13 @@ from typing import TypeVar
 from ropefit.errors import StageFailed
 
 T = TypeVar("T")
+# The groups of entry points that are asked for.
+GROUPS = ("ropefit.effects", "ropefit.exporters", "ropefit.importers")
+EFFECTS, EXPORTERS, IMPORTERS = GROUPS
 
 
 def concrete(base: type[T], group: str) -> list[type[T]]:
-    """Every class below `base` that can be made, those of installed packages included.
+    """Return every class below `base` that can be made, those of installed packages included.
 
     A class is known once its module is imported. Modules of other packages are imported when
     they declare an entry point in `group`. Raises StageFailed when one cannot be imported.

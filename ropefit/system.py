@@ -26,13 +26,13 @@ MODULES = ("open3d", "cv2", "torch", "skimage")
 
 
 def missing_library(message: str) -> str | None:
-    """The shared library that an ImportError's message says is missing."""
+    """Return the shared library that an ImportError's message says is missing."""
     match = re.search(r"(lib[\w.+-]+\.so[\w.]*): cannot open shared object", message)
     return match.group(1) if match else None
 
 
 def remedy(library: str) -> str:
-    """One line: what is missing and what to do."""
+    """Return one line: what is missing and what to do."""
     package = PACKAGES.get(library)
     if package:
         return f"system library {library} is missing; install it: sudo apt-get install {package}"
@@ -40,7 +40,7 @@ def remedy(library: str) -> str:
 
 
 def _import_failure(module: str) -> str | None:
-    """The library a module misses; imported in a fresh process, as a failed import cannot be
+    """Return the library a module misses; imported in a fresh process, as a failed import cannot be
     retried."""
     run = subprocess.run([sys.executable, "-c", f"import {module}"], capture_output=True, text=True)
     if run.returncode == 0:

@@ -128,7 +128,8 @@ def test_command_line_imports_nothing_heavy():
 
 EFFECTS = PACKAGE / "effects"
 BASES = {"ropefit.effects.base", "ropefit.effects.contact", "ropefit.effects.misfit"}
-BASES |= {"ropefit.effects.place", "ropefit.effects.drawn"}  # of effects, of no single one
+BASES |= {"ropefit.effects.place", "ropefit.effects.drawn", "ropefit.effects.law"}
+# All are of effects, of no single one.
 
 
 def effect_names() -> tuple[set[str], set[str]]:
@@ -212,3 +213,17 @@ def test_special_cases_are_noticed():
         assert len(special_cases(source)) == 1, source
     assert not special_cases("from ropefit.effects import CATALOGUE, Effect")
     assert not special_cases("from ropefit.attachments import Tether\nisinstance(x, Tether)")
+
+
+NOUN_PHRASES = {"a", "all", "an", "each", "how", "the", "what", "where", "whether", "which"}
+
+
+def test_docstrings_of_functions_are_imperative():
+    wrong = []
+    for path in sources():
+        for node in ast.walk(ast.parse(path.read_text())):
+            first = (isinstance(node, ast.FunctionDef) and ast.get_docstring(node)) or "Do"
+            word = first.split()[0]
+            if not word[0].isupper() or word.lower() in NOUN_PHRASES:
+                wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}: {first.splitlines()[0]}")
+    assert not wrong

@@ -51,7 +51,9 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     assert checked["simulator"].startswith("mujoco 4")
     assert checked["settled"] == [True] * 6
     assert 0 < checked["largest_deviation"] < 0.01
-    assert "none runs it" in ropefit(*to[:3], "--to", "json", *to[5:], "--check", code=2).stderr
+    assert (
+        "names no simulator" in ropefit(*to[:3], "--to", "json", *to[5:], "--check", code=2).stderr
+    )
     wrong = ropefit(*to, "--check", "--python", "/bin/false", code=1).stderr
     assert "has no mujoco for mujoco; pip install" in wrong
     assert ropefit("inspect", str(run / "exports.h5")).returncode == 0

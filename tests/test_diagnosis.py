@@ -124,6 +124,22 @@ def test_an_error_of_the_set_up_is_named_before_physics():
     assert d.accepted[0].candidate.hypothesis.effect.kind == "measurement"
 
 
+def test_gravity_told_along_another_axis_is_found():
+    """As of clouds in a camera's axes, y down, taken as z up; no force, no contact is named."""
+    setup = rope(96, 8)
+    told = setup.gravity[[0, 2, 1]]  # 90 degrees away
+    data = recorded(setup)
+    coarse = rope(48, 8)._replace(gravity=told)
+    terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))]
+    forward = Equilibrium(coarse, [*terms, *calibration(coarse, Priors(), False)])
+    d = search(fit(forward, FitProblem(data, Noise(), BINS)), 0, lambda share, text: None)
+    assert d.verdict == "found"
+    (one,) = d.accepted
+    assert one.candidate.hypothesis.name == "gravity_misalignment"
+    down = d.final.point.setup.gravity
+    assert float(down @ setup.gravity) > 9.81**2 * np.cos(0.02)
+
+
 def test_the_null_is_what_noise_gives():
     data = recorded(rope(288), seed=5)
     found = nominal_fit(data)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from ropefit.adapters.end_path import end_path
 from ropefit.effects import (
     CATALOGUE,
+    BendingLaw,
     Effect,
     FreeKink,
     Kink,
@@ -128,8 +129,11 @@ def test_every_effect_says_what_it_is():
 
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [(StiffSection(), [0.8, 0.45, 0.2]), (Tether(), [3.0, 0.1, 0.2, 0.4, 0.5])],
-)
+    [
+        (BendingLaw(), [-0.3, 0.2, -0.1, 0.15, -0.2]), (StiffSection(), [0.8, 0.45, 0.2]),
+        (Tether(), [3.0, 0.1, 0.2, 0.4, 0.5]),
+    ],
+)  # fmt: skip
 def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values):
     bare = rope(30, frames=3)
     values = torch.tensor(values, dtype=torch.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 
 import numpy as np
@@ -39,6 +40,19 @@ def test_rigidity_of_the_sample_with_units_interval_and_calibration(fitted):
     assert {"camera_rotation_x", "scale", "gravity_x", "end_0_x"} <= set(found["calibration"])
     weight = 0.05 * 9.81  # N/m, of 50 g
     assert found["bending_length_m"] == pytest.approx((bend["value"] / weight) ** (1 / 3), rel=1e-6)
+
+
+def test_a_fit_that_leaves_far_more_than_noise_says_so(ropefit, tmp_path):
+    copy = tmp_path / "rec"
+    shutil.copytree(SAMPLES / "cloud", copy)
+    text = (copy / "recording.toml").read_text()
+    told = re.sub(r"gravity = .*", "gravity = [0.0, 9.81, 0.0]", text)
+    assert told != text
+    (copy / "recording.toml").write_text(told)
+    ropefit("preprocess", copy, "--quiet")
+    assert "something is missing, or the set-up is told wrongly" in ropefit("identify").stderr
+    ropefit("preprocess", SAMPLES / "cloud", "--run", "good", "--quiet")
+    assert "something is missing" not in ropefit("identify", "--run", "good").stderr
 
 
 def test_without_the_mass_the_rigidity_is_a_ratio(ropefit, tmp_path):

@@ -83,6 +83,16 @@ def test_parameters_come_back(ropefit, recording):
     assert "Traceback" not in report.stderr
 
 
+def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(ropefit, recording):
+    told = ropefit.json("run", recording, "--solver", "dynamics", "--run", "run")
+    assert "control" not in told
+    assert told["diagnose"]["verdict"] == "none"
+    ropefit("preprocess", recording, "--run", "again")
+    said = ropefit("diagnose", "--run", "again", "--nominal", "run", "--most-frames", 4)
+    assert "identify --solver dynamics" in said.stderr
+    assert "none" in said.stdout or "no missing physics" in said.stdout + said.stderr
+
+
 def test_what_it_cannot_do_is_said(ropefit, recording):
     ropefit("preprocess", recording, "--run", "run")
     wrong = ropefit("identify", "--solver", "dynamics", "--search", "grid", code=2)

@@ -144,7 +144,7 @@ def test_intervals_are_judged_by_what_was_held_out():
         return render_report(RunContents(observations(), made, None, d))
 
     even = (np.arange(1000) + 0.5) / 1000
-    assert "hold 95.0 % of them: the uncertainties told here are honest" in page(even)
+    assert "hold 95.0 % of them: the stated uncertainties are honest" in page(even)
     tails = np.where(even < 0.5, even**2, 1 - (1 - even) ** 2)
     assert "too narrow for this recording" in page(tails)
 

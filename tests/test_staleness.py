@@ -16,6 +16,7 @@ from ropefit.api.pipeline import COMPUTED, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Observations, read
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.recordings import fingerprint, open_recording
+from ropefit.runs import code
 from ropefit.runs.code import PACKAGE, hash_of, imported, reached
 from ropefit.runs.execute import execute
 from ropefit.runs.protocol import Context
@@ -174,3 +175,24 @@ def test_a_target_replaces_loss_and_key_points() -> None:
     assert sha(target=True) == sha(target=True, loss="OBJ2", key=[0.1])
     assert sha(target=True) != sha(target=True, turn=True)
     assert sha() != sha(loss="OBJ2") != sha(key=[0.1])
+
+
+def test_an_add_on_counts_where_add_ons_are_asked_for(tmp_path, monkeypatch):
+    (tmp_path / "some_effect.py").write_text("SIZE = 1\n")
+    info = tmp_path / "some_effect-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: some-effect\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[ropefit.effects]\nsome = some_effect\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    stages = [f"ropefit.stages.{name}" for name in ("preprocess", "diagnose")]
+
+    def hashes():
+        code.code_sha256.cache_clear()
+        return [code.code_sha256(stage) for stage in stages]
+
+    before = hashes()
+    (tmp_path / "some_effect.py").write_text("SIZE = 22\n")
+    after = hashes()
+    code.code_sha256.cache_clear()
+    assert before[0] == after[0]
+    assert before[1] != after[1]

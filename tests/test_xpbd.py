@@ -3,12 +3,15 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import torch
 
+from ropefit.models.xpbd import Ends, build_rope
 from ropefit.rod.quaternion import normalise
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.jacobi import Jacobi
 from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 from tests.conftest import ROOT
 from tests.ropes import ETA, GRAVITY, central_difference, eta, hanging
@@ -145,6 +148,7 @@ MEMORY = """
 import resource, torch
 torch.set_num_threads(1)
 from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.jacobi import Jacobi
 from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 from tests.conftest import ROOT
 from tests.ropes import ETA, GRAVITY, hanging
@@ -163,3 +167,21 @@ def test_memory_of_a_long_gradient_is_bounded():
         [sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True, cwd=ROOT
     )
     assert float(run.stdout) < 500
+
+
+def test_a_solver_that_is_not_compiled_runs_on_the_reference_loops(monkeypatch):
+    class Again(Jacobi):
+        name = "again"
+
+    monkeypatch.setitem(SOLVERS, "again", Again())
+    held = Ends(np.array([[[0.0, 0, 0], [0.4, 0, 0]]]), np.full((1, 2, 4), np.nan))
+    ropes = [
+        build_rope(
+            length=0.6, nodes=9, gravity=GRAVITY.numpy(), ends=held, solver=name,
+            settings=Settings(3, 10),
+        )
+        for name in ("jacobi", "again")
+    ]  # fmt: skip
+    compiled, again = (rope.settle(torch.tensor(ETA)).x for rope in ropes)
+    assert float((compiled - ropes[0].start.x).abs().max()) > 1e-4
+    assert torch.allclose(compiled, again, rtol=0, atol=1e-12)

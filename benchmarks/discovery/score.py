@@ -10,7 +10,6 @@ import numpy as np
 from benchmarks.discovery.concealed_errors import MEASUREMENT
 
 VISIBLE, WEAK = 12.0, 6.0
-SOLVER = {"under_converged", "too_coarse"}
 PLACE = 0.03  # of the length
 # The place of a plane or a bar has many parametrisations: only that there is one is scored.
 NO_SIZE = {"support_plane", "obstacle"}

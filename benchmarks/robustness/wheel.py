@@ -2,7 +2,8 @@
 
     python -m benchmarks.robustness.wheel [--folder build/wheel] [--write docs/dependencies.md]
 
-Dependencies are those of constraints.txt. The sample in the wheel is run to its report.
+Dependencies are those of constraints.txt. The sample in the wheel is run to its report by one
+command.
 """
 
 from __future__ import annotations
@@ -13,8 +14,6 @@ import sys
 from pathlib import Path
 
 from benchmarks.document import parser, publish
-
-QUICK = ["--solver", "thomas", "--steps", "5", "--evaluations", "3"]
 
 
 def main() -> None:
@@ -49,9 +48,7 @@ def main() -> None:
     where = call(python, "-c", "import ropefit; print(ropefit.__file__)", cwd=away).strip()
     if not Path(where).is_relative_to(folder):
         raise SystemExit(f"it is not the wheel that is imported: {where}")
-    call(command, "preprocess", "--run", "run", "--quiet", cwd=away)
-    call(command, "identify", *QUICK, "--run", "run", "--quiet", cwd=away)
-    call(command, "report", "--run", "run", "--quiet", cwd=away)
+    call(command, "run", "--run", "run", "--force", cwd=away)
     size = (away / "run" / "report.html").stat().st_size
     packages = len(call(python, *pip, "list", "--format", "freeze").splitlines())
     data = {"wheel": wheel.name, "bytes": wheel.stat().st_size, "packages": packages}

@@ -11,7 +11,7 @@ from ropefit.runs.loading import load, load_if_there
 
 
 def read_run(directory: Path) -> RunContents:
-    """What a run directory holds; None where a stage has not run.
+    """Return what a run directory holds; None where a stage has not run.
 
     Raises StageFailed when there are no observations or an artifact is stale, BadInput when one is
     damaged.
@@ -26,7 +26,8 @@ def read_run(directory: Path) -> RunContents:
 
 
 def current_exports(run: Path) -> Exports | None:
-    """exports.h5 of the rope as it is now; None where there is none, or an earlier rope's."""
+    """Return exports.h5 of the rope as it is now; None where there is none, or an earlier
+    rope's."""
     path = run / Exports.file_name
     try:
         made = load(run, Exports)[0] if path.exists() else None

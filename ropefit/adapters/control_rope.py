@@ -17,7 +17,7 @@ REACH = 0.995  # of the length: how far apart the ends of a rope that does not s
 
 
 def control_guess(o: Observations, node: int) -> np.ndarray:
-    """(F, 3) [m] where the control point may be, from what is seen of the rope alone.
+    """Return (F, 3) [m] where the control point may be, from what is seen of the rope alone.
 
     The observed centreline, carried on straight beyond its first or last visible boundary. The
     recorded pose of the end is not used: it is what the estimate is judged by.
@@ -42,8 +42,8 @@ def control_guess(o: Observations, node: int) -> np.ndarray:
 def rope_at(
     o: Observations, model: FittedModel, position: np.ndarray, turns: bool, found: Diagnosis | None
 ) -> tuple[Rope | EquilibriumRope, torch.Tensor]:
-    """The fitted rope, with what a diagnosis found, control point at `position` (F, 3) [m]; values
-    (F, n)."""
+    """Return the fitted rope, with what a diagnosis found, control point at `position` (F, 3) [m];
+    values (F, n)."""
     position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
     if o.end_kind[0] == "free" and model.control_node == 0:
         raise BadInput("end 0 is free: there is no control point to estimate")
@@ -63,8 +63,8 @@ def rope_at(
 
 
 def _within_reach(o: Observations, model: FittedModel, position: np.ndarray) -> np.ndarray:
-    """(F, 2, 3) [m] the ends, the control point at `position`, but no farther off than the rope is
-    long."""
+    """Return (F, 2, 3) [m] the ends, the control point at `position`, but no farther off than the
+    rope is long."""
     ends, end = o.end_position.copy(), 0 if model.control_node == 0 else 1
     ends[:, end] = position
     arm = ends[:, end] - ends[:, 1 - end]
@@ -76,7 +76,7 @@ def _within_reach(o: Observations, model: FittedModel, position: np.ndarray) -> 
 
 
 def _eta(o: Observations, model: FittedModel) -> torch.Tensor:
-    """(F, n) the weights of each frame's group."""
+    """Return (F, n) the weights of each frame's group."""
     names = eta_names(model.two_sided)
     eta = np.full((len(o.frames), len(names)), np.nan)
     for group in model.groups.values():

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from ropefit.adapters.equilibrium_model import calibration_of
+from ropefit.adapters.law_content import law_of, sentence_of
+from ropefit.adapters.unit_mass import per_unit_mass
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
 from ropefit.artifacts.diagnosis import Candidate as Scanned
@@ -63,10 +65,10 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
                 )
             break
     gap = [np.linalg.norm(misfit(f, bins)[:, :bins], axis=-1) for f in (first, last)]
-    return {
+    fields = {
         "recording": o.recording,
         "verdict": d.verdict,
-        "causes": {f"cause_{k}": _cause(item, last, layout) for k, item in enumerate(d.accepted)}
+        "causes": {f"cause_{k}": _cause(o, item, last, layout) for k, item in enumerate(d.accepted)}
         if d.verdict == "found"
         else {},
         "scan": {f"{k:02d}_{s.hypothesis.name}": _scanned(s) for k, s in enumerate(d.scan)},
@@ -113,6 +115,7 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
         "force_evidence": d.latent.evidence,
         "force_threshold": d.latent.threshold,
     }
+    return fields if o.mass else per_unit_mass(fields)
 
 
 def _in_part(d: engine.Diagnosis) -> list[str]:
@@ -147,11 +150,12 @@ def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     return out
 
 
-def _cause(item: engine.Accepted, last: Fit, layout: Layout) -> Cause:
+def _cause(o: Observations, item: engine.Accepted, last: Fit, layout: Layout) -> Cause:
     # Sizes as fitted beside all effects that were accepted later.
     candidate, effect = replace(item.candidate, fit=last), item.candidate.hypothesis.effect
     values, sd = candidate.values(), candidate.sd()
     named = dict(zip(effect.names, (float(v) for v in values), strict=True))
+    law = law_of(o, candidate, last)
     return Cause(
         name=effect.name,
         kind=effect.kind,
@@ -167,7 +171,8 @@ def _cause(item: engine.Accepted, last: Fit, layout: Layout) -> Cause:
         log_evidence=item.evidence,
         p_value=item.p_value,
         heldout_gain=candidate.gains,
-        sentence=_sentence(candidate),
+        sentence=sentence_of(law) if law else _sentence(candidate),
+        law=law,
     )
 
 

@@ -50,7 +50,7 @@ def fitted_model(
     out: np.ndarray,
     train: np.ndarray,
 ) -> FittedModel:
-    """A model artifact of least-squares fits.
+    """Return a model artifact of least-squares fits.
 
     parts: (frames' indices, fit) of each group; the rest as in `model_of`. Raises NotConverged.
     """
@@ -72,7 +72,7 @@ def fitted_model(
 
 
 def calibration_of(found: Fit) -> dict[str, Calibration]:
-    """The errors of the set-up that were fitted, by name."""
+    """Return the errors of the set-up that were fitted, by name."""
     out, place, sd = {}, 0, found.sd()
     for term in found.forward.terms:
         for k, axis in enumerate(term.names if term.nuisance else ()):
@@ -87,7 +87,7 @@ def calibration_of(found: Fit) -> dict[str, Calibration]:
 
 
 def calibration_name(term: Term, axis: str) -> str:
-    """The name under which one value of a calibration error is told."""
+    """Return the name under which one value of a calibration error is told."""
     return term.name if term.size == 1 else f"{term.name}_{axis}"
 
 
@@ -104,39 +104,21 @@ def model_of(
     train: np.ndarray,
     trace: np.ndarray,
 ) -> FittedModel:
-    """A model artifact: states of all frames as the sensor reports them, and how they were found.
+    """Return a model artifact: states of all frames as the sensor reports them, and how they were
+    found.
 
     node: the control point; started: where the fit set out; points: (frames' indices, states) of
     each group; out (F,) held out; train: indices of the frames of the fit; trace: the loss on its
     way. Raises NotConverged.
     """
-    frames, nodes = len(o.frames), len(o.node_arc)
+    nodes = len(o.node_arc)
     every = started.segments // (nodes - 1)
-    x, q = np.zeros((frames, nodes, 3)), np.zeros((frames, nodes - 1, 4))
-    first, residual = x.copy(), np.full((frames, nodes), np.nan)
-    rms, rms_initial = np.zeros(frames), np.zeros(frames)
-    newton, worst = np.zeros(frames, dtype=np.int64), np.zeros(frames)
-    ok = np.zeros(frames, dtype=bool)
-    stable, other = np.full(frames, np.nan), np.full(frames, np.nan)
-    for mine, point in points:
-        solution = point.solution
-        ok[mine], newton[mine] = solution.converged, solution.iterations
-        worst[mine] = solution.residual
-        if not solution.converged.any():
-            raise NotConverged("no frame reaches an equilibrium at the fitted parameters")
-        bare = Equilibrium(started.frames(torch.from_numpy(mine)), [])
-        before = bare.at(np.empty(0))
-        seen = np.where(solution.converged[:, None, None], point.seen, before.seen)
-        seen = np.where(np.isfinite(seen), seen, np.nan_to_num(solution.x))
-        x[mine], q[mine] = seen[:, ::every], solution.q[:, every // 2 :: every]
-        first[mine] = np.nan_to_num(before.solution.x)[:, ::every]
-        mine_data = data.frames(mine)
-        rms[mine] = _rms(mine_data, seen)
-        rms_initial[mine] = _rms(mine_data, np.nan_to_num(before.solution.x))
-        stable[mine] = stability(solution)
-        other[mine] = other_states(solution)[1]
-        residual[mine] = _at_nodes(mine_data, seen, nodes - 1)
-    stable[~ok] = np.nan
+    parts = [
+        _states(started.frames(torch.from_numpy(mine)), point, data.frames(mine), every)
+        for mine, point in points
+    ]
+    order = np.argsort(np.concatenate([mine for mine, _ in points]))
+    s = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
     setup = points[0][1].setup
     p = setup.properties
     weight = float(p.density.mean() * setup.gravity.norm())
@@ -151,39 +133,69 @@ def model_of(
         two_sided=False,
         groups=groups,
         heldout=out,
-        x=x,
-        q=q,
-        x_initial=first,
-        residual=residual,
-        rms=rms,
-        rms_initial=rms_initial,
-        rms_px=agreement(torch.from_numpy(x), build_scene(o)).rms_px,
-        solver_converged=bool(ok.all()),
+        x=s["x"],
+        q=s["q"],
+        x_initial=s["x_initial"],
+        residual=s["at_nodes"],
+        rms=s["rms"],
+        rms_initial=s["rms_initial"],
+        rms_px=agreement(torch.from_numpy(s["x"]), build_scene(o)).rms_px,
+        solver_converged=bool(s["converged"].all()),
         balance=Balance(
             segments=started.segments,
-            newton=newton,
-            residual=np.nan_to_num(worst, posinf=1e300),
-            converged=ok,
-            stability=stable,
-            other=other,
+            newton=s["newton"],
+            residual=np.nan_to_num(s["residual"], posinf=1e300),
+            converged=s["converged"],
+            stability=s["stability"],
+            other=s["other"],
             mass_known=bool(o.mass),
             bending_length=float((p.bend.mean() / weight) ** (1 / 3)),
         ),
         trace=trace,
-        rms_fit=float(np.sqrt(np.mean(rms[train] ** 2))),
-        rms_heldout=float(np.sqrt(np.mean(rms[out] ** 2))) if out.any() else None,
+        rms_fit=float(np.sqrt(np.mean(s["rms"][train] ** 2))),
+        rms_heldout=float(np.sqrt(np.mean(s["rms"][out] ** 2))) if out.any() else None,
     )
 
 
+def _states(started: Setup, point: Point, data: Data, every: int) -> dict[str, np.ndarray]:
+    """Return of each frame of a group the states as the sensor reports them, at every `every`-th
+    node, their distance from the data, how they were found and how stable they are.
+
+    Raises NotConverged.
+    """
+    solution = point.solution
+    ok = solution.converged
+    if not ok.any():
+        raise NotConverged("no frame reaches an equilibrium at the fitted parameters")
+    before = Equilibrium(started, []).at(np.empty(0))
+    initial = np.nan_to_num(before.solution.x)
+    seen = np.where(ok[:, None, None], point.seen, before.seen)
+    seen = np.where(np.isfinite(seen), seen, np.nan_to_num(solution.x))
+    return {
+        "x": seen[:, ::every],
+        "q": solution.q[:, every // 2 :: every],
+        "x_initial": initial[:, ::every],
+        "at_nodes": _at_nodes(data, seen, started.segments // every),
+        "rms": _rms(data, seen),
+        "rms_initial": _rms(data, initial),
+        "newton": solution.iterations.astype(np.int64),
+        "residual": solution.residual,
+        "converged": ok,
+        "stability": np.where(ok, stability(solution), np.nan),
+        "other": other_states(solution)[1],
+    }
+
+
 def _rms(data: Data, x: np.ndarray) -> np.ndarray:
-    """(F,) [m] distance of the data from the curve."""
+    """Return (F,) [m] distance of the data from the curve."""
     gap, mask = offsets(data, x)
     square = np.where(mask, (gap**2).sum(-1), 0.0).sum(1)
     return np.sqrt(square / np.maximum(mask.sum(1), 1))
 
 
 def _at_nodes(data: Data, x: np.ndarray, bins: int) -> np.ndarray:
-    """(F, bins + 1) [m] size of the mean offset near each node, NaN where nothing was seen."""
+    """Return (F, bins + 1) [m] size of the mean offset near each node, NaN where nothing was
+    seen."""
     s = match(data, x, bins)
     size = np.linalg.norm(s.residual, axis=1)
     node = np.rint(s.share * bins).astype(int)

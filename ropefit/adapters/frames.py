@@ -17,7 +17,7 @@ LIVELY = 0.05  # of gravity: where a rope accelerates less, any frame is calm
 
 
 def group_frames(observations: Observations, spec: str) -> np.ndarray:
-    """(F,) group number of each frame.
+    """Return (F,) group number of each frame.
 
     spec: "one"; "tension" (bending and tensioned frames, parted by the distance of the ends); or
     ranges of frame numbers such as "0-17,18-35".
@@ -45,7 +45,8 @@ def group_frames(observations: Observations, spec: str) -> np.ndarray:
 
 
 def _by_tension(observations: Observations) -> np.ndarray:
-    """0 = bending, 1 = tensioned: the split of |a - b| that leaves the least variance inside."""
+    """Return 0 = bending, 1 = tensioned: the split of |a - b| that leaves the least variance
+    inside."""
     ends = observations.end_position
     apart = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     if not np.isfinite(apart).all():
@@ -62,7 +63,8 @@ def _by_tension(observations: Observations) -> np.ndarray:
 
 
 def held_out(count: int, share: float) -> np.ndarray:
-    """(F,) bool: contiguous blocks of frames, spread over the recording, that no fit may see."""
+    """Return (F,) bool: contiguous blocks of frames, spread over the recording, that no fit may
+    see."""
     out = np.zeros(count, dtype=bool)
     if count < LEAST_TO_HOLD_OUT or share == 0:
         return out
@@ -76,7 +78,7 @@ def held_out(count: int, share: float) -> np.ndarray:
 
 
 def spread_evenly(frames: np.ndarray, group: np.ndarray, most: int) -> np.ndarray:
-    """At most `most` of the frame indices, evenly spread within every group."""
+    """Return at most `most` of the frame indices, evenly spread within every group."""
     groups = np.unique(group)
     kept = []
     for number in groups:
@@ -89,8 +91,9 @@ def spread_evenly(frames: np.ndarray, group: np.ndarray, most: int) -> np.ndarra
 
 
 def calmest(frames: np.ndarray, setup: Setup, least: int) -> np.ndarray:
-    """Of frames (their indices) of a rope in motion, those in which it accelerates least, `least`
-    of them or more: there a model at rest is nearest to the truth. All of a rope at rest."""
+    """Return for frames (their indices) of a rope in motion, those in which it accelerates least,
+    `least` of them or more: there a model at rest is nearest to the truth. All of a rope at rest.
+    """
     if setup.motion is None:
         return frames
     size = setup.motion.acceleration[torch.from_numpy(frames)].square().sum(-1).mean(-1)

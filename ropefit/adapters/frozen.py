@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.adapters.shapes_only import shapes_only
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.model import FittedModel, ParameterGroup
 from ropefit.errors import WrongUsage
 from ropefit.inference.sandwich import INTERVAL
 from ropefit.models import rest_curve
 
+PER_WEIGHT = ("EI", "GJ", "EA", "bend_damping", "air_damping")  # in proportion to the mass
+
 
 def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]:
-    """Another run's parameters in the units in which those of `o` are told.
+    """Return another run's parameters in the units in which those of `o` are told.
 
     Ratios to the weight are carried over where one of the two does not know its mass. The length is
-    taken only where it was fitted there or is estimated here. Raises WrongUsage.
+    taken only where it was fitted there or is estimated here, and not from a rope in motion, which
+    begins at its grips. Raises WrongUsage.
     """
     m = model.nominal
-    shapes_only(m, f"--from {where}")
-    if m.balance is None:
+    solved = m.balance or m.stepped
+    if solved is None:
         raise WrongUsage(
             f"{where}: its model is one of the {m.solver} solver, whose weights are no "
             "properties of the rope; identify it with --solver equilibrium"
@@ -31,9 +33,9 @@ def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]
         )
     (group,) = m.groups.values()
     known, factor = group.parameters, weight_factor(m, o)
-    out = {name: factor * known[name].value for name in ("EI", "GJ", "EA") if name in known}
+    out = {name: factor * known[name].value for name in PER_WEIGHT if name in known}
     out |= {name: p.value for name, p in known.items() if name in rest_curve.NAMES}
-    if known["length"].free or o.length_source == "estimated":
+    if m.balance and (known["length"].free or o.length_source == "estimated"):
         out["length"] = known["length"].value
     return out
 
@@ -41,15 +43,16 @@ def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]
 def weight_factor(m: FittedModel, o: Observations) -> float:
     """Return what weights, forces and rigidities of another run are multiplied by in that of `o`,
     where one of the two does not know the mass of the rope."""
-    assert m.balance is not None
+    solved = m.balance or m.stepped
+    assert solved is not None
     known = next(iter(m.groups.values())).parameters
-    weight = known["EI"].value / m.balance.bending_length**3 if m.balance.mass_known else 1.0
+    weight = known["EI"].value / solved.bending_length**3 if solved.mass_known else 1.0
     here = o.mass / o.length * float(np.linalg.norm(o.gravity)) if o.mass else 1.0
-    return 1.0 if m.balance.mass_known and o.mass else here / weight
+    return 1.0 if solved.mass_known and o.mass else here / weight
 
 
 def covariance_of(group: ParameterGroup, names: list[str]) -> np.ndarray:
-    """(n, n) covariance in SI of parameters that are no logarithms and have intervals."""
+    """Return (n, n) covariance in SI of parameters that are no logarithms and have intervals."""
     ends = np.array([group.parameters[name].ci95 for name in names])
     sd = 0.5 * (ends[:, 1] - ends[:, 0]) / INTERVAL
     place = [group.free_names.index(name) for name in names]

@@ -25,8 +25,8 @@ def motion_model(
     found: Fit, estimates: Estimates, point: MotionPoint, first: MotionPoint,
     train: np.ndarray,
 ) -> FittedModel:  # fmt: skip
-    """The artifact. out (F,): held out; train: indices of the frames of the fit; point and first:
-    all clips at the fitted parameters, and where the fit set out. Frames of no clip are not
+    """Return the artifact. out (F,): held out; train: indices of the frames of the fit; point and
+    first: all clips at the fitted parameters, and where the fit set out. Frames of no clip are not
     simulated: they stay as observed, and are marked."""
     nodes, weight = len(o.node_arc), float(np.linalg.norm(o.gravity))
     clip = np.full(len(o.frames), -1)
@@ -90,7 +90,8 @@ def motion_model(
 
 
 def _rms(data: Data, x: np.ndarray, reached: np.ndarray) -> np.ndarray:
-    """(F,) [m] distance of the markers from where they were simulated; 0 where they were not."""
+    """Return (F,) [m] distance of the markers from where they were simulated; 0 where they were
+    not."""
     gap, mask = offsets(data, x)
     square = np.where(mask, (gap**2).sum(-1), 0.0).sum(1)
     return np.where(reached, np.sqrt(square / np.maximum(mask.sum(1), 1)), 0.0)
@@ -99,8 +100,8 @@ def _rms(data: Data, x: np.ndarray, reached: np.ndarray) -> np.ndarray:
 def at_observed_nodes(
     o: Observations, span: Span, seen: np.ndarray, reached: np.ndarray
 ) -> np.ndarray:
-    """(F, K, 3) [m] the simulated rope at the observations' nodes; as observed outside the grips
-    and in frames that were not reached."""
+    """Return (F, K, 3) [m] the simulated rope at the observations' nodes; as observed outside the
+    grips and in frames that were not reached."""
     x = np.nan_to_num(centrelines(o, o.node_arc))
     inside = (o.node_arc >= span.first) & (o.node_arc <= span.last)
     curve = CubicSpline(span.node_arc, seen[reached], axis=1)(o.node_arc[inside])
@@ -109,7 +110,7 @@ def at_observed_nodes(
 
 
 def _at_nodes(o: Observations, span: Span, seen: np.ndarray) -> np.ndarray:
-    """(F, K) [m] mean distance of the markers nearest to each node, NaN where none is."""
+    """Return (F, K) [m] mean distance of the markers nearest to each node, NaN where none is."""
     s, bins = match(span.data, seen, 1), len(o.node_arc) - 1
     arc = span.first + s.share * (span.last - span.first)
     node = np.rint(arc / o.length * bins).astype(int)

@@ -20,7 +20,7 @@ LEAST_FORCE = 1e-3  # of its weight: accelerations that matter to a rope
 
 
 def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
-    """Motion of the nodes at rest arc length arc (N+1,) [m] of the rod, in all frames.
+    """Return motion of the nodes at rest arc length arc (N+1,) [m] of the rod, in all frames.
 
     None where frames lie too far apart in time, where a centreline has gaps, or where the rope
     hardly accelerates.
@@ -42,8 +42,8 @@ def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
 
 
 def centrelines(o: Observations, arc: np.ndarray) -> np.ndarray:
-    """(F, N+1, 3) [m] the observed rope at arc length arc (N+1,) [m]: a spline through what was
-    seen of it and its held ends, NaN in frames where that is too little."""
+    """Return (F, N+1, 3) [m] the observed rope at arc length arc (N+1,) [m]: a spline through what
+    was seen of it and its held ends, NaN in frames where that is too little."""
     out = np.full((len(o.frames), len(arc), 3), np.nan)
     alike: dict[bytes, tuple[np.ndarray, list[int], list[np.ndarray]]] = {}
     for t in range(len(o.frames)):
@@ -75,8 +75,8 @@ def _seen_of(o: Observations, t: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def clips_of(time: np.ndarray) -> list[np.ndarray]:
-    """Indices of the frames that follow each other without a gap: of three usual steps, and of
-    `SLOWEST`."""
+    """Return indices of the frames that follow each other without a gap: of three usual steps, and
+    of `SLOWEST`."""
     steps = np.diff(time)
     gap = min(SLOWEST, 3 * float(np.median(steps))) if len(steps) else SLOWEST
     return np.split(np.arange(len(time)), np.flatnonzero((steps > gap) | (steps <= 0)) + 1)
@@ -85,8 +85,8 @@ def clips_of(time: np.ndarray) -> list[np.ndarray]:
 def rates(
     time: np.ndarray, values: np.ndarray, clips: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivative in time of values (F, ...), by a polynomial through the frames
-    about each: a quartic, and a parabola where a clip begins and ends."""
+    """Return the first and second derivative in time of values (F, ...), by a polynomial through
+    the frames about each: a quartic, and a parabola where a clip begins and ends."""
     first, second = np.zeros_like(values), np.zeros_like(values)
     for clip in clips:
         last = len(clip) - 1

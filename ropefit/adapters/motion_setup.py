@@ -35,12 +35,12 @@ class Span:
 
     @property
     def node_arc(self) -> np.ndarray:
-        """(N+1,) [m] of the rod's nodes, in the recording's arc length."""
+        """Return (N+1,) [m] of the rod's nodes, in the recording's arc length."""
         return np.linspace(self.first, self.last, SEGMENTS + 1)
 
 
 def span_of(o: Observations) -> Span:
-    """The rope between its grips.
+    """Return the rope between its grips.
 
     Two held markers tell a clamp: the rope is free from the second on. Clamps whose twist is not
     seen are carried along: they do not roll about the rope.
@@ -81,8 +81,8 @@ def span_of(o: Observations) -> Span:
 
 
 def _grip(o: Observations, end: int) -> float:
-    """[m] arc length from which the rope is free: of the second marker of a held pair, which lies
-    on the clamp's own tangent in every frame."""
+    """Return [m] arc length from which the rope is free: of the second marker of a held pair, which
+    lies on the clamp's own tangent in every frame."""
     own = 0.0 if end == 0 else o.length
     if o.end_twist_known or o.source != "markers" or o.end_kind[end] != "clamped":
         return own

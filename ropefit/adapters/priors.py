@@ -11,7 +11,8 @@ from ropefit.models.priors import PAIR, Priors
 
 
 def noise_of(o: Observations, data: Data) -> Noise:
-    """White noise only: that of markers is measured by preprocess, that of points by stations.
+    """Return white noise only: that of markers is measured by preprocess, that of points by
+    stations.
 
     Markers off the axis are no fresh error in every frame (`wander.with_what_is_missed_alike`).
     """
@@ -24,7 +25,7 @@ def noise_of(o: Observations, data: Data) -> Noise:
 
 
 def priors_of(o: Observations) -> Priors:
-    """The recording's own priors over the defaults.
+    """Return the recording's own priors over the defaults.
 
     Two markers tell a clamp's direction badly. Ends that are seen, not told, lie where the visible
     rope ends: as uncertain as its length is from frame to frame, and as a point of it.

@@ -21,7 +21,7 @@ from ropefit.models import rest_curve
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.models.priors import calibration
-from ropefit.plugins import concrete
+from ropefit.plugins import EFFECTS, concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import other_states
 
@@ -33,8 +33,8 @@ def restored_rope(
     hold_frame: bool,
     diagnosis: Diagnosis | None = None,
 ) -> tuple[EquilibriumRope, Tensor]:
-    """The rope of every frame with ends (F, 2, 3) [m] as a recording would tell them, and its
-    values (F, 4) in the order of NAMES.
+    """Return the rope of every frame with ends (F, 2, 3) [m] as a recording would tell them, and
+    its values (F, 4) in the order of NAMES.
 
     Calibration errors are those of the fit, if it was one fit for all frames. With a diagnosis that
     found causes, the rope has them, and values and calibration are those fitted along with them.
@@ -76,7 +76,7 @@ def restored_rope(
         # A rope that remembers comes into every frame as the recorded ends have brought it there.
         walked = Equilibrium(setup, []).at(np.empty(0))
         near, past = walked.solution, walked.solution.conditions.friction_elements
-        setup = setup._replace(memory=())
+        setup = setup._replace(memory=(), bending=None)  # a law of bending is among them
     rope = EquilibriumRope(
         setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
         friction_elements=past,
@@ -94,8 +94,8 @@ def restored_rope(
 
 
 def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
-    """The setup with every cause of a diagnosis, and those that its nominal run's rope has, but
-    errors of a solver, which no rope has. Raises StageFailed for effects not installed."""
+    """Return the setup with every cause of a diagnosis, and those that its nominal run's rope
+    has, but errors of a solver, which no rope has. Raises StageFailed for effects not installed."""
     for cause in (*diagnosis.known.values(), *diagnosis.causes.values()):
         effect = effect_of(cause)
         if effect.kind != "solver":
@@ -104,15 +104,16 @@ def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
 
 
 def effect_of(cause: Cause) -> Effect:
-    """The effect of the catalogue, or of an add-on, that a cause names. Raises StageFailed."""
-    for kind in concrete(Effect, "ropefit.effects"):
+    """Return the effect of the catalogue, or of an add-on, that a cause names. Raises
+    StageFailed."""
+    for kind in concrete(Effect, EFFECTS):
         if kind.__name__ == cause.variant:
             return kind(cause.end or 0)  # pyright: ignore[reportAbstractUsage]
     raise StageFailed(f"the effect {cause.variant} of diagnosis.h5 is not installed here")
 
 
 def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) -> EquilibriumRope:
-    """The rope near those of its states that the model is in."""
+    """Return the rope near those of its states that the model is in."""
     point = Equilibrium(with_values(rope.setup, values[0]), []).at(np.empty(0))
     found, apart = other_states(point.solution)
     near = point.solution.copy()
@@ -124,7 +125,7 @@ def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) ->
 
 
 def restored_values(o: Observations, model: FittedModel) -> Tensor:
-    """(F, 4) each frame's values in the order of NAMES, in the units of the setup."""
+    """Return (F, 4) each frame's values in the order of NAMES, in the units of the setup."""
     scale = stated_units(o)
     out = np.full((len(o.frames), len(NAMES)), np.nan)
     for group in model.groups.values():

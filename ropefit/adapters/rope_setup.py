@@ -24,19 +24,20 @@ LIKELY_STIFFNESS = 3e-4  # EI over weight per length and length cubed: where a f
 
 
 def refinement(nodes: int, finest: int = FINEST) -> int:
-    """Segments of the rod for each segment of the observations."""
+    """Return segments of the rod for each segment of the observations."""
     return max(1, round(finest / (nodes - 1)))
 
 
 def segments_of(o: Observations) -> int:
-    """Segments of the rod in all. A clamp bends the rope within a few centimetres, where coarse
-    segments would pass for stiffness."""
+    """Return segments of the rod in all. A clamp bends the rope within a few centimetres, where
+    coarse segments would pass for stiffness."""
     finest = CLAMPED if "clamped" in o.end_kind else FINEST
     return refinement(len(o.node_arc), finest) * (len(o.node_arc) - 1)
 
 
 def base_setup(o: Observations, segments: int) -> Setup:
-    """The nominal rope in every frame: the weight known or one kilogram a metre, never stretching.
+    """Return the nominal rope in every frame: the weight known or one kilogram a metre, never
+    stretching.
 
     Raises BadInput where no end is held or there is no gravity.
     """
@@ -86,7 +87,7 @@ def with_fittings(setup: Setup, o: Observations) -> Setup:
 
 
 def data_in_space(o: Observations) -> Data:
-    """The observed points, with what a projection took from them put back."""
+    """Return the observed points, with what a projection took from them put back."""
     counts = np.diff(o.point_start)
     frames, most = len(counts), int(counts.max())
     mask = np.arange(most) < counts[:, None]
@@ -105,8 +106,8 @@ def data_in_space(o: Observations) -> Data:
 
 
 def _looks_round(o: Observations, data: Data) -> bool:
-    """Whether the points' depths fall away to both sides as on a round rope, rather than not at
-    all: not after a projection, nor where a sensor blurs a thin rope."""
+    """Return whether the points' depths fall away to both sides as on a round rope, rather than not
+    at all: not after a projection, nor where a sensor blurs a thin rope."""
     line = centrelines(o, o.node_arc)
     whole = np.flatnonzero(np.isfinite(line).all(axis=(1, 2)))
     if not len(whole):
@@ -119,7 +120,7 @@ def _looks_round(o: Observations, data: Data) -> bool:
 
 
 def surface_sd(o: Observations) -> float:
-    """[m] one sigma of what is left of the way from the visible surface to the axis."""
+    """Return [m] one sigma of what is left of the way from the visible surface to the axis."""
     if o.source == "markers":
         return 0.0
     return 0.075 * o.diameter if o.diameter else UNKNOWN_SURFACE

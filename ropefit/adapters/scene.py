@@ -16,7 +16,7 @@ FLAT = tuple(n for n, objective in OBJECTIVES.items() if objective.image and not
 
 
 def pinhole(observations: Observations) -> Pinhole:
-    """The view as tensors."""
+    """Return the view as tensors."""
     view = observations.view
     pose = torch.tensor(view.pose)
     return Pinhole(
@@ -37,7 +37,7 @@ def check_loss(observations: Observations, loss: str) -> None:
 
 
 def build_scene(observations: Observations) -> Scene:
-    """Data of all frames, padded to the longest."""
+    """Return data of all frames, padded to the longest."""
     o = observations
     camera = pinhole(o)
     centreline = torch.tensor(o.centreline)
@@ -69,7 +69,7 @@ def build_scene(observations: Observations) -> Scene:
 def _padded(
     o: Observations, values: np.ndarray, arc: np.ndarray, start: np.ndarray
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(F, N, D) values, (F, N) mask, (F, N) segment index."""
+    """Return (F, N, D) values, (F, N) mask, (F, N) segment index."""
     counts = np.diff(start)
     frames, most = len(counts), int(counts.max())
     out = np.zeros((frames, most, values.shape[1]))
@@ -82,7 +82,7 @@ def _padded(
 
 
 def node_at(observations: Observations, control_at: float | None) -> int:
-    """The particle nearest to an arc length [m]; end 0 when none is given."""
+    """Return the particle nearest to an arc length [m]; end 0 when none is given."""
     if control_at is None:
         return 0
     if not 0 <= control_at <= observations.length:
@@ -93,7 +93,8 @@ def node_at(observations: Observations, control_at: float | None) -> int:
 
 
 def control_positions(observations: Observations, node: int) -> np.ndarray:
-    """(F, 3) [m] where the control point was: the recorded end, or the observed centreline there.
+    """Return (F, 3) [m] where the control point was: the recorded end, or the observed centreline
+    there.
 
     NaN where it was not seen.
     """
@@ -114,7 +115,7 @@ def rope_of(
     control_position: np.ndarray | None = None,
     hold_frame: bool = False,
 ) -> Rope:
-    """The paper's rope in every frame, with its ends where the observations have them.
+    """Return the paper's rope in every frame, with its ends where the observations have them.
 
     control_position (F, 3) [m] overrides where the control point is held.
     """

@@ -7,7 +7,7 @@ from ropefit.errors import WrongUsage
 
 
 def shapes_only(model: FittedModel, what: str) -> None:
-    """Raises WrongUsage for a model of a rope in motion."""
+    """Refuse a model of a rope in motion. Raises WrongUsage."""
     if model.stepped:
         raise WrongUsage(
             f"{what} works on a rope at rest, and this one was identified in motion; run "

@@ -33,7 +33,7 @@ def started_setup(setup: Setup, start: dict[str, float], o: Observations) -> Set
 
 
 def with_values(setup: Setup, values: Tensor) -> Setup:
-    """The setup with values (4,) in the order of NAMES, the same everywhere."""
+    """Return the setup with values (4,) in the order of NAMES, the same everywhere."""
     p = setup.properties
     bend, twist, axial, length = values
     p = p._replace(

@@ -32,7 +32,8 @@ def write_recording(spec: SimulationSpec, x: np.ndarray, ends: Ends, directory: 
 
 
 def _viewpoint(spec: SimulationSpec, x: np.ndarray) -> np.ndarray:
-    """A camera 1.5 rope lengths away from the middle, level, across the rope's widest spread."""
+    """Return a camera 1.5 rope lengths away from the middle, level, across the rope's widest
+    spread."""
     flat = x.reshape(-1, 3)
     centre = (flat.min(axis=0) + flat.max(axis=0)) / 2
     across = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2][-1]
@@ -63,7 +64,7 @@ def _hidden(spec: SimulationSpec, arc: np.ndarray) -> np.ndarray:
 def _surface(
     spec: SimulationSpec, line: np.ndarray, viewpoint: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """(N, 3) [m] noisy points on the half of the tube that faces the viewpoint."""
+    """Return (N, 3) [m] noisy points on the half of the tube that faces the viewpoint."""
     s = spec.sensor
     own = polyline_arc(line)
     arc = rng.uniform(0, own[-1], s.points)
@@ -86,7 +87,7 @@ def _surface(
 def _markers(
     spec: SimulationSpec, x: np.ndarray, arc: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """(F, M, 3) [m] noisy markers at arc lengths (M,) [m], NaN where hidden."""
+    """Return (F, M, 3) [m] noisy markers at arc lengths (M,) [m], NaN where hidden."""
     hidden = _hidden(spec, arc) if spec.sensor.occluded else np.zeros(len(arc), dtype=bool)
     found = []
     for line in x:

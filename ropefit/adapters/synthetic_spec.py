@@ -33,7 +33,7 @@ class EndSpec(_Table):
 
 
 class MotionSpec(_Table):
-    """frames at `interval` [s]; an end that is left out is free."""
+    """frames at `interval` [s]; an end that is not given is free."""
 
     frames: int = Field(ge=1, le=100_000)
     interval: float = Field(default=1.0, gt=0)

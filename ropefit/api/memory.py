@@ -61,7 +61,7 @@ Progress = Callable[[float, str], None]
 
 
 def sample(name: Literal["cloud", "rgbd", "markers"] = "cloud") -> Path:
-    """The directory of a packaged sample recording.
+    """Return the directory of a packaged sample recording.
 
     >>> sample("markers").name
     'markers'
@@ -70,7 +70,8 @@ def sample(name: Literal["cloud", "rgbd", "markers"] = "cloud") -> Path:
 
 
 def load(path: str | Path) -> Recording:
-    """A recording directory (docs/recording-format.md); frames are read when they are needed.
+    """Return a recording directory (docs/recording-format.md); frames are read when they are
+    needed.
 
     >>> load(sample("markers")).frames[:3]
     [0, 1, 2]
@@ -89,7 +90,7 @@ def preprocess(
     mask: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Observations:
-    """Ordered centrelines with a measured noise, frame by frame.
+    """Return ordered centrelines with a measured noise, frame by frame.
 
     nodes: K points along the rope; color (r, g, b), roi (u, v, width, height) [px] and mask (a
     folder) help to find the rope in pictures. Raises BadInput when no frame is usable.
@@ -122,8 +123,8 @@ def fit(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Model:
-    """The parameters that make simulation and observations agree: EI [N m²] and what `free` names
-    besides (EI, GJ, EA, length), each with its interval and verdict.
+    """Return the parameters that make simulation and observations agree: EI [N m²] and what `free`
+    names besides (EI, GJ, EA, length), each with its interval and verdict.
 
     start: SI values to start from; known: a model of the same rope whose parameters are kept;
     settings: any other option of `ropefit identify`, with underscores. A frame that does not settle
@@ -157,7 +158,8 @@ def diagnose(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Diagnosis:
-    """Where data and model differ beyond noise, and which effects explain it (docs/diagnosis.md).
+    """Return where data and model differ beyond noise, and which effects explain it
+    (docs/diagnosis.md).
 
     nominal: the same rope's model from another recording, taken as known, and nominal_diagnosis:
     what was found there, of which all that belongs to the rope is taken over; calibration: the
@@ -188,7 +190,7 @@ def control(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Control:
-    """Where the gripper was in every frame, or, with targets, where it must go.
+    """Return where the gripper was in every frame, or, with targets, where it must go.
 
     diagnosis: the rope then has what was found to be left out.
     targets (M, 3) or (C, M, 3) [m]: points that the rope is to pass, of C shapes; arc_length (M,)
@@ -218,7 +220,8 @@ def export(
     diagnosis: Diagnosis | None = None,
     mass: float | None = None,
 ) -> ExportResult:
-    """The identified rope as text for a simulator: mujoco, mujoco3, newton, pyelastica or json.
+    """Return the identified rope as text for a simulator: mujoco, mujoco3, newton, pyelastica or
+    json.
 
     diagnosis: what was found goes along where the target can express it. mass [kg] of the whole
     rope, if the recording does not say it. Raises WrongUsage, NotConverged.
@@ -234,7 +237,7 @@ def report(
     diagnosis: Diagnosis | None = None,
     control: Control | None = None,
 ) -> str:
-    """The report as one offline HTML page."""
+    """Return the report as one offline HTML page."""
     from ropefit.reporting.report import render_report
 
     return render_report(Run(observations, model, control, diagnosis))
@@ -253,8 +256,8 @@ def save(directory: str | Path, *artifacts: Artifact) -> Path:
 
 
 def open_run(directory: str | Path) -> Run:
-    """Everything a run directory holds. Raises StageFailed when stale or missing, BadInput when
-    damaged."""
+    """Return everything a run directory holds. Raises StageFailed when stale or missing, BadInput
+    when damaged."""
     return read_run(existing_run(Path(directory)))
 
 

@@ -103,6 +103,11 @@ def diagnosable(model: Model) -> bool:
     return model.nominal.search == "least-squares"
 
 
+def controllable(model: Model) -> bool:
+    """Return whether a model tells where a control point was: not one of a rope in motion."""
+    return model.nominal.stepped is None
+
+
 def diagnose(
     run: Path,
     settings: Given,
@@ -114,8 +119,9 @@ def diagnose(
 ) -> Outcome[Diagnosis]:
     """Make diagnosis.h5 of observations.h5 and model.h5.
 
-    nominal, calibration: other runs whose rope, or whose camera and gravity, are taken as known;
-    simulation: a run of a simulator's recording of the same motion.
+    nominal, calibration: other runs whose rope, or whose camera and gravity, are taken as known: a
+    run that has only observations.h5 is identified first, by the nominal rope's solver. simulation:
+    a run of a simulator's recording of the same motion.
     """
     objects: dict[str, Any] = {}
     external: dict[str, str] = {}
@@ -132,6 +138,15 @@ def diagnose(
         given["simulation"] = True
     chosen = DiagnoseSettings(**settings, **given)
     existing_run(run)
+    if objects and not (run / Model.file_name).exists() and (run / Observations.file_name).exists():
+        if simulation is not None:  # before anything is fitted
+            from ropefit.fitting.simulation import check_same_motion
+
+            check_same_motion(load(run, Observations)[0], objects["simulation"])
+        moving = nominal is not None and objects["nominal"].nominal.stepped is not None
+        solver = "dynamics" if moving else "equilibrium"
+        context.say(f"no {Model.file_name} yet: ropefit identify --solver {solver}")
+        identify(run, {"solver": solver}, context)
     return _stage(pipeline.DIAGNOSE, run, chosen, context, objects, external, force)
 
 

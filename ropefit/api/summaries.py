@@ -64,7 +64,7 @@ def identified(outcome: Outcome[Model]) -> dict[str, Any]:
 
 
 def _settled(m: FittedModel) -> dict[str, Any]:
-    """How the states were found, by kind of solver."""
+    """Return how the states were found, by kind of solver."""
     if m.iterated:
         return {
             "drift": float(np.median(m.iterated.drift)),
@@ -113,6 +113,7 @@ def diagnosed(outcome: Outcome[Diagnosis]) -> dict[str, Any]:
             "rms_after_m": d.rms_after,
             "noise_m": d.noise_white,
         },
+        "linearity": d.linearity,
         "detectable": {key: item.model_dump() for key, item in d.detectable.items()},
         "next_motion": {"separates": d.separates, "description": d.motion},
         "refused": d.refused,
@@ -135,6 +136,7 @@ def _cause(c: Cause) -> dict[str, Any]:
             "p_value": c.p_value,
         },
         "description": c.sentence,
+        **({"law": c.law.model_dump()} if c.law else {}),
     }
 
 
@@ -143,7 +145,8 @@ def _simulation(d: Diagnosis, s: Simulation) -> dict[str, Any]:
         "name": s.name,
         "verdict": s.verdict,
         "effects": [_cause(c) for c in s.effects.values()],
-        "missing": [c.name for c in d.causes.values()],
+        "missing": s.missing,
+        "differences": s.differences,
         "rope": {name: size.model_dump() for name, size in s.rope.items()},
         "rms_m": s.rms,
         "rms_converged_m": s.rms_converged,

@@ -60,7 +60,7 @@ class ArraySpec:
 
 
 def array_spec(annotation: Any, metadata: tuple[Any, ...] | list[Any] = ()) -> ArraySpec | None:
-    """The ArraySpec of a field's annotation (also inside ``… | None``), or None if it is no
+    """Return the ArraySpec of a field's annotation (also inside ``… | None``), or None if it is no
     array."""
     for item in metadata:
         if isinstance(item, ArraySpec):
@@ -75,7 +75,8 @@ def array_spec(annotation: Any, metadata: tuple[Any, ...] | list[Any] = ()) -> A
 
 
 def quantity(unit: str, description: str = "", **kwargs: Any) -> Any:
-    """A pydantic field for a scalar with an SI unit, kept in the schema and in the HDF5 file."""
+    """Return a pydantic field for a scalar with an SI unit, kept in the schema and in the HDF5
+    file."""
     return Field(description=description, json_schema_extra={"unit": unit}, **kwargs)
 
 

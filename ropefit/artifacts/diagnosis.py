@@ -8,6 +8,8 @@ from pydantic import Field
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
 from ropefit.artifacts.model import Calibration
 
+LEAST_TESTED = 1.0  # departure of the exponent: data that miss a larger one test nothing
+
 
 class Size(Part):
     """A number of an effect, with its 95 % interval."""
@@ -15,6 +17,29 @@ class Size(Part):
     value: float
     unit: str
     ci95: tuple[float, float]
+
+
+class Curve(Part):
+    """A law as a function, with its 95 % band."""
+
+    x: Annotated[np.ndarray, ArraySpec(("value",))]
+    y: Annotated[np.ndarray, ArraySpec(("value",))]
+    low: Annotated[np.ndarray, ArraySpec(("value",))]
+    high: Annotated[np.ndarray, ArraySpec(("value",))]
+    unit_x: str
+    unit_y: str
+    name_x: str
+    name_y: str
+    visited: tuple[float, float] = Field(description="range of x in the data")
+
+
+class Law(Part):
+    """An unknown function that was found, and what its form is or may be."""
+
+    form: str = Field(description="empty: none is so much better than the others")
+    forms: list[str] = Field(description="that remain, best first")
+    parameters: dict[str, Size] = Field(description="constants of the best of them")
+    curve: Curve
 
 
 class Cause(Part):
@@ -36,6 +61,7 @@ class Cause(Part):
     p_value: float
     heldout_gain: Annotated[np.ndarray, ArraySpec(("block",))]  # nats
     sentence: str
+    law: Law | None = None
 
 
 class Candidate(Part):
@@ -73,6 +99,12 @@ class Simulation(Part):
     effects: dict[str, Cause] = Field(default_factory=dict)
     rope: dict[str, Size] = Field(description="of the rope in equilibrium that is most like it")
     refused: list[str]
+    missing: list[str] = Field(
+        default_factory=list, description="effects of the recording that the simulation lacks"
+    )
+    differences: list[str] = Field(
+        default_factory=list, description="effects that both have, in different sizes"
+    )
     x: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m", nan=True)]
     rms: float = quantity("m", "of the recording's points from the simulation")
     rms_converged: float = quantity("m", "of the recording's rope in equilibrium, held-out frames")
@@ -130,3 +162,21 @@ class Diagnosis(Artifact):
     force_sd: Annotated[np.ndarray, ArraySpec(("frame", "knot", "xyz"), "N/m")]
     force_evidence: float
     force_threshold: float
+
+    @property
+    def linearity(self) -> str:
+        """Return how far from linear the bending could be without being seen; empty if that is
+        unknown."""
+        unseen = self.detectable.get("bending_law")
+        if self.causes or unseen is None:
+            return ""
+        if unseen.value > LEAST_TESTED:
+            return (
+                "Whether bending is linear cannot be told: these data visit hardly any range of "
+                "curvature; poses with the ends brought together, and far apart, would show it."
+            )
+        low, high = max(1 - unseen.value, 0.0), 1 + unseen.value
+        return (
+            "Bending is linear as far as these data show: a moment that grows as the curvature to "
+            f"a power between {low:.2f} and {high:.2f} could not be told from that."
+        )

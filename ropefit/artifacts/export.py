@@ -11,7 +11,7 @@ from ropefit.artifacts import ARTIFACTS
 
 
 def schemas() -> dict[str, str]:
-    """{file name: JSON text} of every artifact's schema."""
+    """Return {file name: JSON text} of every artifact's schema."""
     out = {}
     for kind in ARTIFACTS:
         schema = kind.model_json_schema()

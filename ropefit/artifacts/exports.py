@@ -55,7 +55,8 @@ class Exports(Artifact):
 
 
 def deviation(export: Export, length: float) -> np.ndarray:
-    """(pose,) largest distance of a node from where it belongs, in rope lengths; NaN: no shape."""
+    """Return (pose,) largest distance of a node from where it belongs, in rope lengths; NaN: no
+    shape."""
     if export.check is None:
         return np.full(len(export.frames), np.nan)
     away = np.linalg.norm(export.check.x - export.x, axis=-1)

@@ -30,12 +30,12 @@ def _model_1(tree: Tree) -> Tree:
 
 
 def _as_it_is(tree: Tree) -> Tree:
-    """The next version only has more entries, which have defaults."""
+    """Return the next version only has more entries, which have defaults."""
     return tree
 
 
 def _diagnosis_2(tree: Tree) -> Tree:
-    """A clamp's stiffness and direction were one vector, and a kink had no width."""
+    """Return a clamp's stiffness and direction were one vector, and a kink had no width."""
     for cause in tree.get("causes", {}).values():
         names, values = list(cause["value_names"]), np.asarray(cause["values"], dtype=float)
         if names == ["stiffness_x", "stiffness_y", "stiffness_z"]:
@@ -51,7 +51,8 @@ def _diagnosis_2(tree: Tree) -> Tree:
 
 
 def _checkpoint_1(tree: Tree) -> Tree:
-    """Of a search only: its arrays are those of one result among others."""
+    """Bring a checkpoint of a search up to date: its arrays are those of one result among
+    others."""
     names = ("u", "loss", "gradient", "inverse", "status", "calm", "trace", "evaluations")
     found = {name: np.asarray(tree[name]) for name in names}
     arrays, data = packed({"search 1": found})
@@ -69,7 +70,7 @@ STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
 
 
 def migrated(name: str, version: int, wanted: int, tree: Tree) -> Tree | None:
-    """The tree as of version `wanted`; None where no steps lead there."""
+    """Return the tree as of version `wanted`; None where no steps lead there."""
     for number in range(version, wanted):
         step = STEPS.get((name, number))
         if step is None:

@@ -143,5 +143,5 @@ class Observations(Artifact):
 
     @property
     def visibility(self) -> np.ndarray:
-        """(frame,) fraction of the rope's segments that are seen."""
+        """Return (frame,) fraction of the rope's segments that are seen."""
         return self.seen.mean(axis=1)

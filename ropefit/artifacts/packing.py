@@ -12,7 +12,7 @@ KINDS = "biufU"
 
 
 def packed(results: Results) -> tuple[list[dict[str, Any]], np.ndarray]:
-    """(what lies where, bytes (n,) uint8)."""
+    """Return (what lies where, bytes (n,) uint8)."""
     arrays, parts, start = [], [], 0
     for result, found in results.items():
         for name, value in found.items():
@@ -27,7 +27,7 @@ def packed(results: Results) -> tuple[list[dict[str, Any]], np.ndarray]:
 
 
 def unpacked(arrays: Iterable[Any], data: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-    """The results again. Raises ValueError for arrays that are not in the data."""
+    """Return the results again. Raises ValueError for arrays that are not in the data."""
     results: dict[str, dict[str, np.ndarray]] = {}
     for a in arrays:
         kind = np.dtype(a.dtype)

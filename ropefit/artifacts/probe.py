@@ -27,7 +27,7 @@ _sound: set[bytes] = set()  # hashes of images that were read to their end
 
 
 def readable(image: bytes) -> bool:
-    """Whether libhdf5 comes to an end with an image, if only to say that it is damaged."""
+    """Return whether libhdf5 comes to an end with an image, if only to say that it is damaged."""
     key = hashlib.sha256(image).digest()
     if key not in _sound and not _probed(image):
         return False
@@ -53,7 +53,7 @@ def _probed(image: bytes) -> bool:
 
 
 def serve() -> None:
-    """The process: read everything in the image on standard input, within its time."""
+    """Read everything in the image on standard input, within its time."""
     image = sys.stdin.buffer.read()
     if resource is not None:
         most = int(time.process_time() + SECONDS + len(image) / RATE) + 1

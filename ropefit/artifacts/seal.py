@@ -30,14 +30,14 @@ class Seal:
 
 
 def sealed(image: bytes, seal: Seal) -> bytes:
-    """The bytes of a file: an HDF5 image and its seal."""
+    """Return the bytes of a file: an HDF5 image and its seal."""
     line = f"ropefit-seal/1 {seal.schema_name} {seal.schema_version} {seal.content_sha256}".encode()
     return image + (line + b" " + _hash(image, line)).ljust(SIZE - 1) + b"\n"
 
 
 def opened(image: bytes, end: bytes) -> tuple[Seal | None, bytes]:
-    """(the seal, or None where there is none; the HDF5 image), from a file's last SIZE bytes and
-    those before. Raises Broken."""
+    """Return (the seal, or None where there is none; the HDF5 image), from a file's last SIZE bytes
+    and those before. Raises Broken."""
     found = LINE.fullmatch(end)
     if found and _hash(image, found[1]) == found[5]:
         return _seal(found), image
@@ -47,7 +47,7 @@ def opened(image: bytes, end: bytes) -> tuple[Seal | None, bytes]:
 
 
 def claimed(end: bytes) -> Seal | None:
-    """The seal at the end of a file, from its last SIZE bytes alone: unchecked."""
+    """Return the seal at the end of a file, from its last SIZE bytes alone: unchecked."""
     found = LINE.fullmatch(end)
     return _seal(found) if found else None
 

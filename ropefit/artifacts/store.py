@@ -43,7 +43,8 @@ Leaf = tuple[str, "np.ndarray | str", dict[str, Any]]
 
 
 def leaves(part: BaseModel, prefix: str = "") -> Iterator[Leaf]:
-    """(path, array or JSON text, attributes) of everything in the part, in the schema's order."""
+    """Return (path, array or JSON text, attributes) of everything in the part, in the schema's
+    order."""
     for name, field in type(part).model_fields.items():
         value, path = getattr(part, name), f"{prefix}{name}"
         if value is None:
@@ -63,7 +64,8 @@ def leaves(part: BaseModel, prefix: str = "") -> Iterator[Leaf]:
 
 
 def _part_type(annotation: Any) -> type[BaseModel] | None:
-    """The pydantic model that an annotation holds: itself, `Model | None` or `dict[str, Model]`."""
+    """Return the pydantic model that an annotation holds: itself, `Model | None` or `dict[str,
+    Model]`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     args = get_args(annotation)
@@ -82,7 +84,7 @@ def content_sha256(artifact: Artifact) -> str:
 
 
 def _add(digest: Any, path: str, value: np.ndarray | str) -> None:
-    """One entry of an artifact into its hash."""
+    """Add one entry of an artifact to its hash."""
     digest.update(path.encode())
     if isinstance(value, str):
         digest.update(value.encode())
@@ -108,7 +110,8 @@ def write(path: Path, artifact: Artifact) -> str:
 
 
 def _image(artifact: Artifact, digest: str) -> bytes:
-    """The bytes of the file. HDF5 makes them in memory: on a full disk it may end the process."""
+    """Return the bytes of the file. HDF5 makes them in memory: on a full disk it may end the
+    process."""
     with h5py.File("image", "w", driver="core", backing_store=False, track_order=True) as file:
         file.attrs["schema_name"] = artifact.schema_name
         file.attrs["schema_version"] = artifact.schema_version
@@ -125,7 +128,7 @@ def _image(artifact: Artifact, digest: str) -> bytes:
 
 
 def _group(file: h5py.File, path: str) -> h5py.Group:
-    """The group at a path, made with its parents; entries keep the order in which they were
+    """Return the group at a path, made with its parents; entries keep the order in which they were
     written."""
     group: h5py.Group = file
     for name in path.split("/"):
@@ -134,8 +137,8 @@ def _group(file: h5py.File, path: str) -> h5py.Group:
 
 
 def _fixed(value: np.ndarray | str) -> np.ndarray:
-    """Text as UTF-8 of fixed length: text of variable length lives in a heap of its own, and a
-    damaged one keeps libhdf5 busy for ever."""
+    """Return text as UTF-8 of fixed length: text of variable length lies in a heap of its own, and
+    a damaged one keeps libhdf5 busy for ever."""
     if isinstance(value, str):
         data = value.encode()
         return np.array(data, dtype=h5py.string_dtype("utf-8", len(data)))
@@ -148,7 +151,7 @@ def _compression(artifact: Artifact, value: np.ndarray | str) -> dict[str, Any]:
 
 
 def read(path: Path, kind: type[A]) -> tuple[A, str]:
-    """The artifact and its content hash.
+    """Return the artifact and its content hash.
 
     Raises BadInput when the file is truncated, of another schema or version, or altered.
     """
@@ -177,7 +180,7 @@ def read(path: Path, kind: type[A]) -> tuple[A, str]:
 def _read_old(
     file: h5py.File, kind: type[Artifact], version: int, stored: str, source: Source, fix: str
 ) -> dict[str, Any]:
-    """The tree of an earlier version, its hash checked, brought to the present one."""
+    """Return the tree of an earlier version, its hash checked, brought to the present one."""
     digest = hashlib.sha256(f"{kind.schema_name}/{version}".encode())
     contents = read_tree(file, source)
     for name, value in sorted(_flat(contents), key=lambda leaf: leaf[0]):
@@ -203,7 +206,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndar
 
 
 def _parsed(tree: dict[str, Any]) -> dict[str, Any]:
-    """The tree with its JSON texts read."""
+    """Return the tree with its JSON texts read."""
     return {
         name: _parsed(value)
         if isinstance(value, dict)
@@ -215,7 +218,7 @@ def _parsed(tree: dict[str, Any]) -> dict[str, Any]:
 
 
 def _identity(file: h5py.File, path: Path) -> Seal:
-    """What a file without a seal says that it is."""
+    """Return what a file without a seal says that it is."""
     if "schema_name" not in file.attrs or "schema_version" not in file.attrs:
         raise BadInput(f"{path}: is HDF5 but not a ropefit artifact; give another file")
     name, version = str(file.attrs["schema_name"]), int(str(file.attrs["schema_version"]))
@@ -224,8 +227,8 @@ def _identity(file: h5py.File, path: Path) -> Seal:
 
 @contextmanager
 def _opened(path: Path, fix: str) -> Iterator[tuple[h5py.File, Seal, Source]]:
-    """A file whose bytes are known to be as written, or to be such that HDF5 comes to an end with
-    them; what it is. Raises BadInput, also for what is raised while it is read."""
+    """Return a file whose bytes are known to be as written, or to be such that HDF5 comes to an end
+    with them; what it is. Raises BadInput, also for what is raised while it is read."""
     try:
         with path.open("rb") as stream:
             size = os.fstat(stream.fileno()).st_size
@@ -243,13 +246,13 @@ def _opened(path: Path, fix: str) -> Iterator[tuple[h5py.File, Seal, Source]]:
 
 
 def identity(path: Path) -> tuple[str, int]:
-    """(schema name, version) of a file without reading the rest."""
+    """Return (schema name, version) of a file without reading the rest."""
     with _opened(path, "make it anew") as (_, seal, _):
         return seal.schema_name, seal.schema_version
 
 
 def stored_hash(path: Path) -> str:
-    """The content hash that an artifact carries, unchecked; empty where there is none."""
+    """Return the content hash that an artifact carries, unchecked; empty where there is none."""
     try:
         with path.open("rb") as stream:
             stream.seek(-min(SIZE, os.fstat(stream.fileno()).st_size), os.SEEK_END)

@@ -42,12 +42,13 @@ class Source:
 
 
 def open_image(image: bytes) -> h5py.File:
-    """HDF5 in memory, to read: what was checked is what is read. Raises one of UNREADABLE."""
+    """Open HDF5 in memory, to read: what was checked is what is read. Raises one of UNREADABLE."""
     return h5py.File(h5py.h5f.open_file_image(image))
 
 
 def entries(group: h5py.Group, source: Source) -> Iterator[tuple[str, Any]]:
-    """(name, group or dataset) in the order of writing; links are refused, never followed."""
+    """Return (name, group or dataset) in the order of writing; links are refused, never
+    followed."""
     for name in map(str, group):
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             raise BadInput(
@@ -58,7 +59,7 @@ def entries(group: h5py.Group, source: Source) -> Iterator[tuple[str, Any]]:
 
 
 def read_tree(group: h5py.Group, source: Source) -> dict[str, Any]:
-    """{name: array, text or tree} of whatever a group holds."""
+    """Return {name: array, text or tree} of whatever a group holds."""
     return {
         name: read_value(node, source)
         if isinstance(node, h5py.Dataset)
@@ -68,7 +69,7 @@ def read_tree(group: h5py.Group, source: Source) -> dict[str, Any]:
 
 
 def read_value(node: h5py.Dataset, source: Source) -> np.ndarray | str:
-    """An array or a text. Raises BadInput."""
+    """Return an array or a text. Raises BadInput."""
     if node.is_virtual or node.external:
         raise BadInput(
             f"{source}: {node.name} is kept in another file; artifacts hold their own data"

@@ -23,7 +23,7 @@ class Engine(Protocol):
     """Runs tasks, as many at a time as it has workers."""
 
     def run(self, tasks: list[Task]) -> Iterator[Result]:
-        """Results as they come. Raises WorkerDied."""
+        """Yield results as they come. Raises WorkerDied."""
         ...
 
 

@@ -51,7 +51,7 @@ def summary(batch: Batch) -> dict[str, Any]:
 
 
 def write_index(runs: Path, records: list[Record]) -> None:
-    """summary.csv and index.html. Raises StageFailed."""
+    """Write summary.csv and index.html. Raises StageFailed."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(HEAD)
@@ -92,7 +92,8 @@ def _number(value: float | None, factor: float = 1.0) -> str:
 
 
 def _no_formula(cell: str) -> str:
-    """A cell that no spreadsheet takes for a formula: names come from other people's folders."""
+    """Return a cell that no spreadsheet takes for a formula: names come from other people's
+    folders."""
     return f"'{cell}" if cell[:1] in ("=", "+", "@", "\t") else cell
 
 

@@ -11,7 +11,7 @@ MANIFEST = "recording.toml"
 
 
 def find_recordings(given: list[Path]) -> dict[str, Path]:
-    """{name of the run: recording}, in order.
+    """Return {name of the run: recording}, in order.
 
     A folder that is no recording stands for all recordings below it; their runs are named by their
     place in it ("session/take"), that of a recording by its folder. Links are not followed down.

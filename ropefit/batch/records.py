@@ -67,12 +67,12 @@ class Batch:
 
 
 def record_path(runs: Path, name: str) -> Path:
-    """Where the record of a run is kept."""
+    """Return where the record of a run is kept."""
     return runs / FOLDER / f"{name}.json"
 
 
 def read_record(runs: Path, name: str) -> Record | None:
-    """The record of a run; None if there is none that can be read."""
+    """Return the record of a run; None if there is none that can be read."""
     try:
         return Record.model_validate_json(record_path(runs, name).read_bytes())
     except (OSError, ValidationError):

@@ -143,7 +143,7 @@ def _write_off(task: Task) -> None:
 
 
 def _record(task: Task, busy: dict[str, str]) -> Record:
-    """What is known of a task now."""
+    """Return what is known of a task now."""
     record = read_record(Path(task.runs), task.name)
     empty = Record(
         name=task.name, recording=task.recording, state="running", key="", session=task.session

@@ -88,7 +88,7 @@ class _Progress:
         )
 
     def compute(self) -> Record:
-        """Every stage; the record that is left."""
+        """Return every stage; the record that is left."""
         fresh: list[str] = []
         try:
             if code_of_stages() != self.task.code:
@@ -109,7 +109,7 @@ class _Progress:
         return self.record
 
     def _stage(self, stage: str, fresh: list[str]) -> bool:
-        """Whether it computed anything."""
+        """Return whether it computed anything."""
         work = _WORK[stage]
         self._note(stage=stage)
         write_record(self.runs, self.record)
@@ -146,7 +146,9 @@ def _diagnose(task: Task, run: Path, record: Record, fresh: list[str]) -> Summar
     return summaries.diagnosed(runs.diagnose(run, {}, Context()))
 
 
-def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary:
+def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary | None:
+    if not runs.controllable(load(run, Model)[0]):
+        return None
     return summaries.controlled(runs.control(run, task.settings["control"], Context()))
 
 
@@ -169,7 +171,7 @@ _WORK = {
 
 
 def _sizes(directory: Path) -> dict[str, int]:
-    """Bytes of every file of a run."""
+    """Return bytes of every file of a run."""
     return {
         path.name: path.stat().st_size
         for path in sorted(directory.iterdir())
@@ -178,7 +180,7 @@ def _sizes(directory: Path) -> dict[str, int]:
 
 
 def _peak_memory() -> int:
-    """Bytes, the most this process ever held; 0 where the system does not say."""
+    """Return bytes, the most this process ever held; 0 where the system does not say."""
     try:
         import resource
     except ImportError:  # Windows

@@ -64,5 +64,5 @@ for group, commands in {
 
 
 def main() -> None:
-    """Entry point of the `ropefit` command."""
+    """Run the `ropefit` command."""
     app()

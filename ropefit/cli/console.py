@@ -46,12 +46,12 @@ class Session:
         raise SystemExit(error.exit_code)
 
     def say(self, text: str) -> None:
-        """A line for a person, on standard error."""
+        """Print a line for a person on standard error."""
         if not self.quiet:
             self.errors.print(text, markup=False)
 
     def progress(self, label: str):
-        """A progress function (share, text) for a stage; drawn on terminals only."""
+        """Provide a progress function (share, text) for a stage; drawn on terminals only."""
         if self.quiet or not self.errors.is_terminal:
             return lambda share, text: None
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -71,7 +71,7 @@ class Session:
         return lambda share, text: bar.update(task, completed=share, description=text)
 
     def context(self, label: str) -> Context:
-        """Where a stage tells its progress and its sentences."""
+        """Return where a stage tells its progress and its sentences."""
         from ropefit.runs.protocol import Context
 
         return Context(self.progress(label), self.say)
@@ -92,7 +92,7 @@ class Session:
             self._progress = None
 
     def table(self, title: str, columns: list[str], rows: list[list[str]]) -> None:
-        """A table for a person."""
+        """Print a table for a person."""
         if self.quiet or self.json:
             return
         from rich.table import Table
@@ -105,13 +105,13 @@ class Session:
         self.out.print(table)
 
     def answer(self, sentences: list[str]) -> None:
-        """What a person wanted to know, in whole sentences, on standard output."""
+        """Print what a person wanted to know, in whole sentences, on standard output."""
         if not (self.quiet or self.json):
             for sentence in ("", *sentences):
                 self.out.print(sentence, markup=False, style="bold")
 
     def result(self, data: dict[str, Any]) -> None:
-        """The command's result, as one JSON object when that was asked for."""
+        """Print the command's result, as one JSON object when that was asked for."""
         if self.json:
             from ropefit.api.summaries import plain
 
@@ -120,7 +120,7 @@ class Session:
 
 
 def _console(stderr: bool) -> Console:
-    """Lines are broken between words on a terminal, and left whole in a file or a pipe."""
+    """Return a console whose lines are broken between words on a terminal only."""
     console = Console(stderr=stderr, highlight=False)
     console.soft_wrap = not console.is_terminal
     return console

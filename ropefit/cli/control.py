@@ -104,7 +104,7 @@ def show_control(session: Session, outcome: Outcome[Control]) -> dict[str, Any]:
 
 
 def _spread(metres: np.ndarray, pixels: np.ndarray) -> list[str]:
-    """Median, mean and largest in mm, mean in pixels."""
+    """Return median, mean and largest in mm, mean in pixels."""
     import numpy as np
 
     known = metres[np.isfinite(metres)] * 1e3

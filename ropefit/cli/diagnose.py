@@ -9,9 +9,11 @@ import typer
 
 from ropefit.cli.options import (
     OF_EXPERTS,
+    CalibrationRun,
     Debug,
     Force,
     Json,
+    NominalRun,
     OptionalPath,
     Quiet,
     Run,
@@ -27,17 +29,8 @@ if TYPE_CHECKING:
 
 def diagnose(
     run: Run = Path("run"),
-    nominal: Annotated[
-        OptionalPath,
-        typer.Option(help="Another run of the same rope, whose parameters are taken as known."),
-    ] = None,
-    calibration: Annotated[
-        OptionalPath,
-        typer.Option(
-            help="A run of the same set-up, best of a taut rope, whose camera and gravity are "
-            "taken as known."
-        ),
-    ] = None,
+    nominal: NominalRun = None,
+    calibration: CalibrationRun = None,
     simulation: Annotated[
         OptionalPath,
         typer.Option(
@@ -78,6 +71,8 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
     d = outcome.artifact
     if d.verdict == "none":
         session.say("no missing physics: what the nominal model does not explain is noise")
+        if d.linearity:
+            session.say(d.linearity)
     elif d.verdict == "unknown":
         session.say(
             "physics is missing that no effect of the catalogue explains; see the latent force in "
@@ -111,6 +106,9 @@ def _show_simulation(session: Session, s: Simulation) -> None:
     session.say(f"{s.name}: rms {s.rms * 1e3:.3g} mm from the recording; it simulates {rope}")
     for c in s.effects.values():
         session.say(f"in the simulation: {c.sentence}")
+    session.say(f"the simulation lacks: {', '.join(s.missing) or 'nothing that was found'}")
+    for difference in s.differences:
+        session.say(difference)
     for reason in s.refused:
         session.say(f"in the simulation, not accepted: {reason}")
     session.say(
@@ -120,7 +118,7 @@ def _show_simulation(session: Session, s: Simulation) -> None:
 
 
 def _rows(d: Diagnosis) -> list[list[str]]:
-    """A row an effect: its name, its place, its size, its equivalents, its evidence."""
+    """Return a row an effect: its name, its place, its size, its equivalents, its evidence."""
     rows = []
     for c in d.causes.values():
         where = "-" if c.arc_length is None else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"

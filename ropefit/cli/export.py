@@ -72,7 +72,7 @@ def _show_check(session: Session, target: str, made: Exported) -> None:
     """Print how far off the rope is in the simulator."""
     from ropefit.artifacts.exports import deviation
     from ropefit.exporters import exporter
-    from ropefit.reporting.sections.exports import told
+    from ropefit.reporting.sections.exports import summary
 
     check = made.record.check
     if check is None:
@@ -89,7 +89,7 @@ def _show_check(session: Session, target: str, made: Exported) -> None:
         ["frame", "of the rope's length", "[mm]"],
         rows,
     )
-    session.say(told(target, made.record, made.length))
+    session.say(summary(target, made.record, made.length))
     session.say("ropefit report puts this into the report")
 
 

@@ -181,7 +181,7 @@ def show_model(session: Session, outcome: Outcome[Model]) -> dict[str, Any]:
 
 
 def _rows(m: FittedModel) -> list[list[str]]:
-    """A row a parameter: its name, its values, its interval, its verdict."""
+    """Return a row a parameter: its name, its values, its interval, its verdict."""
     rows = []
     for name, group in m.groups.items():
         for key, p in group.parameters.items():

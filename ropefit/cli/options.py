@@ -171,6 +171,17 @@ ControlAt = Annotated[
         rich_help_panel=OF_PAPER,
     ),
 ]
+NominalRun = Annotated[
+    OptionalPath,
+    typer.Option(help="Another run of the same rope, whose parameters are taken as known."),
+]
+CalibrationRun = Annotated[
+    OptionalPath,
+    typer.Option(
+        help="A run of the same set-up, best of a taut rope, whose camera and gravity are taken as "
+        "known."
+    ),
+]
 MostFrames = Annotated[int, typer.Option(help="The most frames that the fit uses.")]
 TARGETS = ("mujoco", "mujoco3", "newton", "pyelastica", "json")
 FORMATS = ("clouds", "tum", "ros", "realsense", "kinect", "mocap", "c3d")

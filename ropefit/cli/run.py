@@ -9,6 +9,7 @@ from ropefit.cli.control import show_control
 from ropefit.cli.diagnose import show_diagnosis
 from ropefit.cli.identify import show_model
 from ropefit.cli.options import (
+    CalibrationRun,
     ControlAt,
     Debug,
     DebugImages,
@@ -18,6 +19,7 @@ from ropefit.cli.options import (
     LossOption,
     Mask,
     Nodes,
+    NominalRun,
     Project,
     ProjectChoice,
     Quiet,
@@ -46,6 +48,8 @@ def run(
     loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
     search: SearchOption = None,
     control_at: ControlAt = None,
+    nominal: NominalRun = None,
+    calibration: CalibrationRun = None,
     color: RopeColor = None,
     roi: Roi = None,
     mask: Mask = None,
@@ -55,7 +59,10 @@ def run(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Compute every stage of a recording, then write the report."""
+    """Compute every stage of a recording, then write the report.
+
+    A rope in motion (--solver dynamics) is identified and diagnosed; it has no control point.
+    """
     with start_session(json, quiet, debug) as session:
         from ropefit.api import runs
         from ropefit.cli.parsing import picture_settings
@@ -70,11 +77,13 @@ def run(
         }
         fitted = runs.identify(run, settings, session.context("identify"), force=force)
         data["identify"] = show_model(session, fitted)
-        if runs.diagnosable(fitted.artifact):
-            found = runs.diagnose(run, {}, session.context("diagnose"), force=force)
+        if runs.diagnosable(fitted.artifact) or nominal or calibration:
+            context = session.context("diagnose")
+            found = runs.diagnose(run, {}, context, nominal, calibration, force)
             data["diagnose"] = show_diagnosis(session, found)
-        moved = runs.control(run, {"loss": loss.value}, session.context("control"), force=force)
-        data["control"] = show_control(session, moved)
+        if runs.controllable(fitted.artifact):
+            moved = runs.control(run, {"loss": loss.value}, session.context("control"), force=force)
+            data["control"] = show_control(session, moved)
         data["report"] = show_report(session, run, [])
         session.result(data | {"answer": show_answer(session, run)})
 

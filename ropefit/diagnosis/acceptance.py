@@ -8,7 +8,6 @@ from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.held_out import by_stretches, heldout_rms
 from ropefit.inference.least_squares import Fit
 
-IMPLAUSIBLE_SIZE = 30.0  # usual sizes
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
@@ -39,7 +38,7 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
     along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
     before, after = (heldout_rms(fit, along)[0] for fit in (current, candidate.fit))
-    if effect.linear and np.abs(candidate.usual_sizes()).max() > IMPLAUSIBLE_SIZE:
+    if effect.linear and np.abs(candidate.usual_sizes()).max() > effect.implausible:
         return "larger than anything plausible"
     if candidate.significance() < LEAST_SIGNIFICANCE:
         return "its size is not significantly different from zero"

@@ -140,8 +140,8 @@ def fit_candidate(
 
 
 def _continued(before: float, fitted: Fit, lowest: float) -> Fit:
-    """Continue a slow fit as long as it gains: contact comes and goes, and gains soon shrink. One
-    that even at its present pace could not reach the cost `lowest` stays as it is."""
+    """Continue a slow fit as long as it gains: contact comes and goes, and gains soon
+    shrink. One that even at its present pace could not reach the cost `lowest` stays as it is."""
     for left in range(SLOW_ROUNDS, 0, -1):
         if fitted.converged or fitted.cost - left * SLOW_EVALUATIONS * _pace(fitted) > lowest:
             break

@@ -16,6 +16,7 @@ from ropefit.inference.least_squares import Fit
 
 MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
+NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
 
 
@@ -50,6 +51,15 @@ class Fits:
         """Return whether a candidate leaves next to nothing."""
         return unexplained(candidate.fit) <= MAY_LEAVE * unexplained(self.current)
 
+    def sufficient(self, candidate: Candidate) -> bool:
+        """Return whether no slow fit is needed: a candidate explains all frames alike, or is an
+        error of the set-up that explains nearly all; contact is then fitted beside it."""
+        measurement = candidate.hypothesis.effect.kind == "measurement"
+        left, was = unexplained(candidate.fit), unexplained(self.current)
+        if measurement and left <= NEARLY_NOTHING * was:
+            return True
+        return self.explained_by(candidate) and not uneven(candidate.fit)
+
 
 def fit_candidates(
     current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
@@ -73,7 +83,7 @@ def fit_candidates(
         start = significant_interval(current, first.hypothesis)
         fits.add([] if start is None else [(first.hypothesis, start)])
         first = fits.best()
-    if first is None or not fits.explained_by(first) or uneven(first.fit):
+    if first is None or not fits.sufficient(first):
         for choices in slow:
             fits.add(choices)
         first = fits.best()

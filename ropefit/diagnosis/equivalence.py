@@ -36,7 +36,7 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
 
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """Of a tie, name the candidate with the fewest values first. A special case of the best one is
+    """Name the candidate of a tie with the fewest values first. A special case of the best one is
     within reach wherever it explains as much."""
     general = best.hypothesis.effect
     tied = [best] + [
@@ -55,7 +55,7 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
 
 
 def _measurement_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """Of a tie between physics and measurement, name the measurement first."""
+    """Name the measurement first in a tie between physics and measurement."""
     if best.hypothesis.effect.kind == "measurement":
         return best, same
     for one in same:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr
 
 from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
@@ -38,7 +38,7 @@ def held_out_pit(fitted: Fit, along: bool) -> np.ndarray:
     """Return (M D,) the probability integral transform of each whitened residual in its block's
     predictive distribution: uniform where noise and uncertainty are honest (Gneiting 2007)."""
     residual, variance = _predicted(fitted, along)
-    return stats.norm.cdf(residual / np.sqrt(variance))
+    return ndtr(residual / np.sqrt(variance))
 
 
 def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import torch
 
 from ropefit.effects import Effect
 from ropefit.models.terms import Term
-from ropefit.plugins import concrete
+from ropefit.plugins import EFFECTS, concrete
 from ropefit.rod.setup import Setup
 
 NARROWEST = 0.04  # of the length: a narrower section is a point
@@ -33,7 +33,7 @@ class Hypothesis:
 
     @property
     def key(self) -> tuple[str, int]:
-        """What tells hypotheses apart: the class of the effect, and its end."""
+        """Return what tells hypotheses apart: the class of the effect, and its end."""
         return type(self.effect).__name__, self.effect.end
 
     @property
@@ -98,7 +98,7 @@ def effects_of(setup: Setup, names: tuple[str, ...] | None = None) -> Iterator[E
 
     Effects of installed add-ons are among them, see docs/adding-an-effect.md.
     """
-    for kind in concrete(Effect, "ropefit.effects"):
+    for kind in concrete(Effect, EFFECTS):
         for end in (0, 1) if kind.locus == "end" else (0,):
             effect = kind(end)  # pyright: ignore[reportAbstractUsage]
             possible = setup.damping is None or effect.in_motion

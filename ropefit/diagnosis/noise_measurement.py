@@ -21,7 +21,7 @@ from ropefit.solvers.equilibrium.implicit import Directions, tangent
 EFFECT_PRIOR_SD = 10.0  # usual sizes
 FREE_PRIOR_SD = 10.0  # search variables: of parameters without a prior
 FITTED_PRIOR_SD = 3.0  # times what a fit says: of effects that were fitted
-WEAKEST_MODE = 1.0  # sd: directions that move all stations together by less are left out
+WEAKEST_MODE = 1.0  # sd: directions that move all stations together by less are ignored
 MOST_AMPLIFICATION = 8.0  # of an end's error by the rope; in lengths for turns
 UNUSUAL_RATIO = 2.0  # of a frame's mean square to the median one
 USUAL_SHARE = 0.75  # at least, of the frames are usual

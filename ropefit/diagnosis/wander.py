@@ -30,7 +30,7 @@ def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
     left = _left_by_the_best(fitted, sensitivities)
     residual = fitted.whitener.undo(left).reshape(fitted.stations.residual.shape)
     marker = float(np.sqrt((residual**2).mean()))
-    clips = getattr(fitted.forward, "clips", [])
+    clips = fitted.forward.clips
     # What the mesh misses is the same in all frames of a clip and along much of the rope.
     length = float(fitted.point.setup.properties.length.sum())
     alike = len(residual) / max(len(clips), 1)

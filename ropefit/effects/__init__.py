@@ -7,6 +7,7 @@ A new effect is one file and its line here, see docs/adding-an-effect.md. Effect
 from ropefit.effects.axial_extensibility import AxialExtensibility
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.bending_hysteresis import BendingHysteresis
+from ropefit.effects.bending_law import BendingLaw
 from ropefit.effects.clamped_end import ClampedEnd, TiltedClamp
 from ropefit.effects.contact_friction import ContactFriction
 from ropefit.effects.damping import Damping, DampingInMotion
@@ -72,6 +73,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     WeightError,
     LengthError,
     LostOutOfPlane,
+    BendingLaw,
     TooCoarse,
     UnderConverged,
 )

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.drawn import Drawn
+from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import intervals_along, points_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -155,6 +156,8 @@ class Effect(ABC):
     # Small sizes are an error of the set-up: the prior judges them, not held-out frames.
     calibrated: ClassVar[bool] = False
     calibration: ClassVar[Calibration | None] = None
+    # Usual sizes beyond which a linear effect is refused: it stands for something else.
+    implausible: ClassVar[float] = 30.0
     # Counts against the number of effects that may be accepted.
     counted: ClassVar[bool] = True
     # Where it is accepted, a recording is explained down to noise.
@@ -186,12 +189,14 @@ class Effect(ABC):
 
     @property
     def tangent(self) -> bool:
-        """Whether the scan takes the derivative at zero, or the response to a finite size."""
+        """Return whether the scan takes the derivative at zero, or the response to a finite
+        size."""
         return self.linear
 
     @property
     def prior_decides(self) -> bool:
-        """Whether its prior is its test: held-out frames cannot tell it from the set-up's error."""
+        """Return whether its prior is its test: held-out frames cannot tell it from the set-up's
+        error."""
         return self.kind == "measurement" or self.calibrated
 
     def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray | None:
@@ -228,6 +233,10 @@ class Effect(ABC):
         """Return (n,) one sigma of all values about where a fit starts; inf: no prior."""
         return np.full(len(self.names), np.inf)
 
+    def law(self, setup: Setup) -> Law | None:
+        """Return what the curve is of which the quantities are values, if there is one."""
+        return None
+
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
@@ -247,7 +256,7 @@ class Effect(ABC):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all values, in order."""
+        """Return the names of all values, in order."""
         return (*(q.name for q in self.quantities), *self.place_names)
 
 

@@ -8,30 +8,70 @@ from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn
+from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal
 from ropefit.rod.setup import Setup
 
+FAR = 0.02  # of the length, rms: a misfit beyond it may come from axes that were confused
+CONFUSED = 0.5  # rad: a smaller tilt the scan finds by itself
+SMALL = 1e-24  # rad²: keeps the square root differentiable at zero
+
 
 class GravityMisalignment(Effect):
-    """Gravity is turned by two angles [rad] about the horizontal axes."""
+    """Gravity is turned by a vector of two angles [rad] about the horizontal axes.
+
+    Any angle is possible: the axes of cameras and of motion capture are often confused.
+    """
 
     name = "gravity_misalignment"
     kind = "measurement"
     vector = ("angle", "rad")
-    quantities = (Quantity("angle_1", "rad", 0.02, -1, 1), Quantity("angle_2", "rad", 0.02, -1, 1))
+    quantities = tuple(Quantity(f"angle_{k}", "rad", 0.02, -np.pi, np.pi) for k in (1, 2))
     calibration = Calibration("gravity", ("x", "y"), "gravity", degrees=True)
+    implausible = np.inf
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        first, second = horizontal(setup.gravity)
-        turn, g = values[0] * first + values[1] * second, setup.gravity
-        turned = g + torch.linalg.cross(turn, g) - 0.5 * (turn * turn).sum() * g
-        return setup._replace(gravity=turned)
+        return setup._replace(gravity=turned(setup.gravity, values))
+
+    def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
+        """Propose the direction in which the recorded rope sags, if it is far from the told one.
+
+        A scan looks at small tilts; a rope whose gravity is told along another axis fits nothing.
+        """
+        setup = misfit.setup
+        length, gravity = float(setup.properties.length.sum()), setup.gravity.detach().numpy()
+        rms = np.sqrt((misfit.moves**2).sum(1).mean()) if len(misfit.frame) else 0.0
+        ends = setup.whole()[0].ends.detach().numpy()
+        if rms < FAR * length or self.name in misfit.terms or np.isnan(ends).any():
+            return []
+        chord = ends[misfit.frame, 1] - ends[misfit.frame, 0]
+        chord /= np.maximum(np.linalg.norm(chord, axis=1), SMALL)[:, None]
+        sag = misfit.places + misfit.moves - ends[misfit.frame, 0]
+        sag -= (sag * chord).sum(1)[:, None] * chord
+        down, told = (v / np.linalg.norm(v) for v in (sag.mean(0), gravity))
+        axis = np.cross(told, down)
+        size, angle = np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), told @ down)
+        first, second = (a.numpy() for a in horizontal(setup.gravity))
+        axis = axis / size if size > 1e-6 else first
+        if not angle > CONFUSED:
+            return []
+        return [[angle * np.array([axis @ first, axis @ second])]]
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["angle_1"] ** 2 + values["angle_2"] ** 2) ** 0.5
-        return f"gravity points {size * 57.2958:.2g}° away from its recorded direction"
+        confused = " (were the axes confused?)" if size > CONFUSED else ""
+        return f"gravity points {size * 57.2958:.2g}° away from its recorded direction{confused}"
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        first, second = (axis.numpy() for axis in horizontal(torch.tensor(gravity)))
-        turn = values["angle_1"] * first + values["angle_2"] * second
-        return Drawn("gravity", vector=gravity + np.cross(turn, gravity))
+        angles = torch.tensor([values["angle_1"], values["angle_2"]], dtype=torch.float64)
+        return Drawn("gravity", vector=turned(torch.tensor(gravity), angles).numpy())
+
+
+def turned(gravity: Tensor, angles: Tensor) -> Tensor:
+    """Return gravity (3,) turned by the rotation vector of angles (2,) [rad] about the horizontal
+    axes (Rodrigues)."""
+    first, second = horizontal(gravity)
+    vector = angles[0] * first + angles[1] * second
+    angle = torch.sqrt((vector * vector).sum() + SMALL)
+    across = torch.linalg.cross(vector, gravity)
+    return gravity * torch.cos(angle) + across * torch.sin(angle) / angle

@@ -26,4 +26,5 @@ class LengthError(Effect):
         return setup._replace(properties=p._replace(length=p.length * (1 + values[0])))
 
     def sentence(self, values: dict[str, float]) -> str:
-        return f"the rope is {100 * values['excess']:+.2g} % longer than told"
+        longer = "longer" if values["excess"] > 0 else "shorter"
+        return f"the rope is {100 * abs(values['excess']):.2g} % {longer} than told"

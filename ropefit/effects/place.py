@@ -9,6 +9,7 @@ from torch import Tensor
 from ropefit.rod.setup import Setup
 
 SCAN_POINTS = 25  # places of a point effect along the rope
+QUARTERS = (0, 25, 50, 75, 100)  # % of the length: where what varies along a whole rope is told
 SCAN_WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
 
 SPREAD = (torch.arange(16, dtype=torch.float64) + 0.5) / 16 - 0.5  # of a width: where it is summed
@@ -91,3 +92,11 @@ def middle_of(setup: Setup) -> Tensor:
     """Return (3,) the mean of the held ends over all frames: an origin near the rope."""
     ends = setup.whole()[0].ends.detach().reshape(-1, 3)
     return ends[~torch.isnan(ends).any(-1)].mean(0)
+
+
+def between_quarters(setup: Setup) -> Tensor:
+    """Return (N, 5) how much every segment has of what is told at each of `QUARTERS`."""
+    length = setup.properties.length
+    share = (setup.arc[1:] - 0.5 * length) / length.sum()
+    places = 0.01 * torch.tensor(QUARTERS, dtype=torch.float64)
+    return torch.clamp(1 - (share[:, None] - places).abs() / (places[1] - places[0]), min=0)

@@ -7,9 +7,8 @@ from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.intrinsic_curvature import twist_held
+from ropefit.effects.place import QUARTERS, between_quarters
 from ropefit.rod.setup import Setup
-
-PLACES = (0, 25, 50, 75, 100)  # % of the length, between which the curvature is linear
 
 
 class RestShape(Effect):
@@ -20,7 +19,7 @@ class RestShape(Effect):
     quantities = tuple(
         Quantity(f"curvature_{axis}_at_{place}", "1/m", 0.5, by_length=-1.0)
         for axis in (1, 2)
-        for place in PLACES
+        for place in QUARTERS
     )
 
     def applies(self, setup: Setup) -> bool:
@@ -28,18 +27,14 @@ class RestShape(Effect):
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         p = setup.properties
-        share = (setup.arc[1:] - 0.5 * p.length) / p.length.sum()
-        apart = 0.01 * (PLACES[1] - PLACES[0])
-        places = 0.01 * torch.tensor(PLACES, dtype=torch.float64)
-        near = torch.clamp(1 - (share[:, None] - places).abs() / apart, min=0)
-        across = near @ values.reshape(2, len(PLACES)).T
+        across = between_quarters(setup) @ values.reshape(2, len(QUARTERS)).T
         turn = torch.nn.functional.pad(across, (0, 1))
         return setup._replace(properties=p._replace(curvature=p.curvature + turn))
 
     def sentence(self, values: dict[str, float]) -> str:
         most = max(
             (values[f"curvature_1_at_{p}"] ** 2 + values[f"curvature_2_at_{p}"] ** 2) ** 0.5
-            for p in PLACES
+            for p in QUARTERS
         )
         return (
             "the unloaded rope is curved, differently along its length, with radii down to "

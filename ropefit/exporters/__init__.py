@@ -10,7 +10,7 @@ from ropefit.exporters.mujoco import MuJoCo
 from ropefit.exporters.mujoco3 import MuJoCo3
 from ropefit.exporters.newton import Newton
 from ropefit.exporters.pyelastica import PyElastica
-from ropefit.plugins import concrete
+from ropefit.plugins import EXPORTERS, concrete
 
 __all__ = [
     "ExportResult",
@@ -29,12 +29,12 @@ __all__ = [
 
 
 def exporters() -> dict[str, type[Exporter]]:
-    """{target: class} of every exporter, those of installed add-ons included."""
-    return {kind.target: kind for kind in concrete(Exporter, "ropefit.exporters")}
+    """Return {target: class} of every exporter, those of installed add-ons included."""
+    return {kind.target: kind for kind in concrete(Exporter, EXPORTERS)}
 
 
 def exporter(target: str) -> type[Exporter]:
-    """The class that writes for `target`. Raises WrongUsage for an unknown one."""
+    """Return the class that writes for `target`. Raises WrongUsage for an unknown one."""
     known = exporters()
     if target not in known:
         raise WrongUsage(f"--to {target}: one of {', '.join(sorted(known))}")
@@ -42,5 +42,5 @@ def exporter(target: str) -> type[Exporter]:
 
 
 def export(description: RopeDescription, target: str) -> ExportResult:
-    """The rope as text for `target`. Raises WrongUsage for an unknown one."""
+    """Return the rope as text for `target`. Raises WrongUsage for an unknown one."""
     return exporter(target)().export(description)

@@ -49,21 +49,22 @@ class Exporter(ABC):
 
     @abstractmethod
     def export(self, rope: RopeDescription) -> ExportResult:
-        """The text that makes the rope in this simulator."""
+        """Return the text that makes the rope in this simulator."""
 
 
 def numbers(values: np.ndarray | list[float] | tuple[float, ...]) -> str:
-    """Numbers with spaces between, 10 significant digits: more than any simulator keeps."""
+    """Return numbers with spaces between, 10 significant digits: more than any simulator keeps."""
     return " ".join(f"{value:.10g}" for value in np.asarray(values, dtype=float).ravel())
 
 
 def varies(values: np.ndarray) -> bool:
-    """Whether entries differ by more than a part in a thousand."""
+    """Return whether entries differ by more than a part in a thousand."""
     return bool(np.ptp(values) > 1e-3 * np.abs(values).max())
 
 
 def diameter_of(rope: RopeDescription, lost: list[str]) -> float:
-    """The rope's diameter [m]; a nominal one, and a sentence in `lost`, where it is not known."""
+    """Return the rope's diameter [m]; a nominal one, and a sentence in `lost`, where it is not
+    known."""
     if rope.diameter is not None:
         return rope.diameter
     lost.append(
@@ -83,4 +84,4 @@ def stretch_note(rope: RopeDescription, lost: list[str]) -> None:
             f"{rope.EA.min():.4g} N lets its own weight stretch it by {strain:.2%} at most)"
         )
     if np.isfinite(rope.GA).any():
-        lost.append("transverse shear is not expressed (GA is left out)")
+        lost.append("transverse shear is not expressed (GA is ignored)")

@@ -54,12 +54,12 @@ class RopeDescription:
 
     @property
     def segments(self) -> int:
-        """N."""
+        """Return N."""
         return len(self.rest_lengths)
 
     @property
     def poses(self) -> int:
-        """P."""
+        """Return P."""
         return len(self.x)
 
     def _check_shapes(self) -> None:

@@ -26,7 +26,7 @@ class Divided:
 
 
 def divide(rope: RopeDescription, pieces: np.ndarray) -> Divided:
-    """The rope with segment i cut into pieces[i] (N,) equal ones."""
+    """Return the rope with segment i cut into pieces[i] (N,) equal ones."""
     n = rope.segments
     lengths = np.repeat(rope.rest_lengths / pieces, pieces)
     first = np.concatenate([[0], np.cumsum(pieces)])  # the vertex at each node
@@ -58,7 +58,7 @@ def divide(rope: RopeDescription, pieces: np.ndarray) -> Divided:
 def _masses(
     rope: RopeDescription, pieces: np.ndarray, lengths: np.ndarray, first: np.ndarray
 ) -> np.ndarray:
-    """(V,) what a node carries of a segment that is cut moves onto the pieces, evenly."""
+    """Return (V,) what a node carries of a segment that is cut moves onto the pieces, evenly."""
     half = rope.rest_lengths / 2
     reach = np.concatenate([[0.0], half]) + np.concatenate([half, [0.0]])
     share = rope.masses / reach

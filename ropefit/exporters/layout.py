@@ -51,22 +51,22 @@ class Layout:
 
     @property
     def voronoi(self) -> np.ndarray:
-        """(V-2,) [m] the length of rope that bends at each inner vertex."""
+        """Return (V-2,) [m] the length of rope that bends at each inner vertex."""
         half = self.lengths / 2
         # The outer half of a held edge is no rope, its inner half is: both are half an edge.
         return half[:-1] + half[1:]
 
     @property
     def free(self) -> range:
-        """Vertices that no end holds."""
+        """Return vertices that no end holds."""
         return range(self.held[0], len(self.masses) - self.held[1])
 
     def vertex(self, node: int) -> int:
-        """The vertex at a node of the rope."""
+        """Return the vertex at a node of the rope."""
         return int(np.flatnonzero(self.node == node)[0]) if node in self.node else -1
 
     def frames(self, pose: int) -> np.ndarray:
-        """(V-1, 4) frames of the edges in a pose, with the least twist the ends allow."""
+        """Return (V-1, 4) frames of the edges in a pose, with the least twist the ends allow."""
         x = self.start[pose]
         tangents = np.diff(x, axis=0)
         tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -87,7 +87,7 @@ class Layout:
 
 
 def lay_out(rope: RopeDescription) -> Layout:
-    """The vertices of a rope, edges near clamps divided, point masses added to theirs."""
+    """Return the vertices of a rope, edges near clamps divided, point masses added to theirs."""
     end_q = _end_orientations(rope)
     held = (VERTICES[rope.end_kinds[0]], VERTICES[rope.end_kinds[1]])
     fine = divide(rope, _pieces(rope))
@@ -108,7 +108,8 @@ def lay_out(rope: RopeDescription) -> Layout:
 
 
 def _pieces(rope: RopeDescription) -> np.ndarray:
-    """(N,) into how many pieces each segment is cut: finer where a clamp bends the rope sharply.
+    """Return (N,) into how many pieces each segment is cut: finer where a clamp bends the rope
+    sharply.
 
     Beside a clamp the rope turns within sqrt(EI / tension), often less than a segment. The weight
     of the rope stands for the tension; a tauter rope bends more sharply than is resolved.
@@ -128,7 +129,8 @@ def _pieces(rope: RopeDescription) -> np.ndarray:
 
 
 def _straddle(fine: Divided, end: int, tangent: np.ndarray) -> Divided:
-    """The clamped end's node becomes two held vertices, half an edge before and behind it."""
+    """Return the clamped end's node becomes two held vertices, half an edge before and behind
+    it."""
     order = slice(None, None, -1) if end else slice(None)  # end 1 is end 0 seen from behind
     arrays = {
         key: getattr(fine, key)[order] for key in ("lengths", "EA", "GA", "EI", "GJ", "curvature")
@@ -149,7 +151,7 @@ def _straddle(fine: Divided, end: int, tangent: np.ndarray) -> Divided:
 
 
 def _end_orientations(rope: RopeDescription) -> np.ndarray:
-    """(P, 2, 4) with end twists put in; the identity at ends that are not clamped."""
+    """Return (P, 2, 4) with end twists put in; the identity at ends that are not clamped."""
     q = np.tile([1.0, 0, 0, 0], (rope.poses, 2, 1))
     for end in (0, 1):
         if rope.end_kinds[end] == "clamped":
@@ -164,7 +166,8 @@ def _end_orientations(rope: RopeDescription) -> np.ndarray:
 def rest_shape(
     lengths: np.ndarray, curvature: np.ndarray, x: np.ndarray, first: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(V, 3), (V-1, 4) the stress-free shape, laid out from the first vertex of a pose x (V, 3).
+    """Return (V, 3), (V-1, 4) the stress-free shape, laid out from the first vertex of a pose x (V,
+    3).
 
     first: (4,) frame of the first edge; without one it points along the pose's first edge.
     """

@@ -12,7 +12,7 @@ from ropefit.exporters.rotation import between
 
 
 def header(rope: RopeDescription, title: str, lost: list[str]) -> list[str]:
-    """The comment at the top: what this is and what is not in it."""
+    """Return the comment at the top: what this is and what is not in it."""
     lines = [
         f"<!-- {title}",
         "     Units: m, kg, s, N. Lengths of the rope run from end 0 to end 1.",
@@ -22,28 +22,28 @@ def header(rope: RopeDescription, title: str, lost: list[str]) -> list[str]:
 
 
 def comment(text: str) -> str:
-    """Text that may stand in an XML comment."""
+    """Return text that may stand in an XML comment."""
     while "--" in text:
         text = text.replace("--", "- -")
     return text.rstrip("-")
 
 
 def escaped(text: str) -> str:
-    """Text that may stand in an XML attribute."""
+    """Return text that may stand in an XML attribute."""
     from xml.sax.saxutils import quoteattr
 
     return quoteattr("".join(letter for letter in text if letter.isprintable()))
 
 
 def reference(layout: Layout, end: int) -> tuple[np.ndarray, np.ndarray]:
-    """Position and quaternion of an end's body in the stress-free shape."""
+    """Return position and quaternion of an end's body in the stress-free shape."""
     at = layout.rest_x if end == 0 else layout.rest_x[::-1]
     q = layout.rest_q[-1 if end else 0]
     return (at[0] if layout.held[end] == 1 else (at[0] + at[1]) / 2), q
 
 
 def ends(layout: Layout) -> list[str]:
-    """A body for each held end: move it by mocap_pos and mocap_quat, as a gripper would."""
+    """Return a body for each held end: move it by mocap_pos and mocap_quat, as a gripper would."""
     out = []
     for end in (0, 1):
         if layout.held[end]:
@@ -56,7 +56,7 @@ def ends(layout: Layout) -> list[str]:
 
 
 def end_pose(layout: Layout, rope: RopeDescription, pose: int) -> tuple[str, str]:
-    """mpos and mquat of a keyframe."""
+    """Return mpos and mquat of a keyframe."""
     position, orientation = [], []
     for end in (0, 1):
         if layout.held[end]:
@@ -67,7 +67,7 @@ def end_pose(layout: Layout, rope: RopeDescription, pose: int) -> tuple[str, str
 
 
 def obstacles(rope: RopeDescription) -> list[str]:
-    """Geoms that the rope touches."""
+    """Return geoms that the rope touches."""
     out = []
     for number, effect in enumerate(rope.effects):
         if isinstance(effect, Plane):
@@ -87,7 +87,7 @@ def obstacles(rope: RopeDescription) -> list[str]:
 
 
 def touch(friction: float) -> str:
-    """Contact attributes; stiffer than MuJoCo's default so that a rope does not sink in.
+    """Return contact attributes; stiffer than MuJoCo's default so that a rope does not sink in.
 
     Without friction a contact must have one dimension only: with three, the rope never rests.
     """
@@ -99,14 +99,14 @@ def touch(friction: float) -> str:
 
 
 def touches(rope: RopeDescription) -> float | None:
-    """Friction of the rope's own contacts; None where there is nothing to touch."""
+    """Return friction of the rope's own contacts; None where there is nothing to touch."""
     values = [e.friction for e in rope.effects if isinstance(e, Plane | Sphere | Cylinder)]
     # MuJoCo takes the larger of the two surfaces, so the obstacle's own value stands.
     return min(values) if values else None
 
 
 def tether_sites(rope: RopeDescription) -> list[str]:
-    """The fixed ends of tethers."""
+    """Return the fixed ends of tethers."""
     return [
         f'    <site name="anchor{number}" pos="{numbers(effect.anchor)}" size="0.005"/>'
         for number, effect in enumerate(rope.effects)
@@ -115,7 +115,7 @@ def tether_sites(rope: RopeDescription) -> list[str]:
 
 
 def node_site(rope: RopeDescription, node: int) -> str:
-    """Sites on a node's body that tethers pull at."""
+    """Return sites on a node's body that tethers pull at."""
     return "".join(
         f'<site name="tether{number}" size="0.003"/>'
         for number, effect in enumerate(rope.effects)
@@ -124,7 +124,7 @@ def node_site(rope: RopeDescription, node: int) -> str:
 
 
 def tendons(rope: RopeDescription, layout: Layout) -> list[str]:
-    """Springs that pull only when longer than their rest length."""
+    """Return springs that pull only when longer than their rest length."""
     out = []
     for number, effect in enumerate(rope.effects):
         if isinstance(effect, Tether) and layout.vertex(effect.node) in layout.free:
@@ -138,7 +138,8 @@ def tendons(rope: RopeDescription, layout: Layout) -> list[str]:
 
 
 def held_notes(rope: RopeDescription, layout: Layout, lost: list[str]) -> None:
-    """Effects at a place where an end's body takes them up, so that they do nothing."""
+    """Return notes on effects at a place where an end's body takes them up, so that they do
+    nothing."""
     for effect in rope.effects:
         if isinstance(effect, Tether) and layout.vertex(effect.node) not in layout.free:
             lost.append(f"the tether at node {effect.node} does nothing: the end there is held")

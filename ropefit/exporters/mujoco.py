@@ -87,7 +87,7 @@ def _body_of(layout: Layout, vertex: int) -> str:
 
 
 def _vertices(rope: RopeDescription, layout: Layout) -> list[str]:
-    """A point mass with three slides a vertex that moves."""
+    """Return a point mass with three slides a vertex that moves."""
     out = []
     for vertex in layout.free:
         mass = layout.masses[vertex]
@@ -104,13 +104,13 @@ def _vertices(rope: RopeDescription, layout: Layout) -> list[str]:
 
 
 def _twist_edges(layout: Layout) -> list[int]:
-    """Edges that may roll about themselves: all that no clamp holds."""
+    """Return edges that may roll about themselves: all that no clamp holds."""
     edges = len(layout.lengths)
     return list(range(layout.held[0] == 2, edges - (layout.held[1] == 2)))
 
 
 def _twists(layout: Layout, radius: float, torsion: float) -> list[str]:
-    """A hinge an edge for its twist.
+    """Return a hinge an edge for its twist.
 
     Its true inertia is so small that it would ring faster than the time step; the armature slows
     that down to some twenty steps and changes no shape at rest.
@@ -133,7 +133,8 @@ def _twists(layout: Layout, radius: float, torsion: float) -> list[str]:
 def _flexes(
     layout: Layout, radius: float, torsion: float, friction: float | None, lost: list[str]
 ) -> list[str]:
-    """The rope, and where it is stiffer than at its softest, more flexes on the same vertices."""
+    """Return the rope, and where it is stiffer than at its softest, more flexes on the same
+    vertices."""
     everything = np.arange(len(layout.masses))
     # Differences of a part in a thousand are not worth a flex each.
     softest = float(layout.EI.min()) if varies(layout.EI) else float(layout.EI.mean())
@@ -187,7 +188,8 @@ def _flex(
 
 
 def _local(layout: Layout, vertex: int) -> np.ndarray:
-    """(3,) a vertex in the frame of its body: on the z axis of a clamp, else at the origin."""
+    """Return (3,) a vertex in the frame of its body: on the z axis of a clamp, else at the
+    origin."""
     count = len(layout.masses)
     for end, first in ((0, 0), (1, count - 2)):
         if layout.held[end] == 2 and vertex in (first, first + 1):

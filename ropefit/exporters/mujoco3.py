@@ -81,7 +81,7 @@ class MuJoCo3(Exporter):
 
 
 def _tree(rope: RopeDescription, layout: Layout, radius: float, bending: float) -> list[str]:
-    """The links, one inside the other, hung on end 0's body where there is one."""
+    """Return the links, one inside the other, hung on end 0's body where there is one."""
     ends = mjcf.ends(layout)
     out = [line.removesuffix("</body>") for line in ends if 'body name="end0"' in line]
     close = len(out)
@@ -125,7 +125,7 @@ def _link(rope: RopeDescription, layout: Layout, edge: int, radius: float, bendi
 
 
 def _place(layout: Layout, edge: int) -> str:
-    """Position and quaternion of a link in the one before, in the stress-free shape."""
+    """Return position and quaternion of a link in the one before, in the stress-free shape."""
     if edge:
         turn = multiply(
             conjugate(multiply(layout.rest_q[edge - 1], LINK)),
@@ -148,7 +148,8 @@ def _joint(layout: Layout, edge: int, spring: float) -> str:
 
 
 def _inertia(layout: Layout, edge: int) -> str:
-    """The mass of the vertex at which the link begins; the last link has that of its end too."""
+    """Return the mass of the vertex at which the link begins; the last link has that of its end
+    too."""
     mass, at, last = layout.masses[edge], 0.0, len(layout.lengths) - 1
     if edge == last:
         far = layout.masses[edge + 1]
@@ -163,7 +164,7 @@ def _inertia(layout: Layout, edge: int) -> str:
 
 
 def _exclusions(rope: RopeDescription, layout: Layout) -> list[str]:
-    """Neighbouring links overlap; they must not push each other away."""
+    """Return what keeps neighbouring links, which overlap, from pushing each other away."""
     if mjcf.touches(rope) is None:
         return []
     edges = len(layout.lengths)

@@ -76,13 +76,13 @@ def _softened(
 
 
 def _springs(rigidity: np.ndarray, layout: Layout) -> np.ndarray:
-    """(V-2,) a joint stands for the two half segments beside it, in series."""
+    """Return (V-2,) a joint stands for the two half segments beside it, in series."""
     give = layout.lengths / rigidity / 2
     return 1 / (give[:-1] + give[1:])
 
 
 def _segment_masses(layout: Layout) -> np.ndarray:
-    """(V-1,) [kg] half of each node's mass; all of the outermost nodes'."""
+    """Return (V-1,) [kg] half of each node's mass; all of the outermost nodes'."""
     half = layout.masses / 2
     masses = half[:-1] + half[1:]
     masses[0] += half[0]

@@ -81,7 +81,8 @@ class PyElastica(Exporter):
 def _inertia(
     layout: Layout, EA: np.ndarray, GA: np.ndarray, radius: float
 ) -> tuple[np.ndarray, float]:
-    """Rotary inertia (V-1,) and the time step: rotation must not be faster than stretching."""
+    """Return rotary inertia (V-1,) and the time step: rotation must not be faster than
+    stretching."""
     light = np.minimum(layout.masses[:-1], layout.masses[1:])
     fastest = 2 * float(np.sqrt(np.maximum(EA, GA) / layout.lengths / light).max())  # rad/s
     spring = layout.EI / layout.voronoi

@@ -27,10 +27,13 @@ class NotSettled(StageFailed):
 
 
 def simulator_of(target: str) -> Simulator:
-    """Where texts for `target` run. Raises WrongUsage where nothing runs them."""
+    """Return where texts for `target` run. Raises WrongUsage where nothing runs them."""
     simulator = exporter(target).simulator
     if simulator is None:
-        raise WrongUsage(f"--check: {target} is a format, and none runs it; leave --check out")
+        raise WrongUsage(
+            f"--check: {target} names no simulator that could run it (Exporter.simulator); leave "
+            "--check out"
+        )
     return simulator
 
 
@@ -61,7 +64,8 @@ def version(target: str, python: Path) -> str:
 def settle(
     rope: RopeDescription, target: str, text: Path, pose: int, python: Path, limit: float = LONGEST
 ) -> np.ndarray:
-    """(K, 3) [m] the nodes at rest, from a pose of the exported text; NaN at a clamped end's node.
+    """Return (K, 3) [m] the nodes at rest, from a pose of the exported text; NaN at a clamped end's
+    node.
 
     Raises NotSettled with what the simulator said.
     """

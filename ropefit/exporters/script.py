@@ -10,7 +10,7 @@ from ropefit.exporters.rotation import matrix
 
 
 def literal(values: np.ndarray) -> str:
-    """A nested Python list, 10 significant digits."""
+    """Return a nested Python list, 10 significant digits."""
     array = np.asarray(values, dtype=float)
     if array.ndim == 0:
         return f"{float(array):.10g}"
@@ -18,12 +18,13 @@ def literal(values: np.ndarray) -> str:
 
 
 def assign(name: str, values: np.ndarray, note: str) -> str:
-    """One line `NAME = np.array([...])  # note`."""
+    """Return one line `NAME = np.array([...])  # note`."""
     return f"{name} = np.array({literal(values)})  # {note}"
 
 
 def title(rope: RopeDescription, what: str, lost: list[str]) -> list[str]:
-    """The script's docstring; the name is shown as a Python literal, so that it cannot end it."""
+    """Return the script's docstring; the name is shown as a Python literal, so that it cannot end
+    it."""
     safe = ascii(rope.name).replace('"', "'")
     lines = [f'"""{what} Written by ropefit from {safe}.', ""]
     lines.append("Units: m, kg, s, N. The rope runs from end 0 to end 1.")
@@ -33,5 +34,5 @@ def title(rope: RopeDescription, what: str, lost: list[str]) -> list[str]:
 
 
 def directors(layout: Layout, pose: int) -> np.ndarray:
-    """(V-1, 3, 3) the rows are the material axes e1, e2, e3 of each edge."""
+    """Return (V-1, 3, 3) the rows are the material axes e1, e2, e3 of each edge."""
     return np.swapaxes(matrix(layout.frames(pose)), -1, -2)

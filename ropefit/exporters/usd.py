@@ -9,7 +9,8 @@ from ropefit.exporters.layout import rest_shape
 
 
 def curves(rope: RopeDescription, radius: float, EA: np.ndarray, GA: np.ndarray) -> str:
-    """The text of a .usda: every pose as a curve, the first one active; material by rigidities.
+    """Return the text of a .usda: every pose as a curve, the first one active; material by
+    rigidities.
 
     radius [m]; EA, GA: [N]. USD has one material a curve: harmonic means are written, the
     stiffness of the rope as a whole. How ends are held has no place in this schema.

@@ -10,7 +10,7 @@ from ropefit.solvers.equilibrium.solution import Solution
 
 
 def nearer_branch(result: Fit) -> Solution:
-    """Of two stable states of a frame, the one that the data show."""
+    """Return, of two stable states of a frame, the one that the data show."""
     point = result.point
     found, apart = other_states(point.solution)
     last = point.solution.copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ropefit.adapters.frozen import frozen_values
 from ropefit.adapters.scene import node_at
+from ropefit.adapters.shapes_only import shapes_only
 from ropefit.artifacts import Observations
 from ropefit.errors import WrongUsage
 from ropefit.fitting.settings import IdentifySettings
@@ -13,7 +14,7 @@ from ropefit.runs.protocol import Context
 
 
 def held_node(o: Observations, control_at: float | None) -> int:
-    """The control point as a node: an end. Raises WrongUsage for a place inside."""
+    """Return the control point as a node: an end. Raises WrongUsage for a place inside."""
     node = node_at(o, control_at)
     if 0 < node < len(o.node_arc) - 1:
         raise WrongUsage(
@@ -24,18 +25,17 @@ def held_node(o: Observations, control_at: float | None) -> int:
 
 
 def given_values(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, float]:
-    """Where parameters start or stay, as told: another run's, then the user's. Raises
+    """Return where parameters start or stay, as told: another run's, then the user's. Raises
     WrongUsage."""
     if not settings.from_run:
         return settings.start
-    return (
-        frozen_values(context.external["from"], f"--from {context.external['from_path']}", o)
-        | settings.start
-    )
+    where = f"--from {context.external['from_path']}"
+    shapes_only(context.external["from"].nominal, where)
+    return frozen_values(context.external["from"], where, o) | settings.start
 
 
 def free_names(settings: IdentifySettings, o: Observations) -> list[str]:
-    """The parameters that are fitted. Raises WrongUsage."""
+    """Return the parameters that are fitted. Raises WrongUsage."""
     free = settings.free
     if free is None and settings.from_run:
         return []

@@ -19,7 +19,7 @@ from ropefit.artifacts.diagnosis import Cause
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import Rules
-from ropefit.errors import BadInput, WrongUsage
+from ropefit.errors import BadInput
 from ropefit.fitting.nominal import (
     nominal_at_rest,
     nominal_terms,
@@ -41,10 +41,10 @@ def in_motion(
     o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
 ) -> dict[str, Any]:
     """Diagnose the stepped rope. Raises BadInput, NotConverged, WrongUsage."""
-    if settings.nominal or settings.calibration:
-        raise WrongUsage("--nominal and --calibration are of ropes at rest; leave them out")
     context.progress(0.02, "nominal fit")
-    span, nominal = nominal_in_motion(o, model.nominal, settings.most_frames)
+    known = context.external["nominal"] if settings.nominal else None
+    calibration = context.external["calibration"] if settings.calibration else None
+    span, nominal = nominal_in_motion(o, model, settings.most_frames, known, calibration)
     result = engine.search(nominal, settings.seed, context.progress, rules)
     shown = np.unique(nominal.stations.frame)
     reached = np.isin(np.arange(len(o.frames)), shown)

@@ -34,7 +34,7 @@ SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from wh
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
     setup = base_setup(o, segments_of(o))
     data = data_in_space(o)
@@ -69,7 +69,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:
-    """The progress of one group's fit as the stage's, from 5 to 85 %."""
+    """Return the progress of one group's fit as the stage's, from 5 to 85 %."""
 
     def progress(share: float, text: str) -> None:
         context.progress(0.05 + 0.8 * (number + share) / groups, text)

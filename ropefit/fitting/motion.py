@@ -31,12 +31,13 @@ from ropefit.runs.protocol import Context
 SHORTEST = 20  # frames of a clip
 OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes
 HORIZONS = (0.5, 1.5)  # s of each clip that are fitted before all of it
+LEAST_MOTION = 0.01  # of the length: a rope that moves less shows neither inertia nor damping
 LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get below
 LOOK = 15  # evaluations of a first fit
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     if o.source != "markers":
         raise BadInput(
             "--solver dynamics needs markers: clouds show no motion along the rope; "
@@ -46,6 +47,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     span = span_of(o)
     if not all(np.isfinite(span.lines[c[:2]]).all() for c in clips):
         raise BadInput("the first two frames of a clip show too few markers to start from")
+    _check_that_it_moves(span, clips)
     free = free_names(settings, o, span.setup)
     terms = terms_of(o, span.setup, free)
     train, out = held_back(clips, len(o.frames), settings.holdout)
@@ -85,8 +87,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
 
 
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
-    """The motion of a recording as an identified rope makes it, of this recording or of another of
-    the same rope in the same grips: each clip open loop from its first two frames."""
+    """Return the motion of a recording as an identified rope makes it, of this recording or of
+    another of the same rope in the same grips: each clip open loop from its first two frames."""
     span = span_of(o)
     forward, u = model_of(o, model, span, long_clips(o))
     return span, forward.at(u)
@@ -111,7 +113,7 @@ def model_of(
 
 
 def long_clips(o: Observations) -> list[np.ndarray]:
-    """Indices of the frames of each clip. Raises BadInput."""
+    """Return indices of the frames of each clip. Raises BadInput."""
     clips = [c for c in clips_of(o.time) if len(c) >= SHORTEST]
     if not clips:
         raise BadInput(
@@ -124,8 +126,8 @@ def long_clips(o: Observations) -> list[np.ndarray]:
 def held_back(
     clips: list[np.ndarray], frames: int, share: float
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """The clips to fit, and which of all frames (F,) no fit sees: whole clips, or the last part of
-    a single one, which is then predicted on from where the fit stops."""
+    """Return the clips to fit, and which of all frames (F,) no fit sees: whole clips, or the last
+    part of a single one, which is then predicted on from where the fit stops."""
     out = np.zeros(frames, dtype=bool)
     if len(clips) == 1:
         keep = len(clips[0]) - int(share * len(clips[0]))
@@ -139,7 +141,7 @@ def held_back(
 
 
 def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> list[str]:
-    """The parameters that are fitted. Raises WrongUsage."""
+    """Return the parameters that are fitted. Raises WrongUsage."""
     if settings.free is not None:
         asked = rest_curve.spelled_out(settings.free)
         for name in asked:
@@ -153,7 +155,7 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
 
 
 def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
-    """The free parameters, then the errors of the grips."""
+    """Return the free parameters, then the errors of the grips."""
     return parameters.terms(setup, free) + grips(setup, priors_of(o).end_orientation)
 
 
@@ -162,9 +164,23 @@ def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndar
 
 
 def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:
-    """The data of some clips."""
+    """Return the data of some clips."""
     used = np.isin(np.arange(len(span.data.points)), np.concatenate(clips))
     return FitProblem(span.data, noise, 1).without(~used)
+
+
+def _check_that_it_moves(span: Span, clips: list[np.ndarray]) -> None:
+    """Raise BadInput where no clip shows a motion."""
+    length = span.last - span.first
+    moved = max(
+        float(np.nanmax(np.linalg.norm(span.lines[c] - span.lines[c[0]], axis=-1), initial=0.0))
+        for c in clips
+    )
+    if moved < LEAST_MOTION * length:
+        raise BadInput(
+            f"no point of the rope moves by more than {1e3 * moved:.2g} mm: there is no motion to "
+            "fit; use --solver equilibrium"
+        )
 
 
 def _check(point: MotionPoint, clips: list[np.ndarray]) -> None:

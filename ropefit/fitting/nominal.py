@@ -13,6 +13,7 @@ from ropefit.adapters.priors import priors_of
 from ropefit.adapters.rope_setup import surface_sd
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Model, Observations
+from ropefit.artifacts.model import Parameter
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.fitting.branch import nearer_branch
 from ropefit.inference.least_squares import Fit, fit
@@ -44,7 +45,8 @@ def nominal_terms(
     """
     group = next(iter(source.nominal.groups.values()))
     if prior:
-        values = {k: v for k, v in frozen_values(source, "--nominal", o).items() if k != "EA"}
+        kept = ("EI", "GJ", "length", *rest_curve.NAMES)
+        values = {k: v for k, v in frozen_values(source, "--nominal", o).items() if k in kept}
     else:
         values = {
             name: p.value
@@ -64,9 +66,8 @@ def nominal_terms(
         if name == "GJ":  # without visible twist it is undetermined
             term = _with_prior(term, GJ_PRIOR_SD)
         p = group.parameters.get(name)
-        if prior and p is not None and p.ci95 is not None:
-            sd = 0.5 * np.log(p.ci95[1] / p.ci95[0]) / INTERVAL
-            term = _with_prior(term, sd)
+        if prior and p is not None:
+            term = as_known(term, p)
         terms.append(term)
     bends = {name: PARAMETERS[name].term(setup, value) for name, value in curve.items()}
     seen = [name for name in bends if prior and group.parameters[name].ci95 is not None]
@@ -83,6 +84,14 @@ def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
         return noise
     missed = max(noise.marker, source.nominal.rms_fit / 3**0.5)
     return replace(noise, marker=missed, sensor=noise.sensor or noise.marker)
+
+
+def as_known(term: Term, p: Parameter) -> Term:
+    """Return a parameter's term with the uncertainty of another fit as its prior."""
+    if p.ci95 is None:
+        return term
+    low, high = np.log(p.ci95) if term.log else p.ci95
+    return _with_prior(term, 0.5 * (high - low) / INTERVAL)
 
 
 def _with_prior(term: Term, sd: float) -> Term:

@@ -6,30 +6,48 @@ from dataclasses import replace
 
 import numpy as np
 
+from ropefit.adapters.frozen import frozen_values
 from ropefit.adapters.motion_setup import Span, span_of
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS
-from ropefit.artifacts import FittedModel, Observations
+from ropefit.adapters.units import stated_units
+from ropefit.artifacts import Model, Observations
 from ropefit.errors import NotConverged
 from ropefit.fitting.motion import LEAST_NOISE, OF_MOTION, long_clips, model_of
+from ropefit.fitting.nominal import as_known, calibrated, set_up_errors
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
+from ropefit.models.dynamics import Dynamics
+from ropefit.models.parameters import IN_MOTION, PARAMETERS
 
 SAMPLE = 0.04  # s between compared frames: a rope swings slower
 EVALUATIONS = 8
 BEGIN = 9  # frames whose parabola gives a clip's first two: noise there is a wrong first speed
 
 
-def nominal_in_motion(o: Observations, model: FittedModel, most_frames: int) -> tuple[Span, Fit]:
-    """Fit the nominal model to as many clips as `most_frames` shapes stand for. Raises BadInput,
-    NotConverged."""
+def nominal_in_motion(
+    o: Observations, model: Model, most_frames: int, known: Model | None, calibration: Model | None
+) -> tuple[Span, Fit]:
+    """Fit the nominal model to as many clips as `most_frames` shapes stand for.
+
+    known: another run's model, whose rope is known; calibration: one whose camera and gravity are.
+    Raises BadInput, NotConverged, WrongUsage.
+    """
     clips, span = long_clips(o), span_of(o)
     most = max(1, most_frames * OF_MOTION // max(len(c) for c in clips))
     spread = np.linspace(0, len(clips) - 1, min(most, len(clips))).round().astype(int)
     clips = [clips[k] for k in spread]
     span = replace(span, lines=_begun_smoothly(o.time, span.lines, clips))
-    forward, start = model_of(o, model, span, clips)
+    forward, start = model_of(o, model.nominal, span, clips)
+    if known:
+        forward, start = _known_rope(o, forward, start, known)
+    if calibration:
+        errors = set_up_errors(span.setup, o, None)
+        told = [new for old, new in zip(errors, calibrated(errors, calibration), strict=True)
+                if new is not old]  # fmt: skip
+        forward = forward.with_terms([*forward.terms, *told])
+        start = np.concatenate([start, *(np.zeros(term.size) for term in told)])
     step = float(np.median(np.diff(o.time[clips[0]])))
     compared = np.zeros(len(o.frames), dtype=bool)
     for clip in clips:
@@ -41,6 +59,29 @@ def nominal_in_motion(o: Observations, model: FittedModel, most_frames: int) -> 
     if not found.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
     return span, found
+
+
+def _known_rope(
+    o: Observations, forward: Dynamics, start: np.ndarray, known: Model
+) -> tuple[Dynamics, np.ndarray]:
+    """Return the model with the rope of another run, within that run's intervals, and the search
+    variables (P,) that it starts from; what that run does not tell starts where it was fitted."""
+    values, stated = frozen_values(known, "--nominal", o), stated_units(o)
+    (group,) = known.nominal.groups.values()
+    values = {n: v for n, v in values.items() if n != "length" and group.parameters[n].free}
+    own = dict(zip((t.name for t in forward.terms), forward.split(start), strict=True))
+    terms, begin = [], []
+    rope = {t.name: t for t in forward.terms if not t.nuisance}
+    for name in (n for n in IN_MOTION if n in rope or n in values):
+        term = rope.get(name)
+        if name in values:
+            told = PARAMETERS[name].term(forward.base, values[name] / stated[name].factor)
+            term = as_known(told, group.parameters[name])
+        terms.append(term)
+        begin.append(np.zeros(1) if name in values else own[name])
+    errors = [t for t in forward.terms if t.nuisance]
+    begin += [own[t.name] for t in errors]
+    return forward.with_terms([*terms, *errors]), np.concatenate(begin)
 
 
 def _begun_smoothly(time: np.ndarray, lines: np.ndarray, clips: list[np.ndarray]) -> np.ndarray:

@@ -30,7 +30,7 @@ from ropefit.runs.protocol import Context
 
 
 def _accelerator(name: str) -> torch.device | None:
-    """The device of that name; None for the CPU, which the compiled path serves better.
+    """Return the device of that name; None for the CPU, which the compiled path serves better.
 
     Raises WrongUsage where it is not there.
     """
@@ -44,7 +44,7 @@ def _accelerator(name: str) -> torch.device | None:
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
     given = given_values(o, settings, context)
     setup = started_setup(base_setup(o, segments_of(o)), given, o)

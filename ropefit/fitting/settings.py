@@ -77,7 +77,7 @@ class IdentifySettings(StageSettings):
 
     @property
     def how(self) -> str:
-        """The search, chosen by the solver if not given."""
+        """Return the search, chosen by the solver if not given."""
         shapes = self.solver in ("equilibrium", "dynamics")
         return self.search or ("least-squares" if shapes else "gradient")
 
@@ -87,10 +87,10 @@ class IdentifySettings(StageSettings):
         The others may be given and change nothing.
         """
         names = EVERY_FIT | OF_SEARCH[self.how]
-        if self.solver in ("jacobi", "thomas"):
-            names |= OF_WEIGHTS
-        elif self.solver == "equilibrium":
+        if self.solver == "equilibrium":
             names |= OF_EQUILIBRIUM if self.how == "least-squares" else OF_BATCHED_EQUILIBRIUM
+        elif self.solver != "dynamics":
+            names |= OF_WEIGHTS
         whole = super().used() | {"search": self.how}
         return {name: value for name, value in whole.items() if name in names}
 

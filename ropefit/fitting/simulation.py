@@ -1,8 +1,8 @@
 """Diagnoses of a simulation that is not the rod of this package: the paper's, or another one's.
 
 The simulation is diagnosed like a recording without noise: which rope it is, and what it does that
-no such rope does (stretch, few nodes, iterations that stop early). The recording is diagnosed as
-usual: what it has is what the simulation lacks.
+no such rope does (stretch, few nodes, iterations that stop early), and what of the recording's
+effects it has as well. The recording is diagnosed as usual: what it has beyond that is missing.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from ropefit.adapters.rope_setup import STATIONS, data_in_space
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.artifacts import Model, Observations
-from ropefit.artifacts.diagnosis import Simulation
+from ropefit.artifacts.diagnosis import Cause, Simulation
 from ropefit.diagnosis.held_out import points_rms
 from ropefit.diagnosis.rules import Rules
 from ropefit.effects import CATALOGUE
@@ -29,6 +29,7 @@ from ropefit.runs.protocol import Context, Progress
 
 NOISE = 1e-4  # of the length: what shapes of another discretisation differ by
 SAME_END, SAME_LENGTH = 0.01, 0.02  # of the length: ends and lengths of one motion
+SAME_PLACE = 0.05  # of the length: an effect's place in recording and simulation
 
 
 def of_weights(
@@ -48,7 +49,7 @@ def of_simulation(
     shapes: Observations = context.external["simulation"]
     if model.nominal.stepped is not None:
         raise WrongUsage("--simulation compares shapes at rest; identify with --solver equilibrium")
-    _check(o, shapes)
+    check_same_motion(o, shapes)
     fitted = model if model.nominal.balance and model.nominal.search == "least-squares" else None
     return _both(o, fitted, shapes, shapes.recording, settings, context, rules)
 
@@ -58,13 +59,16 @@ def _both(
     settings: DiagnoseSettings, context: Context, rules: Rules,
 ) -> dict[str, Any]:  # fmt: skip
     """Diagnose the simulated shapes, and the recording."""
-    own = DiagnoseSettings(seed=settings.seed, most_frames=settings.most_frames)
-    part = replace(context, progress=_share(context.progress, 0.0, "simulation"))
-    names = tuple({kind.name for kind in CATALOGUE if kind.of_simulators})
-    own_rules = replace(rules, effects=names)
-    simulated = at_rest(shapes, _identified(shapes), own, part, own_rules)
-    part = replace(context, progress=_share(context.progress, 0.5, "recording"))
+    part = replace(context, progress=_share(context.progress, 0.0, "recording"))
     real = at_rest(o, fitted or _identified(o), settings, part, rules)
+    own = DiagnoseSettings(seed=settings.seed, most_frames=settings.most_frames)
+    part = replace(context, progress=_share(context.progress, 0.5, "simulation"))
+    found = {name for c in real["causes"].values() for name in (c.name, *c.equivalent_to)}
+    names = tuple(sorted(found | {kind.name for kind in CATALOGUE if kind.of_simulators}))
+    many = rules.most_effects + len(real["causes"])
+    own_rules = replace(rules, effects=names, most_effects=many)
+    simulated = at_rest(shapes, _identified(shapes), own, part, own_rules)
+    missing, differences = beside(real["causes"], simulated["causes"], o.length)
     rows = np.searchsorted(o.frames, real["frames"])
     now, seen = shapes.centreline[rows], data_in_space(o).frames(rows)
     rms = points_rms(stations := match(seen, now, STATIONS), stations.residual)
@@ -73,10 +77,46 @@ def _both(
         "simulation": Simulation(
             name=name, verdict=simulated["verdict"], effects=simulated["causes"],
             rope=simulated["rope"], refused=simulated["refused"], x=now, rms=rms,
+            missing=missing, differences=differences,
             rms_converged=real["rms_before"], rms_of_rope=simulated["rms_before"],
             rms_explained=simulated["rms_after"],
         )
     }  # fmt: skip
+
+
+def beside(
+    real: dict[str, Cause], simulated: dict[str, Cause], length: float
+) -> tuple[list[str], list[str]]:
+    """Return the names of a recording's effects that a simulation lacks, and a sentence on each
+    size of an effect that both have, outside the two 95 % intervals together. length [m]."""
+    missing, differences = [], []
+    for cause in real.values():
+        same = next((c for c in simulated.values() if _alike(cause, c, length)), None)
+        if same is None:
+            missing.append(cause.name)
+            continue
+        for key, size in cause.parameters.items():
+            other = same.parameters[key] if same.name == cause.name else None
+            if other is None:
+                continue
+            both = float(np.hypot(np.ptp(size.ci95), np.ptp(other.ci95))) / 2
+            if abs(size.value - other.value) > both:
+                unit = "" if size.unit == "1" else f" {size.unit}"
+                differences.append(
+                    f"{cause.name}: {key} is {size.value:.3g}{unit} in the recording and "
+                    f"{other.value:.3g}{unit} in the simulation"
+                )
+    return missing, differences
+
+
+def _alike(a: Cause, b: Cause, length: float) -> bool:
+    """Return whether two effects are the same one, or cannot be told apart, at the same place."""
+    if a.end != b.end or not {a.name, *a.equivalent_to} & {b.name, *b.equivalent_to}:
+        return False
+    if a.arc_length is None or b.arc_length is None:
+        return True
+    near = SAME_PLACE * length
+    return a.arc_length[0] - near < b.arc_length[1] and b.arc_length[0] - near < a.arc_length[1]
 
 
 def _identified(o: Observations) -> Model:
@@ -92,7 +132,7 @@ def _share(progress: Progress, begin: float, what: str) -> Callable[[float, str]
 
 def as_markers(o: Observations, x: np.ndarray) -> Observations:
     """Return a recording's frames as a simulation x (F, K, 3) [m] shows them: markers at its nodes,
-    those at the ends left out."""
+    without those at the ends."""
     frames, nodes = x.shape[:2]
     inner = x[:, 1:-1]
     start = np.arange(frames + 1) * (nodes - 2)
@@ -113,7 +153,7 @@ def _ends_of(o: Observations, x: np.ndarray) -> np.ndarray:
     return np.where(held, x[:, [0, -1]], np.nan)
 
 
-def _check(o: Observations, shapes: Observations) -> None:
+def check_same_motion(o: Observations, shapes: Observations) -> None:
     """Raise BadInput where a simulation is not of the recording's motion."""
     if len(shapes.frames) != len(o.frames):
         raise BadInput(

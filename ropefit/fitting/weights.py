@@ -32,7 +32,7 @@ DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this 
 def compute(
     observations: Observations, settings: IdentifySettings, context: Context
 ) -> dict[str, Any]:
-    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     full = _task(observations, settings)
     group = full.group.numpy()
     out = held_out(len(group), settings.holdout)
@@ -76,7 +76,7 @@ def compute(
 
 
 def _task(o: Observations, settings: IdentifySettings) -> Task:
-    """The search over all frames. Raises BadInput, WrongUsage."""
+    """Return the search over all frames. Raises BadInput, WrongUsage."""
     names = eta_names(settings.two_sided)
     _check_names(settings, names)
     ranges = {name: WEIGHTS[name].range for name in names}
@@ -107,7 +107,7 @@ def _task(o: Observations, settings: IdentifySettings) -> Task:
 def _states(
     o: Observations, settings: IdentifySettings, full: Task, values: np.ndarray
 ) -> dict[str, Any]:
-    """The part of the model on the states of all frames, with values (groups, n). Raises
+    """Return the part of the model on the states of all frames, with values (groups, n). Raises
     NotConverged."""
     rope, eta = full.rope, torch.from_numpy(values)[full.group]
     assert isinstance(rope, Rope)

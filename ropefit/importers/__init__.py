@@ -12,7 +12,7 @@ from ropefit.importers.mocap import Mocap
 from ropefit.importers.realsense import RealSense
 from ropefit.importers.ros import Ros
 from ropefit.importers.tum import Tum
-from ropefit.plugins import concrete
+from ropefit.plugins import IMPORTERS, concrete
 from ropefit.recordings.writer import About
 
 __all__ = [
@@ -22,12 +22,12 @@ __all__ = [
 
 
 def importers() -> dict[str, type[Importer]]:
-    """{format: class} of every importer, those of installed add-ons included."""
-    return {kind.format: kind for kind in concrete(Importer, "ropefit.importers")}
+    """Return {format: class} of every importer, those of installed add-ons included."""
+    return {kind.format: kind for kind in concrete(Importer, IMPORTERS)}
 
 
 def importer(name: str) -> type[Importer]:
-    """The importer of a format. Raises WrongUsage."""
+    """Return the importer of a format. Raises WrongUsage."""
     known = importers()
     if name not in known:
         raise WrongUsage(f"--from {name}: one of {', '.join(sorted(known))}")

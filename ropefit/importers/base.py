@@ -43,7 +43,7 @@ class Importer(ABC):
 
     @abstractmethod
     def contents(self, source: Path) -> list[Entry]:
-        """What the source holds, for `--list`. Raises BadInput."""
+        """Return what the source holds, for `--list`. Raises BadInput."""
 
     @abstractmethod
     def read(self, source: Path, options: Any, draft: Draft) -> None:
@@ -52,7 +52,7 @@ class Importer(ABC):
 
 @contextmanager
 def readable(path: Path, what: str) -> Iterator[None]:
-    """Whatever a library meets in a damaged file becomes one line of BadInput."""
+    """Return whatever a library meets in a damaged file becomes one line of BadInput."""
     try:
         yield
     except RopefitError:
@@ -63,7 +63,7 @@ def readable(path: Path, what: str) -> Iterator[None]:
 
 
 def parse_options(kind: type[Importer], given: dict[str, str]) -> Any:
-    """The options of a format from NAME=VALUE texts. Raises WrongUsage."""
+    """Return the options of a format from NAME=VALUE texts. Raises WrongUsage."""
     try:
         return kind.options.model_validate(given)
     except ValidationError as error:
@@ -82,7 +82,7 @@ def exists(source: Path) -> None:
 
 
 def thinned(frames: list[Any], options: Options, path: Path) -> list[Any]:
-    """The frames that `every` and `most_frames` leave."""
+    """Return the frames that `every` and `most_frames` leave."""
     if options.every < 1 or options.most_frames < 1:
         raise WrongUsage("--set every and most_frames: 1 or more")
     left = frames[:: options.every]

@@ -78,7 +78,7 @@ class C3d(Importer):
 
 
 def _read(source: Path) -> tuple[list[str], float, np.ndarray, str]:
-    """Names, frames a second, positions (F, M, 3) in the file's unit, and that unit."""
+    """Return names, frames a second, positions (F, M, 3) in the file's unit, and that unit."""
     exists(source)
     if not source.is_file() or source.stat().st_size > MAX_BYTES:
         raise BadInput(f"{source}: not a file of at most 2 GiB")

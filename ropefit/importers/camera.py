@@ -13,7 +13,8 @@ STILL, LEVEL = 0.01, 1.0  # m, degrees: what a pose estimate of a camera at rest
 
 
 def steady_pose(source: Path, poses: np.ndarray) -> np.ndarray:
-    """(4, 4) the middle one of poses (F, 4, 4) recording <- camera. Raises BadInput if it moves."""
+    """Return (4, 4) the middle one of poses (F, 4, 4) recording <- camera. Raises BadInput if it
+    moves."""
     middle = np.median(poses[:, :3, 3], axis=0)
     away = np.linalg.norm(poses[:, :3, 3] - middle, axis=1)
     pose = poses[int(np.argmin(away))]
@@ -28,7 +29,7 @@ def steady_pose(source: Path, poses: np.ndarray) -> np.ndarray:
 
 
 def given_pose(text: str) -> np.ndarray:
-    """(4, 4) recording <- camera from x,y,z,qx,qy,qz,qw. Raises WrongUsage."""
+    """Return (4, 4) recording <- camera from x,y,z,qx,qy,qz,qw. Raises WrongUsage."""
     value = vector("camera_pose", text, 7)
     length = float(np.linalg.norm(value[3:]))
     if abs(length - 1) > 0.01:

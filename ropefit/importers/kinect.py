@@ -107,7 +107,7 @@ def _track(source: Path, file: Any, name: str) -> Any:
 
 
 def _times(source: Path, file: Any, name: str) -> list[float]:
-    """Times [s] of a track's images, increasing."""
+    """Return times [s] of a track's images, increasing."""
     stream = _track(source, file, name)
     file.seek(0)
     times = [
@@ -121,7 +121,7 @@ def _times(source: Path, file: Any, name: str) -> list[float]:
 
 
 def _images(source: Path, name: str) -> Iterator[tuple[float, np.ndarray]]:
-    """(time [s], image) of a track: colour (H, W, 3) uint8 RGB, or depth (H, W) uint16."""
+    """Return (time [s], image) of a track: colour (H, W, 3) uint8 RGB, or depth (H, W) uint16."""
     with _opened(source) as file:
         stream = _track(source, file, name)
         for image in file.decode(stream):
@@ -135,7 +135,7 @@ def _images(source: Path, name: str) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def _attached(source: Path, file: Any) -> bytes:
-    """The calibration that the recorder attaches."""
+    """Return the calibration that the recorder attaches."""
     for stream in file.streams:
         name = str(stream.metadata.get("filename", ""))
         if stream.type == "attachment" and "calib" in name.lower():

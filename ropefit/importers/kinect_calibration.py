@@ -41,7 +41,7 @@ class Lens:
     shift: np.ndarray
 
     def distort(self, flat: np.ndarray) -> np.ndarray:
-        """(..., 2) where the lens puts directions (..., 2) = (X/Z, Y/Z)."""
+        """Return (..., 2) where the lens puts directions (..., 2) = (X/Z, Y/Z)."""
         x, y = flat[..., 0], flat[..., 1]
         r2 = x * x + y * y
         k1, k2, k3, k4, k5, k6 = self.radial
@@ -56,7 +56,8 @@ class Lens:
         )
 
     def pixels(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Focal lengths (2,) and centre (2,) [px] in an image (width, height) of this sensor.
+        """Return focal lengths (2,) and centre (2,) [px] in an image (width, height) of this
+        sensor.
 
         The colour sensor has 4:3; images of 16:9 are cut from it, an eighth above and below.
         """
@@ -70,7 +71,7 @@ class Lens:
 
 
 def calibration(source: Path, data: bytes) -> dict[str, Lens]:
-    """The two lenses of an attached calibration. Raises BadInput."""
+    """Return the two lenses of an attached calibration. Raises BadInput."""
     with readable(source, "an Azure Kinect calibration"):
         told = json.loads(data.rstrip(b"\x00").decode("utf-8"))
         cameras = {c["Purpose"]: c for c in told["CalibrationInformation"]["Cameras"]}
@@ -122,8 +123,8 @@ class Register:
         self.at = np.clip(self.at, 0, np.array(self.size) - 1)
 
     def __call__(self, color: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Colour (H, W, 3) uint8 and depth (H, W) uint16, both as the straightened depth camera
-        sees them. Where no depth was measured the colour is that of the nearest depth."""
+        """Return colour (H, W, 3) uint8 and depth (H, W) uint16, both as the straightened depth
+        camera sees them. Where no depth was measured the colour is that of the nearest depth."""
         from scipy.ndimage import distance_transform_edt
 
         straight = np.where(self.inside, depth[self.at[..., 1], self.at[..., 0]], 0)
@@ -146,7 +147,7 @@ class Register:
         return image, np.where(seen, straight, 0).astype(np.uint16)
 
     def _depth_matrix(self, source: Path) -> tuple[np.ndarray, np.ndarray]:
-        """The depth image is the sensor's, binned and cut as its mode has it."""
+        """Return the depth image is the sensor's, binned and cut as its mode has it."""
         if self.size not in MODES:
             sizes = ", ".join(f"{w}x{h}" for w, h in MODES)
             raise BadInput(f"{source}: depth images of {self.size}; the Kinect's are {sizes}")
@@ -155,7 +156,7 @@ class Register:
         return self.deep.focal * sensor, self.deep.centre * sensor - np.array(cut) - 0.5
 
     def _undone(self, bent: np.ndarray, focal: np.ndarray, centre: np.ndarray) -> np.ndarray:
-        """How far the ray that the distortion leads back to is from the ray it came from."""
+        """Return how far the ray that the distortion leads back to is from the ray it came from."""
         there = (bent - centre) / focal
         flat = there.copy()
         for _ in range(ROUNDS):

@@ -48,8 +48,8 @@ def deliver(
     scale: float,
     up: str = "z",
 ) -> None:
-    """Chosen markers of (F, M, 3) positions into the draft; `scale` and `up` if the options have
-    none. With Y up, (x, y, z) becomes (x, -z, y)."""
+    """Put chosen markers of (F, M, 3) positions into the draft; `scale` and `up` if the options
+    have none. With Y up, (x, y, z) becomes (x, -z, y)."""
     if positions.shape[1] > MOST_MARKERS:
         raise BadInput(f"{source}: {positions.shape[1]} markers; at most {MOST_MARKERS} are read")
     chosen = _split(options.markers) or names

@@ -132,7 +132,7 @@ def _long(source: Path, low: list[str], table: np.ndarray, clock: np.ndarray | N
 
 
 def _clock(source: Path, time: np.ndarray | None, count: int, rate: float | None) -> np.ndarray:
-    """(F,) seconds: the file's, or frames at the rate given."""
+    """Return (F,) seconds: the file's, or frames at the rate given."""
     if count == 0:
         raise BadInput(f"{source}: has no frames")
     if rate is not None:

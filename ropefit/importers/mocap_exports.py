@@ -54,7 +54,7 @@ def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
     axes, above = rows[at], rows[:at]
     low = [cell.lower() for cell in axes]
     motive = bool(rows[0]) and rows[0][0].lower() == "format version"
-    told = dict(zip(rows[0][::2], rows[0][1::2], strict=False)) if motive else {}
+    header = dict(zip(rows[0][::2], rows[0][1::2], strict=False)) if motive else {}
     table = [row + [""] * (len(axes) - len(row)) for row in above[1 if motive else 0 :]]
     kinds, what = [""] * len(axes), [""] * len(axes)
     if motive:  # type, name, id, (parent,) rotation or position
@@ -85,7 +85,7 @@ def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
     data = _numbers(source, rows, at + 1, len(axes))
     positions = np.stack([data[:, [a["x"], a["y"], a["z"]]] for a in whole.values()], axis=1)
     clock = [c for c, cell in enumerate(low) if cell.startswith(("time", "timestamp"))]
-    unit = told.get("Length Units", next(iter(units), "m")).lower()
+    unit = header.get("Length Units", next(iter(units), "m")).lower()
     if unit not in UNITS:
         raise BadInput(f"{source}: lengths in {unit!r}, which is no unit known here")
     time = data[:, clock[0]] if clock else None

@@ -8,7 +8,7 @@ from ropefit.errors import WrongUsage
 
 
 def vector(option: str, text: str, count: int = 3) -> np.ndarray:
-    """(count,) numbers with commas between. Raises WrongUsage."""
+    """Return (count,) numbers with commas between. Raises WrongUsage."""
     try:
         values = np.array([float(item) for item in text.split(",")])
     except ValueError:
@@ -19,7 +19,7 @@ def vector(option: str, text: str, count: int = 3) -> np.ndarray:
 
 
 def rotation(q: np.ndarray) -> np.ndarray:
-    """(3, 3) matrix of a unit quaternion w x y z."""
+    """Return (3, 3) matrix of a unit quaternion w x y z."""
     w, x, y, z = q
     return np.array(
         [
@@ -31,13 +31,13 @@ def rotation(q: np.ndarray) -> np.ndarray:
 
 
 def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """(4,) Hamilton product p q."""
+    """Return (4,) Hamilton product p q."""
     pw, pv, qw, qv = p[0], p[1:], q[0], q[1:]
     return np.concatenate([[pw * qw - pv @ qv], pw * qv + qw * pv + np.cross(pv, qv)])
 
 
 def nearest(times: np.ndarray, wanted: float) -> int:
-    """Index of the entry of increasing `times` (N,) that is nearest to `wanted`."""
+    """Return index of the entry of increasing `times` (N,) that is nearest to `wanted`."""
     at = int(np.searchsorted(times, wanted))
     near = [index for index in (at - 1, at) if 0 <= index < len(times)]
     return min(near, key=lambda index: abs(times[index] - wanted))
@@ -46,7 +46,7 @@ def nearest(times: np.ndarray, wanted: float) -> int:
 def pose_at(
     times: np.ndarray, positions: np.ndarray, quaternions: np.ndarray, wanted: float, gap: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Position (3,) and quaternion (4,) at a time, between the samples beside it.
+    """Return position (3,) and quaternion (4,) at a time, between the samples beside it.
 
     times: (N,) increasing [s]; None where no sample lies within `gap` [s].
     """

@@ -15,7 +15,7 @@ SCALES = {0.001: "a millimetre", 0.0002: "a fifth of a millimetre", 0.0001: "a t
 
 
 def check_depth(path: Path, frame: int, depth: np.ndarray, scale: float) -> float | None:
-    """The middle distance [m] of a depth image (H, W), None where it is empty.
+    """Return the middle distance [m] of a depth image (H, W), None where it is empty.
 
     Raises BadInput where that distance is impossible.
     """

@@ -116,7 +116,7 @@ def _playing(rs: Any, source: Path) -> Iterator[_Playing]:
 
 
 def _pairs(playing: _Playing) -> Iterator[tuple[Any, Any]]:
-    """(depth frame, colour frame), as librealsense matches them."""
+    """Return (depth frame, colour frame), as librealsense matches them."""
     waited = 0
     while waited < WAIT:
         over = playing.over()

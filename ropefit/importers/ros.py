@@ -126,7 +126,7 @@ def _check_topics(source: Path, bag: Any, options: RosOptions) -> None:
 
 
 def _messages(source: Path, bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
-    """(time [s], message) of a topic; messages are decoded one at a time."""
+    """Return (time [s], message) of a topic; messages are decoded one at a time."""
     for connection, received, raw in bag.messages([c for c in bag.connections if c.topic == topic]):
         message = bag.deserialize(raw, connection.msgtype)
         yield rosmsg.stamp(message, received), message
@@ -270,7 +270,7 @@ def _camera_pose(
 
 
 def _place(frame: str, time: float, options: RosOptions, transforms: Transforms) -> Pose | None:
-    """The pose of a message's frame in the recording's."""
+    """Return the pose of a message's frame in the recording's."""
     if not options.frame or frame.strip("/") == options.frame.strip("/"):
         return np.zeros(3), np.array([1.0, 0, 0, 0])
     return transforms.find(frame, options.frame, time, options.gap)

@@ -17,7 +17,7 @@ FINE = 0.00025  # m per unit of depth that came as floating-point metres; reache
 
 
 def stamp(message: Any, received: int) -> float:
-    """Seconds: the header's time, or when the message was received [ns] if it has none."""
+    """Return seconds: the header's time, or when the message was received [ns] if it has none."""
     header = getattr(message, "header", None)
     if header is not None:
         time = header.stamp.sec + header.stamp.nanosec * 1e-9
@@ -27,7 +27,8 @@ def stamp(message: Any, received: int) -> float:
 
 
 def cloud(message: Any) -> np.ndarray:
-    """(N, 3) positions of a PointCloud2 in its own frame, those that are not finite included."""
+    """Return (N, 3) positions of a PointCloud2 in its own frame, those that are not finite
+    included."""
     count = int(message.width) * int(message.height)
     step, data = int(message.point_step), np.asarray(message.data, dtype=np.uint8)
     order = ">" if message.is_bigendian else "<"
@@ -61,7 +62,7 @@ def cloud(message: Any) -> np.ndarray:
 
 
 def color(message: Any) -> np.ndarray:
-    """(H, W, 3) uint8 RGB of an Image or CompressedImage."""
+    """Return (H, W, 3) uint8 RGB of an Image or CompressedImage."""
     if hasattr(message, "format"):
         return _decoded(message, deep=False)
     encoding = str(message.encoding).lower()
@@ -74,7 +75,7 @@ def color(message: Any) -> np.ndarray:
 
 
 def depth(message: Any) -> tuple[np.ndarray, float]:
-    """(H, W) uint16 of an Image or CompressedImage, and its metres per unit."""
+    """Return (H, W) uint16 of an Image or CompressedImage, and its metres per unit."""
     if hasattr(message, "format"):
         return _decoded(message, deep=True), 0.001
     encoding = str(message.encoding).lower()
@@ -89,7 +90,7 @@ def depth(message: Any) -> tuple[np.ndarray, float]:
 
 
 def _pixels(message: Any, kind: str, channels: int) -> np.ndarray:
-    """(H, W, channels) of an Image, the padding at the end of rows left out."""
+    """Return (H, W, channels) of an Image, without the padding at the end of rows."""
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = np.asarray(message.data, dtype=np.uint8)
     wide = width * channels * np.dtype(kind).itemsize
@@ -120,7 +121,7 @@ def _decoded(message: Any, deep: bool) -> np.ndarray:
 
 
 def intrinsics(message: Any) -> tuple[tuple[int, int], tuple[float, float, float, float], float]:
-    """Size (W, H), fx fy cx cy, and the largest distortion coefficient of a CameraInfo."""
+    """Return size (W, H), fx fy cx cy, and the largest distortion coefficient of a CameraInfo."""
     matrix = np.asarray(getattr(message, "K", None) if hasattr(message, "K") else message.k)
     bent = np.asarray(message.D if hasattr(message, "D") else message.d, dtype=float)
     matrix = matrix.astype(float).reshape(3, 3)
@@ -132,7 +133,7 @@ def intrinsics(message: Any) -> tuple[tuple[int, int], tuple[float, float, float
 
 
 def pose(message: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,) [m] and quaternion (4,) w x y z of a pose or a transform."""
+    """Return position (3,) [m] and quaternion (4,) w x y z of a pose or a transform."""
     inner = message
     for name in ("pose", "transform"):
         while hasattr(inner, name):

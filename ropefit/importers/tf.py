@@ -25,7 +25,7 @@ class Link:
     _sorted: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def at(self, time: float, gap: float) -> Pose | None:
-        """The link's pose at a time; a static one holds for ever."""
+        """Return the link's pose at a time; a static one holds for ever."""
         if self.static:
             return self.positions[-1], self.quaternions[-1]
         if self._sorted is None:
@@ -45,7 +45,7 @@ class Transforms:
         self.links: dict[str, Link] = {}
 
     def add(self, parent: str, child: str, time: float, pose: Pose, static: bool) -> None:
-        """One transform: child in parent at a time [s]."""
+        """Add one transform: child in parent at a time [s]."""
         parent, child = parent.strip("/"), child.strip("/")
         link = self.links.setdefault(child, Link(parent, static))
         link.parent = parent
@@ -54,11 +54,11 @@ class Transforms:
         link.quaternions.append(pose[1])
 
     def frames(self) -> list[str]:
-        """Names of every frame."""
+        """Return names of every frame."""
         return sorted(set(self.links) | {link.parent for link in self.links.values()})
 
     def find(self, frame: str, fixed: str, time: float, gap: float) -> Pose | None:
-        """Pose of `frame` in `fixed`; None without a sample within `gap` [s] of the time.
+        """Return pose of `frame` in `fixed`; None without a sample within `gap` [s] of the time.
 
         Raises WrongUsage when no chain joins the two.
         """
@@ -77,7 +77,7 @@ class Transforms:
         return rotation(back) @ (a[0] - b[0]), product(back, a[1])
 
     def _root(self, frame: str, time: float, gap: float) -> tuple[Pose, str] | None:
-        """A frame's pose in the frame at the top of its tree, and that frame's name."""
+        """Return a frame's pose in the frame at the top of its tree, and that frame's name."""
         position, quaternion = np.zeros(3), np.array([1.0, 0, 0, 0])
         for _ in range(DEEPEST):
             link = self.links.get(frame)

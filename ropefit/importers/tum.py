@@ -108,7 +108,7 @@ def _pose(source: Path, options: TumOptions, draft: Draft) -> np.ndarray | None:
 
 
 def _table(path: Path) -> list[list[str]]:
-    """Rows of words; lines that begin with # are comments."""
+    """Return rows of words; lines that begin with # are comments."""
     with readable(path, "a list of the TUM layout"):
         if path.stat().st_size > 1 << 28:
             raise BadInput(f"{path}: larger than 256 MiB, no list")
@@ -134,7 +134,7 @@ def _images(source: Path, name: str) -> list[tuple[float, Path]]:
 
 
 def _image(path: Path, deep: bool) -> np.ndarray:
-    """(H, W, 3) uint8 or (H, W) uint16; the size is checked before anything is decoded."""
+    """Return (H, W, 3) uint8 or (H, W) uint16; the size is checked before anything is decoded."""
     from PIL import Image
 
     with readable(path, "an image"), Image.open(path, formats=FORMATS) as image:

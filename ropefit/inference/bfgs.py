@@ -50,7 +50,7 @@ class Search:
     trace: list[Tensor] = field(default_factory=list)
 
     def rows(self, index: Tensor) -> Search:
-        """The same search, some of its rows only."""
+        """Return the same search, some of its rows only."""
         return Search(
             self.u[index],
             self.loss[index],
@@ -68,7 +68,7 @@ class Search:
 
     @property
     def converged(self) -> Tensor:
-        """(B,) bool."""
+        """Return (B,) bool."""
         return torch.isin(self.status, torch.tensor(CONVERGED))
 
 
@@ -76,22 +76,22 @@ ARRAYS = ("u", "loss", "gradient", "inverse", "status", "calm")
 
 
 def kept(search: Search) -> Arrays:
-    """A search as arrays."""
+    """Return a search as arrays."""
     found = {name: getattr(search, name).detach().numpy() for name in ARRAYS}
     trace = torch.stack(search.trace).numpy()
     return {**found, "trace": trace, "evaluations": np.array(search.evaluations)}
 
 
 def resumed(start: Callable[[str], Search]) -> tuple[str, Search]:
-    """The name of the next search in the journal, and what was kept of it; else what `start` gives
-    for that name."""
+    """Return the name of the next search in the journal, and what was kept of it; else what `start`
+    gives for that name."""
     name = journal().next("search")
     known = journal().recall(name)
     return name, restored(known) if known else start(name)
 
 
 def restored(arrays: Arrays) -> Search:
-    """The search that was kept."""
+    """Return the search that was kept."""
     rows = {name: torch.from_numpy(arrays[name].copy()) for name in ARRAYS}
     trace = list(torch.from_numpy(arrays["trace"].copy()))
     return Search(**rows, evaluations=int(arrays["evaluations"]), trace=trace)
@@ -124,7 +124,7 @@ def step(
     halvings: int = 10,
     largest: float = 1.0,
 ) -> None:
-    """One BFGS iteration of every running row, in place.
+    """Take one BFGS iteration of every running row, in place.
 
     A row ends when its relative decrease stays under `tolerance` for `patience` iterations running,
     or when no step along the negative gradient helps. No component of u moves more than `largest`.
@@ -181,7 +181,7 @@ def step(
 
 
 def _look_around(function: Function, search: Search, rows: Tensor, tolerance: float) -> None:
-    """For rows on which no step along the gradient helped: try each coordinate, up and down.
+    """Try each coordinate, up and down, for rows on which no step along the gradient helped.
 
     A sum of norms has its minimum at a kink more often than not, where no gradient vanishes. If no
     neighbour is better the row has arrived; else it goes on from the best one, curvature forgotten.
@@ -224,7 +224,8 @@ def _evaluate(function: Function, u: Tensor, rows: Tensor) -> tuple[Tensor, Tens
 
 
 def _update(inverse: Tensor, s: Tensor, y: Tensor) -> Tensor:
-    """BFGS update of the inverse Hessian (b, n, n) where the curvature s·y is safely positive."""
+    """Return BFGS update of the inverse Hessian (b, n, n) where the curvature s·y is safely
+    positive."""
     curvature = (s * y).sum(1)
     good = curvature > 1e-8 * s.norm(dim=1) * y.norm(dim=1)
     rho = torch.where(good, 1.0 / torch.where(good, curvature, 1.0), 0.0)[:, None, None]

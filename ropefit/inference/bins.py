@@ -47,7 +47,8 @@ class Data:
         )  # fmt: skip
 
     def settled(self, x: np.ndarray) -> Data:
-        """Only the points that count against the curve through nodes x (F, K, 3), from now on."""
+        """Return only the points that count against the curve through nodes x (F, K, 3), from now
+        on."""
         if self.material:
             return self
         loose = replace(self, firm=False)
@@ -76,7 +77,7 @@ class Stations:
     fall: np.ndarray
 
     def white(self) -> np.ndarray:
-        """(M, D, D) [m²] white covariance of the stations' residuals."""
+        """Return (M, D, D) [m²] white covariance of the stations' residuals."""
         if self.scatter.shape[1] == 3:
             return np.einsum("md,de->mde", self.scatter, np.eye(3)) / self.count[:, None, None]
         side, both, deep = information(self.count, self.fall, self.scatter)
@@ -85,7 +86,7 @@ class Stations:
         return rows.reshape(-1, 2, 2)
 
     def places(self, x: np.ndarray) -> np.ndarray:
-        """(..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3)."""
+        """Return (..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3)."""
         out = np.zeros((*x.shape[:-3], len(self.frame), 3))
         for k in range(4):
             node = np.clip(self.segment - 1 + k, 0, x.shape[-2] - 1)
@@ -93,12 +94,12 @@ class Stations:
         return out
 
     def project(self, dx: np.ndarray) -> np.ndarray:
-        """(M, D, P) what changes dx (P, F, K, 3) of the nodes change at the stations."""
+        """Return (M, D, P) what changes dx (P, F, K, 3) of the nodes change at the stations."""
         return np.einsum("mda,pma->mdp", self.basis, self.places(dx))
 
 
 def match(data: Data, x: np.ndarray, bins: int) -> Stations:
-    """Stations of data against the curve through nodes x (F, K, 3), `bins` a frame."""
+    """Return stations of data against the curve through nodes x (F, K, 3), `bins` a frame."""
     if data.material:
         return _markers(data, x)
     frames = len(x)
@@ -131,7 +132,8 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
 
 
 def aligned(now: Stations, stations: Stations, values: np.ndarray) -> np.ndarray:
-    """Values (M', D, ...) of the stations of another match, for those of the first; else zero."""
+    """Return values (M', D, ...) of the stations of another match, for those of the first; else
+    zero."""
     many = int(max(now.bin.max(initial=0), stations.bin.max(initial=0))) + 1
     key, wanted = now.frame * many + now.bin, stations.frame * many + stations.bin
     out = np.zeros((len(wanted), *values.shape[1:]))
@@ -141,7 +143,8 @@ def aligned(now: Stations, stations: Stations, values: np.ndarray) -> np.ndarray
 
 
 def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(F, P, 3) [m] from the curve through nodes x (F, K, 3) to the points, and which count."""
+    """Return (F, P, 3) [m] from the curve through nodes x (F, K, 3) to the points, and which
+    count."""
     if data.material:
         frame, slot = np.nonzero(data.mask)
         place = _on_curve(x, frame, data.share[frame, slot])[3]
@@ -166,7 +169,7 @@ def _markers(data: Data, x: np.ndarray) -> Stations:
 
 
 def _weights(t: np.ndarray) -> np.ndarray:
-    """(M, 4) of the Catmull-Rom cubic at t in 0..1 between its second and third node."""
+    """Return (M, 4) of the Catmull-Rom cubic at t in 0..1 between its second and third node."""
     return 0.5 * np.stack(
         [-t + 2 * t**2 - t**3, 2 - 5 * t**2 + 3 * t**3, t + 4 * t**2 - 3 * t**3, t**3 - t**2],
         axis=-1,
@@ -180,14 +183,14 @@ def _slopes(t: np.ndarray) -> np.ndarray:
 
 
 def _padded(x: np.ndarray) -> np.ndarray:
-    """Nodes with one more at either end, so that the cubic is a parabola there."""
+    """Return nodes with one more at either end, so that the cubic is a parabola there."""
     first = 3 * x[:, :1] - 3 * x[:, 1:2] + x[:, 2:3]
     last = 3 * x[:, -1:] - 3 * x[:, -2:-1] + x[:, -3:-2]
     return np.concatenate([first, x, last], axis=1)
 
 
 def _refine(x: np.ndarray) -> np.ndarray:
-    """(F, FINE (K-1) + 1, 3) points of the cubic through the nodes."""
+    """Return (F, FINE (K-1) + 1, 3) points of the cubic through the nodes."""
     wide, n = _padded(x), x.shape[1] - 1
     t = np.arange(FINE) / FINE
     quads = np.stack([wide[:, k : k + n] for k in range(4)], axis=2)  # (F, n, 4, 3)
@@ -196,7 +199,8 @@ def _refine(x: np.ndarray) -> np.ndarray:
 
 
 def _on_curve(x, frame, share):
-    """Segment (M,), weights (M, 4), unit tangents and places (M, 3) at shares of the length."""
+    """Return segment (M,), weights (M, 4), unit tangents and places (M, 3) at shares of the
+    length."""
     n = x.shape[1] - 1
     at = np.clip(share, 0, 1) * n
     segment = np.minimum(at.astype(np.int64), n - 1)
@@ -219,7 +223,7 @@ def _on_curve(x, frame, share):
 
 
 def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
-    """(M, 2, 3): across the rope sideways to the ray, and across it along the ray."""
+    """Return (M, 2, 3): across the rope sideways to the ray, and across it along the ray."""
     side = np.cross(tangent, ray)
     size = np.linalg.norm(side, axis=1, keepdims=True)
     axis = np.eye(3)[np.abs(tangent).argmin(axis=1)]
@@ -232,7 +236,8 @@ def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _feet(points, guess, mask, curve, window):
-    """Nearest points of curves (F, M, 3) to points (F, P, 3) within `window` of their guess.
+    """Find the nearest points of curves (F, M, 3) to points (F, P, 3) within `window` of their
+    guess.
 
     Returns the foot's share of the curve (F, P), the offset (F, P, 3), and whether the foot is an
     inner point of the window, so that the offset lies across the curve.

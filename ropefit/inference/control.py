@@ -43,7 +43,7 @@ class Gripper:
         return 6 if self.turns else 3
 
     def state(self, u: Tensor, rows: Tensor) -> State:
-        """Ropes of frames `rows` (b,) for unknowns u (..., b, 3 or 6)."""
+        """Return ropes of frames `rows` (b,) for unknowns u (..., b, 3 or 6)."""
         rope = self.rope.frames(rows)
         frame = None
         if self.turns:
@@ -51,7 +51,7 @@ class Gripper:
         return rope.settle(self.eta[rows], move=self.scale * u[..., :3], frame=frame)
 
     def loss(self, u: Tensor, rows: Tensor) -> Tensor:
-        """(b,) loss [m]."""
+        """Return (b,) loss [m]."""
         x = self.state(u, rows).x
         return torch.stack([term.loss() for term in self.residuals(x, rows)]).sum(0)
 
@@ -73,16 +73,16 @@ class Gripper:
         return search
 
     def position(self, u: Tensor) -> np.ndarray:
-        """(F, 3) [m] control points."""
+        """Return (F, 3) [m] control points."""
         start = self.rope.start.x[:, self.rope.control_node]
         return (start + self.scale * u[:, :3]).numpy()
 
     def orientation(self, u: Tensor) -> np.ndarray:
-        """(F, 4) held frames of the first segment."""
+        """Return (F, 4) held frames of the first segment."""
         return multiply(from_rotation_vector(u[:, 3:]), self.rope.start.q[:, 0]).numpy()
 
     def position_sd(self, u: Tensor, clusters: int, floor: float) -> np.ndarray:
-        """(F, 3) [m] standard deviation of the control point from the scatter of its frame's
+        """Return (F, 3) [m] standard deviation of the control point from the scatter of its frame's
         residuals.
 
         Points are grouped into `clusters` stretches, which count as independent. NaN where the
@@ -143,7 +143,8 @@ def to_targets(arc: np.ndarray, points: np.ndarray, length: float) -> Compare:
 
 
 def interpolate(x: Tensor, share: Tensor) -> Tensor:
-    """(..., F, M, 3) points of ropes x (..., F, K, 3) at fractions (F, M) of their length."""
+    """Return (..., F, M, 3) points of ropes x (..., F, K, 3) at fractions (F, M) of their
+    length."""
     place = (share * (x.shape[-2] - 1)).clamp(0, x.shape[-2] - 1)
     index = place.floor().clamp(max=x.shape[-2] - 2).long()
     rest = (place - index)[..., None]

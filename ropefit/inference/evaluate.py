@@ -65,7 +65,7 @@ def settle_frames(rope: Rope, eta: Tensor) -> State:
 
 
 def convergence(rope: Rope, eta: Tensor, final: Tensor, samples: int = 12) -> Convergence:
-    """How the constraints stand along the iterations that lead to `final` (F, K, 3).
+    """Return how the constraints stand along the iterations that lead to `final` (F, K, 3).
 
     The run is stopped within its first step and then after some of the steps, and once carried on
     with twice as many iterations.

@@ -54,7 +54,7 @@ class Task:
         )
 
     def loss(self, u: Tensor, rows: Tensor) -> Tensor:
-        """(b,) loss [m] summed over the frames of each row's group, for u (b, m).
+        """Return (b,) loss [m] summed over the frames of each row's group, for u (b, m).
 
         Row r of a search belongs to group r // STARTS.
         """
@@ -66,7 +66,7 @@ class Task:
         return torch.zeros(len(rows), dtype=u.dtype).index_add(0, owner, per_frame)
 
     def frame_losses(self, x: Tensor, scene: Scene) -> Tensor:
-        """(..., F) loss [m] of each frame, computed where the rope is settled."""
+        """Return (..., F) loss [m] of each frame, computed where the rope is settled."""
         device = self.rope.device
         if device is None:
             return self.objective.loss(x, scene)
@@ -101,13 +101,14 @@ def gradient_search(
 
 
 def _leaders(search: Search, groups: int) -> Tensor:
-    """(groups,) the best row of each group."""
+    """Return (groups,) the best row of each group."""
     best = search.loss.reshape(groups, STARTS).argmin(dim=1)
     return best + STARTS * torch.arange(groups)
 
 
 def _screened_starts(task: Task, name: str) -> Tensor:
-    """(groups · STARTS, m) the best of the start and SCREEN points around it, by a few frames.
+    """Return (groups · STARTS, m) the best of the start and SCREEN points around it, by a few
+    frames.
 
     Near the solver's limit of stability the loss is rough; a search that starts there stays.
     """
@@ -137,8 +138,8 @@ def grid_search(
     rounds: int,
     report: Report | None = None,
 ) -> Search:
-    """Full factorial grids over the free parameters, each round half as wide around the best so
-    far.
+    """Search full factorial grids over the free parameters, each round half as wide around the best
+    so far.
 
     levels a parameter; the first round spans one decade to each side of the start (within the
     bounds).
@@ -187,7 +188,7 @@ def grid_search(
 
 
 def _best_stable(task: Task, u: Tensor, losses: Tensor) -> Tensor:
-    """(groups,) index of the best candidate that still converges when nudged up a little.
+    """Return (groups,) index of the best candidate that still converges when nudged up a little.
 
     The best of a grid may sit so near the solver's limit of stability that other frames diverge.
     """
@@ -203,8 +204,8 @@ def _best_stable(task: Task, u: Tensor, losses: Tensor) -> Tensor:
 
 
 def _grid_losses(task: Task, u: Tensor, name: str | None = None) -> Tensor:
-    """(groups, candidates) losses for u (groups, candidates, m), in chunks of bounded memory, each
-    kept in the journal under the name."""
+    """Return (groups, candidates) losses for u (groups, candidates, m), in chunks of bounded
+    memory, each kept in the journal under the name."""
     frames, nodes = task.rope.start.x.shape[:2]
     particles = CHUNK if task.rope.device is None else CHUNK_ON_DEVICE
     chunk = max(1, particles // (frames * nodes))
@@ -226,7 +227,7 @@ def _grid_losses(task: Task, u: Tensor, name: str | None = None) -> Tensor:
 
 
 def uncertainty(task: Task, values: np.ndarray, floor: float, length: float) -> Uncertainty:
-    """Uncertainty of the free parameters (relative, i.e. of log p) of a task with one group.
+    """Return uncertainty of the free parameters (relative, i.e. of log p) of a task with one group.
 
     values (n,); central differences of the residual vectors, in one batch.
     """

@@ -40,7 +40,7 @@ class Estimates:
 
 
 def correlation_of(covariance: np.ndarray) -> np.ndarray:
-    """(P, P) correlation of a covariance (P, P)."""
+    """Return (P, P) correlation of a covariance (P, P)."""
     root = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     return covariance / np.outer(root, root)
 

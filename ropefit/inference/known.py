@@ -13,7 +13,7 @@ from ropefit.runs.journal import Arrays, journal
 
 
 def settled(forward: Model, u: np.ndarray, name: str = "") -> Point:
-    """The model at u, kept under a name, or known."""
+    """Return the model at u, kept under a name, or known."""
     name = name or journal().next("settled")
     known = journal().recall(name)
     if known and np.array_equal(known["u"], u):
@@ -38,13 +38,13 @@ class Known:
         self.first = self._first()
 
     def _first(self) -> Point:
-        """The model where the fit begins."""
+        """Return the model where the fit begins."""
         if self.done:
             return self.forward.restored(self.start, within("first.", self.done))
         return settled(self.forward, self.start, f"{self.name}/first")
 
     def at(self, u: np.ndarray) -> Point:
-        """The model at u, from the state in which the fit was left."""
+        """Return the model at u, from the state in which the fit was left."""
         if self.done:
             return self.forward.restored(u, within("best.", self.done))
         if not self.resumed:
@@ -59,7 +59,7 @@ class Known:
         return point
 
     def rows(self, kind: str, u: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """What the optimiser asks for next, "z" or "slope", at u."""
+        """Return what the optimiser asks for next, "z" or "slope", at u."""
         name = f"{self.name}/{kind} {self.count[kind]}"
         self.count[kind] += 1
         known = journal().recall(name)
@@ -70,7 +70,7 @@ class Known:
         return rows
 
     def result(self, find: Callable[[], tuple[Arrays, Point]]) -> Arrays:
-        """What the fit comes to: found, with the model there, or known."""
+        """Return what the fit comes to: found, with the model there, or known."""
         if self.done:
             return self.done
         first = journal().recall(f"{self.name}/first") or {}

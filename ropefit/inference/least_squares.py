@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
+from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from ropefit.inference.bins import Stations, aligned
@@ -50,20 +51,105 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """sd of the whitened residual per degree of freedom."""
+        """Return sd of the whitened residual per degree of freedom."""
         return float(np.sqrt((self.z @ self.z) / self.freedom))
 
     @property
     def quantile(self) -> float:
-        """Student's t for 95 %."""
-        return float(stats.t.ppf(0.975, self.freedom))
+        """Return Student's t for 95 %."""
+        return float(stdtrit(self.freedom, 0.975))
 
     def sd(self) -> np.ndarray:
-        """(P,) of the search variables; larger than their prior they never get."""
+        """Return (P,) of the search variables; larger than their prior they never get."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
 
 
 Report = Callable[[float], None]
+
+
+class _Objective:
+    """Whitened residuals and slopes of a model on the stations of its start, with the priors.
+
+    Raises ArithmeticError when the start settles in no frame, or is a rope that no matter makes.
+    """
+
+    def __init__(
+        self, forward: Model, problem: FitProblem, u: np.ndarray, report: Report | None
+    ) -> None:
+        self.forward, self.known, self.report = forward, Known(forward, u), report
+        self.prior = forward.prior()
+        self.held = np.isfinite(self.prior)
+        first = self.known.first
+        self.settled = first.converged
+        if not first.setup.possible:
+            raise ArithmeticError("the start is a rope that no matter makes")
+        if not self.settled.any():
+            raise ArithmeticError("no frame reaches an equilibrium from the start")
+        self.problem = problem if self.settled.all() else problem.without(~self.settled)
+        stations = self.problem.match(_fill(first.seen, self.settled))
+        if problem.noise.white is not None and not problem.data.material:
+            same = np.broadcast_to(problem.noise.white, stations.residual.shape).copy()
+            stations = replace(stations, scatter=same)
+        self.stations, self.whitener = stations, Whitener.of(stations, problem.noise)
+        self.trace: list[float] = []
+        self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
+
+    def at(self, u: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
+        """Return the point at u (P,), its stations, and the whitened residual (M D,)."""
+        key = u.tobytes()
+        if self._last is None or self._last[0] != key:
+            point = self.known.at(u)
+            bad = np.isnan(point.seen).any(axis=(1, 2)) & self.settled
+            if not point.setup.possible:
+                bad = self.settled
+            now = self.problem.match(_fill(point.seen, self.settled & ~bad))
+            residual = aligned(now, self.stations, now.residual)
+            z = self.whitener(residual)
+            if bad.any():
+                z[np.repeat(bad[self.stations.frame], residual.shape[1])] = FAR
+            self._last = key, (point, now, z)
+        return self._last[1]
+
+    def jacobian(self, u: np.ndarray) -> np.ndarray:
+        """Return (M D, P) whitened derivatives of the prediction."""
+        point, now, _ = self.at(u)
+        return sensitivity(self.forward.jacobian(point), now, self.stations, self.whitener)
+
+    def rows(self, u: np.ndarray) -> np.ndarray:
+        """Return residual rows, those of the priors last."""
+        z = self.known.rows("z", u, lambda: self.at(u)[2])
+        rows = np.concatenate([z, (u / self.prior)[self.held]])
+        self.trace.append(float(rows @ rows))
+        if self.report:
+            self.report(self.trace[-1])
+        return rows
+
+    def slopes(self, u: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `rows`."""
+        rows = self.known.rows("slope", u, lambda: self.jacobian(u))
+        return np.concatenate([-rows, np.diag(1 / self.prior)[self.held]])
+
+    def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
+        """Minimise from u (P,)."""
+        if not u.size:  # nothing is free; not every scipy takes that
+            rows = self.rows(u)
+            summary = np.array([0.5 * float(rows @ rows), 1, 1])
+            return {"u": u, "told": summary, "trace": np.array(self.trace)}, self.at(u)[0]
+        with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
+            result = optimize.least_squares(
+                self.rows,
+                u,
+                self.slopes,  # type: ignore[arg-type]
+                bounds=self.forward.bounds(),
+                x_scale="jac",
+                max_nfev=evaluations,
+                ftol=tolerance,
+                xtol=1e-9,
+                gtol=1e-10,
+            )
+        summary = np.array([result.cost, result.status, result.nfev])
+        found = {"u": result.x, "told": summary, "trace": np.array(self.trace)}
+        return found, self.at(result.x)[0]
 
 
 def fit(
@@ -80,93 +166,22 @@ def fit(
     a fit stays where length, rigidity and density are positive.
     """
     u = forward.start() if start is None else np.asarray(start, dtype=float)
-    prior = forward.prior()
-    held = np.isfinite(prior)
-    known = Known(forward, u)
-    first = known.first
-    settled, used = first.converged, problem
-    if not first.setup.possible:
-        raise ArithmeticError("the start is a rope that no matter makes")
-    if not settled.any():
-        raise ArithmeticError("no frame reaches an equilibrium from the start")
-    if not settled.all():
-        used = problem.without(~settled)
-    seen = _fill(first.seen, settled)
-    stations = used.match(seen)
-    if problem.noise.white is not None and not problem.data.material:
-        same = np.broadcast_to(problem.noise.white, stations.residual.shape).copy()
-        stations = replace(stations, scatter=same)
-    whitener = Whitener.of(stations, problem.noise)
-    low, high = forward.bounds()
-    trace: list[float] = []
-    cache: dict[bytes, tuple[Point, Stations, np.ndarray]] = {}
-
-    def evaluate(v: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
-        key = v.tobytes()
-        if key not in cache:
-            point = known.at(v)
-            bad = np.isnan(point.seen).any(axis=(1, 2)) & settled
-            if not point.setup.possible:
-                bad = settled
-            now = used.match(_fill(point.seen, settled & ~bad))
-            residual = aligned(now, stations, now.residual)
-            z = whitener(residual)
-            if bad.any():
-                hit = np.repeat(bad[stations.frame], residual.shape[1])
-                z[hit] = FAR
-            cache.clear()
-            cache[key] = (point, now, z)
-        return cache[key]
-
-    def jacobian_at(v: np.ndarray) -> np.ndarray:
-        point, now, _ = evaluate(v)
-        return sensitivity(forward.jacobian(point), now, stations, whitener)
-
-    def residual(v: np.ndarray) -> np.ndarray:
-        z = known.rows("z", v, lambda: evaluate(v)[2])
-        rows = np.concatenate([z, (v / prior)[held]])
-        trace.append(float(rows @ rows))
-        if report:
-            report(trace[-1])
-        return rows
-
-    def slope(v: np.ndarray) -> np.ndarray:
-        rows = known.rows("slope", v, lambda: jacobian_at(v))
-        return np.concatenate([-rows, np.diag(1 / prior)[held]])
-
-    def minimum() -> tuple[Arrays, Point]:
-        if not u.size:  # nothing is free; not every scipy takes that
-            rows = residual(u)
-            told = np.array([0.5 * float(rows @ rows), 1, 1])
-            return {"u": u, "told": told, "trace": np.array(trace)}, evaluate(u)[0]
-        with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
-            result = optimize.least_squares(
-                residual,
-                u,
-                slope,  # type: ignore[arg-type]
-                bounds=(low, high),
-                x_scale="jac",
-                max_nfev=evaluations,
-                ftol=tolerance,
-                xtol=1e-9,
-                gtol=1e-10,
-            )
-        told = np.array([result.cost, result.status, result.nfev])
-        found = {"u": result.x, "told": told, "trace": np.array(trace)}
-        return found, evaluate(result.x)[0]
-
-    best = known.result(minimum)
-    point, now, z = evaluate(best["u"])
+    objective = _Objective(forward, problem, u, report)
+    best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance))
+    point, now, z = objective.at(best["u"])
     cost, status, nfev = best["told"]
-    jacobian = jacobian_at(best["u"])
+    jacobian, prior, held = objective.jacobian(best["u"]), objective.prior, objective.held
     freedom = max(len(z) - int((~held).sum()), 1)
     elsewhere = forward.instantaneous and problem.noise.repeats > 1  # of a motion: measured here
-    spread = inflation(stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere)
+    spread = inflation(
+        objective.stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere
+    )
     # What the model misses scales the data's share of the information, not the priors'.
     scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
+    stations = objective.stations
     current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
-        forward, problem, point, current, whitener, z, jacobian, prior,
+        forward, problem, point, current, objective.whitener, z, jacobian, prior,
         np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), spread, freedom, bool(status > 0),
         int(nfev), best["trace"].tolist(),
     )  # fmt: skip
@@ -175,7 +190,7 @@ def fit(
 def attempted(
     forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float
 ) -> Fit | None:
-    """The same; None where a rope so described does not settle, or its numbers run away."""
+    """Return the same; None where a rope so described does not settle, or its numbers run away."""
     try:
         return fit(forward, problem, start, evaluations, tolerance=tolerance)
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
@@ -185,12 +200,13 @@ def attempted(
 def sensitivity(
     dx: np.ndarray, now: Stations, stations: Stations, whitener: Whitener
 ) -> np.ndarray:
-    """(M D, P) whitened change of the model at the stations for changes dx (P, F, K, 3)."""
+    """Return (M D, P) whitened change of the model at the stations for changes dx (P, F, K, 3)."""
     return whitener(aligned(now, stations, now.project(dx)))
 
 
 def _fill(seen: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """Frames that did not settle are replaced by one that did: their data are blanked or marked."""
+    """Return frames that did not settle are replaced by one that did: their data are blanked or
+    marked."""
     if good.all():
         return seen
     out = seen.copy()

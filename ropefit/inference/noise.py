@@ -37,7 +37,7 @@ class EndNoise:
     sd: tuple[float, float] = (0.0, 0.0)
 
     def columns(self, s: Stations) -> np.ndarray:
-        """(M, D, P + Q) for the stations of another match, of one sd each."""
+        """Return (M, D, P + Q) for the stations of another match, of one sd each."""
         own = np.concatenate([self.sd[0] * self.position, self.sd[1] * self.tilt], axis=-1)
         return own if s is self.stations else aligned(self.stations, s, own)
 
@@ -60,7 +60,7 @@ class Noise:
 
     @property
     def coloured(self) -> bool:
-        """Whether it is more than white."""
+        """Return whether it is more than white."""
         return self.correlated > 0 or (self.ends is not None and any(self.ends.sd))
 
 
@@ -84,7 +84,7 @@ class Whitener:
         return Whitener(rows, factors, [np.linalg.inv(factor) for factor in factors])
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Whitened rows of values (M, D) or (M, D, P): (M D,) or (M D, P)."""
+        """Return whitened rows of values (M, D) or (M, D, P): (M D,) or (M D, P)."""
         flat = values.reshape(values.shape[0] * values.shape[1], -1)
         out = np.empty_like(flat)
         for rows, inverse in zip(self.rows, self.inverses, strict=True):
@@ -92,19 +92,19 @@ class Whitener:
         return out[:, 0] if values.ndim == 2 else out
 
     def undo(self, z: np.ndarray) -> np.ndarray:
-        """(M D,) in metres from whitened values (M D,)."""
+        """Return (M D,) in metres from whitened values (M D,)."""
         out = np.empty_like(z)
         for rows, factor in zip(self.rows, self.factors, strict=True):
             out[rows] = factor @ z[rows]
         return out
 
     def variance(self) -> float:
-        """[m²] of a row, on average."""
+        """Return [m²] of a row, on average."""
         return float(np.concatenate([(factor**2).sum(axis=1) for factor in self.factors]).mean())
 
 
 def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Of each frame: its rows in (M D,), and their covariance [m²]."""
+    """Yield of each frame its rows in (M D,), and their covariance [m²]."""
     dims = s.residual.shape[1]
     white = s.white() + (FLOOR**2 + noise.repeats * noise.marker**2) * np.eye(dims)
     ends = noise.ends.columns(s) if noise.ends is not None and any(noise.ends.sd) else None
@@ -123,7 +123,7 @@ def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndar
 
 
 def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noise:
-    """The noise model under which the stations' residuals (M, D) are most likely.
+    """Return the noise model under which the stations' residuals (M, D) are most likely.
 
     known: the parts that are given (marker, white), and the ends' columns where their noise counts.
     design (M D, P) [m]: what else may be in the residual, of one prior sd each; it is integrated
@@ -137,14 +137,14 @@ def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noi
 
     both = np.column_stack([design, flat])
     white = np.empty_like(both)
-    told: dict[tuple[float, ...], float] = {}
+    computed: dict[tuple[float, ...], float] = {}
 
     def worth(noise: Noise) -> float:
         kinds = (noise.correlated, *(noise.ends.sd if noise.ends else ()))
         key = (noise.length, *kinds)
-        if key not in told:
-            told[key] = against(noise, kinds)
-        return told[key]
+        if key not in computed:
+            computed[key] = against(noise, kinds)
+        return computed[key]
 
     def against(noise: Noise, kinds: tuple[float, ...]) -> float:
         total = COST * sum(kind > 0 for kind in kinds)

@@ -46,7 +46,8 @@ def _estimate(
     found: Fit, k: int, term: Term, half: float, trades: tuple[str, ...],
     bounds: tuple[float, float],
 ) -> Estimate:  # fmt: skip
-    """The k-th search variable, of a rope parameter; half: of its interval by the parabola."""
+    """Return the k-th search variable, of a rope parameter; half: of its interval by the
+    parabola."""
     u = found.point.u[k]
     around = (u, u - min(half, WIDEST), u + min(half, WIDEST))
     value, least, most = (float(term.value(np.array([v]))[0]) for v in around)
@@ -69,10 +70,12 @@ def _estimate(
 
 
 def _profile(found: Fit, k: int, value: float) -> tuple[tuple[float, float] | None, float | None]:
-    """Interval or upper limit, from the rise of χ² with the parameter held, others refitted."""
+    """Return interval or upper limit, from the rise of χ² with the parameter held, others
+    refitted."""
 
     def rise(shift: float) -> float:
-        """Of χ², in units of the residual's own size, with the logarithm moved by `shift`."""
+        """Return the rise of χ², in units of the residual's own size, with the logarithm moved by
+        `shift`."""
         held = _without(found.forward, k, found.point.u[k] + shift)
         start = np.delete(found.point.u, k)
         return (fit(held, found.problem, start, 15).cost - found.cost) / found.spread
@@ -103,7 +106,7 @@ def _profile(found: Fit, k: int, value: float) -> tuple[tuple[float, float] | No
 
 
 def _without(forward: Model, k: int, held: float) -> Model:
-    """The forward model with one of its one-value terms held at a search variable."""
+    """Return the forward model with one of its one-value terms held at a search variable."""
     terms, place = [], 0
     base = forward.base
     for term in forward.terms:

@@ -17,8 +17,8 @@ FIRM = 5  # points of a station that show their own scatter
 
 
 def surface(u: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """How far the surface is before the axis at u (N,) to its side [m], and how fast it falls away
-    there, no faster than near its rim. Without a radius there is no surface."""
+    """Return how far the surface is before the axis at u (N,) to its side [m], and how fast it
+    falls away there, no faster than near its rim. Without a radius there is no surface."""
     if not radius:
         return np.zeros_like(u), np.zeros_like(u)
     high = np.sqrt(np.maximum(radius**2 - u**2, (1 - OUTMOST**2) * radius**2))
@@ -29,8 +29,8 @@ def surface(u: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
 def information(
     count: np.ndarray, fall: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of stations' places, sideways, both, in depth (M,) [1/m²]: from their counts (M,), the sums
-    over a count of fall and fall² (M, 2), and a point's variances (M, 2) [m²]."""
+    """Return for stations' places, sideways, both, in depth (M,) [1/m²]: from their counts (M,),
+    the sums over a count of fall and fall² (M, 2), and a point's variances (M, 2) [m²]."""
     side, deep = variance[..., 0], variance[..., 1]
     return count * (1 / side + fall[:, 1] / deep), -count * fall[:, 0] / deep, count / deep
 
@@ -38,7 +38,7 @@ def information(
 def axis(
     values: np.ndarray, station: np.ndarray, stations: int, radius: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where the axis is at each station, by least squares with Huber's weights.
+    """Return where the axis is at each station, by least squares with Huber's weights.
 
     values (N, 2) [m]: of points, to the side and in depth, on the surface of a rope of `radius`
     [m]; with a radius of 0 on its axis, they are averaged then. Returns places (M, 2), effective
@@ -87,7 +87,7 @@ def axis(
 
 
 def _medians(values: np.ndarray, station: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """(M,) of the values (N,) of every station."""
+    """Return (M,) of the values (N,) of every station."""
     ordered, start = values[np.lexsort((values, station))], np.cumsum(count) - count
     low, high = start + (count - 1) // 2, start + count // 2
     return 0.5 * (ordered[low.astype(int)] + ordered[high.astype(int)])
@@ -96,6 +96,7 @@ def _medians(values: np.ndarray, station: np.ndarray, count: np.ndarray) -> np.n
 def _pooled(
     off: np.ndarray, weight: np.ndarray, spare: np.ndarray, inner: np.ndarray
 ) -> np.ndarray:
-    """(2,) [m²] variance of points off by (N, 2), of which a share (N, 2) is spared by the fit."""
+    """Return (2,) [m²] variance of points off by (N, 2), of which a share (N, 2) is spared by the
+    fit."""
     square = (weight[:, None] * off)[inner] ** 2
     return np.maximum(square.sum(0) / (weight[:, None] ** 2 * spare)[inner].sum(0), 1e-18)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from ropefit.inference.intervals import WIDEST, Estimate, Estimates, condition_of, correlation_of
 from ropefit.inference.least_squares import Fit
@@ -41,7 +41,7 @@ class Uncertainty:
 def sandwich(
     jacobian: np.ndarray, residual: np.ndarray, cluster: np.ndarray, floor: float, dead_below: float
 ) -> Uncertainty:
-    """Uncertainty of the minimiser of Σ|r_i|.
+    """Return uncertainty of the minimiser of Σ|r_i|.
 
     jacobian (M, D, n), residual (M, D), cluster (M,) labels, floor: noise scale in units of r. A
     parameter whose column has an rms under `dead_below` does nothing.
@@ -78,7 +78,7 @@ def sandwich(
         root = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(root, root)
     correlation[dead | touched] = correlation[:, dead | touched] = np.nan
-    quantile = stats.t.ppf(0.975, max(freedom, 1))
+    quantile = stdtrit(max(freedom, 1), 0.975)
     alive = values[int(dead.sum()) :]  # a dead parameter gives one zero eigenvalue
     determined = alive.size > 0 and alive.min() > NULL * alive.max()
     condition = float(np.sqrt(alive.max() / alive.min())) if determined else np.inf
@@ -140,7 +140,7 @@ def block_estimates(found: Fit, clips: list[np.ndarray], time: np.ndarray) -> Es
     freedom = max(count - own, 1)
     covariance = bread @ (count / freedom * score.T @ score + information) @ bread
     sd, correlation = np.sqrt(np.maximum(np.diag(covariance), 1e-300)), correlation_of(covariance)
-    quantile = float(stats.t.ppf(0.975, freedom))
+    quantile = float(stdtrit(freedom, 0.975))
     low, high = found.forward.bounds()
     labels = [t.name for t in found.forward.terms for _ in range(t.size)]
     out = {}

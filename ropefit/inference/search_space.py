@@ -44,14 +44,15 @@ class Space:
         return [self.names[i] for i in self.free]
 
     def to_search(self, values: np.ndarray) -> Tensor:
-        """(..., n) parameters -> (..., m) search variables."""
+        """Return (..., n) parameters -> (..., m) search variables."""
         index = list(self.free)
         low, high = np.log(self.lower[index]), np.log(self.upper[index])
         share = np.clip((np.log(values[..., index]) - low) / (high - low), 1e-6, 1 - 1e-6)
         return torch.from_numpy((high - low) / 4 * np.log(share / (1 - share)))
 
     def to_values(self, u: Tensor) -> Tensor:
-        """(..., m) search variables -> (..., n) parameters, the fixed ones at their start."""
+        """Return (..., m) search variables -> (..., n) parameters, the fixed ones at their
+        start."""
         index = list(self.free)
         low = torch.from_numpy(np.log(self.lower[index]))
         high = torch.from_numpy(np.log(self.upper[index]))

@@ -33,7 +33,7 @@ class Pinhole(NamedTuple):
     origin: Tensor
 
     def project(self, x: Tensor) -> Tensor:
-        """(..., 2) pixels of points x (..., 3) [m]; points behind the camera are put far
+        """Return (..., 2) pixels of points x (..., 3) [m]; points behind the camera are put far
         outside."""
         local = (x - self.origin) @ self.rotation
         depth = local[..., 2:]
@@ -41,7 +41,7 @@ class Pinhole(NamedTuple):
         return local[..., :2] / depth.abs() * self.focal + self.centre
 
     def depth(self, x: Tensor) -> Tensor:
-        """(...) distance along the optical axis [m]."""
+        """Return (...) distance along the optical axis [m]."""
         return ((x - self.origin) @ self.rotation)[..., 2]
 
 
@@ -59,7 +59,7 @@ class Scene(NamedTuple):
     down: Tensor
 
     def frames(self, index: Tensor) -> Scene:
-        """The same for some frames only."""
+        """Return the same for some frames only."""
         return Scene(
             Observed(*(item[index] for item in self.space)),
             Observed(*(item[index] for item in self.image)),
@@ -70,7 +70,7 @@ class Scene(NamedTuple):
         )
 
     def to(self, device: torch.device) -> Scene:
-        """The same on a device."""
+        """Return the same on a device."""
         return Scene(
             Observed(*(item.to(device) for item in self.space)),
             Observed(*(item.to(device) for item in self.image)),
@@ -91,7 +91,7 @@ class Objective(NamedTuple):
     lowest: bool
 
     def residuals(self, x: Tensor, scene: Scene) -> list[Residual]:
-        """Residual vectors [m] of ropes x (..., F, K, 3)."""
+        """Return residual vectors [m] of ropes x (..., F, K, 3)."""
         if self.image:
             pixels = self.primary(scene.camera.project(x), scene.image)
             size = scene.pixel_size[:, None, None]
@@ -103,7 +103,7 @@ class Objective(NamedTuple):
         return terms
 
     def loss(self, x: Tensor, scene: Scene) -> Tensor:
-        """(..., F) loss [m] of each frame."""
+        """Return (..., F) loss [m] of each frame."""
         return torch.stack([term.loss() for term in self.residuals(x, scene)]).sum(0)
 
 

@@ -36,7 +36,7 @@ class Residual(NamedTuple):
     mask: Tensor
 
     def loss(self) -> Tensor:
-        """(..., F) sum of the norms; the derivative of a norm at zero is taken as zero."""
+        """Return (..., F) sum of the norms; the derivative of a norm at zero is taken as zero."""
         square = (self.vectors * self.vectors).sum(-1)
         positive = square > 0
         norm = torch.sqrt(torch.where(positive, square, 1.0))
@@ -44,7 +44,8 @@ class Residual(NamedTuple):
 
 
 def _to_segment(points: Tensor, start: Tensor, end: Tensor) -> Tensor:
-    """(..., D) vectors from the nearest point of the line segment start-end to each point."""
+    """Return (..., D) vectors from the nearest point of the line segment start-end to each
+    point."""
     edge = end - start
     square = (edge * edge).sum(-1, keepdim=True)
     along = ((points - start) * edge).sum(-1, keepdim=True) / square.clamp_min(1e-300)
@@ -52,7 +53,8 @@ def _to_segment(points: Tensor, start: Tensor, end: Tensor) -> Tensor:
 
 
 def _of_segment(points: Tensor, x: Tensor, index: Tensor) -> Tensor:
-    """As `_to_segment` for segment `index` (..., F, N) of the polylines x (..., F, K, D)."""
+    """Return the same as `_to_segment` for segment `index` (..., F, N) of the polylines x (..., F,
+    K, D)."""
     index = index[..., None].expand(*index.shape, x.shape[-1])
     start = torch.gather(x, -2, index)
     end = torch.gather(x, -2, index + 1)
@@ -62,7 +64,8 @@ def _of_segment(points: Tensor, x: Tensor, index: Tensor) -> Tensor:
 def nearest_segment(
     points: Float[Tensor, "frames points dim"], x: Ropes
 ) -> Int[Tensor, "*batch frames points"]:
-    """(..., F, N) index of the segment of x (..., F, K, D) nearest to each point (F, N, D)."""
+    """Return (..., F, N) index of the segment of x (..., F, K, D) nearest to each point (F, N,
+    D)."""
     with torch.no_grad():
         best = torch.full(
             (*x.shape[:-2], points.shape[-2]), torch.inf, dtype=x.dtype, device=x.device
@@ -78,17 +81,18 @@ def nearest_segment(
 
 
 def point_to_line(x: Ropes, data: Observed) -> Residual:
-    """L_PL: from each data point to the nearest point of the whole simulated polyline."""
+    """Return L_PL: from each data point to the nearest point of the whole simulated polyline."""
     return Residual(_of_segment(data.points, x, nearest_segment(data.points, x)), data.mask)
 
 
 def segment_to_particle(x: Ropes, data: Observed) -> Residual:
-    """L_SP: from the boundaries c_i of the data's segments to the particles x_i."""
+    """Return L_SP: from the boundaries c_i of the data's segments to the particles x_i."""
     return Residual(data.boundaries - x, data.boundary_mask)
 
 
 def segment_to_line(x: Ropes, data: Observed) -> Residual:
-    """L_SL: from each data point to the simulated segment that its own segment corresponds to."""
+    """Return L_SL: from each data point to the simulated segment that its own segment corresponds
+    to."""
     index = data.segment.expand(*x.shape[:-2], data.segment.shape[-1])
     return Residual(_of_segment(data.points, x, index), data.mask)
 
@@ -96,7 +100,8 @@ def segment_to_line(x: Ropes, data: Observed) -> Residual:
 def lowest_point(
     x: Ropes, lowest: Float[Tensor, "frames 3"], down: Float[Tensor, " 3"]
 ) -> Residual:
-    """L_LO: from the simulation's lowest point to the data's, lowest (F, 3), along down (3,).
+    """Return L_LO: from the simulation's lowest point to the data's, lowest (F, 3), along down
+    (3,).
 
     A polyline is lowest at one of its particles.
     """

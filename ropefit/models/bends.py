@@ -7,38 +7,65 @@ from dataclasses import fields
 import numpy as np
 import torch
 
+from ropefit.rod.bending import springs
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
+from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
 from ropefit.solvers.equilibrium.turns import rolled
 
 
 def vectors(solution: Solution) -> np.ndarray:
-    """(N+1, 2) the vector parts of one frame's bend elements; zero where there is none."""
-    return darboux(solution)[:, 1:3]
+    """Return (F, N+1, 2) the vector parts of the bend elements; zero where there is none."""
+    return darboux(solution)[..., 1:3]
 
 
 def darboux(solution: Solution) -> np.ndarray:
-    """(N+1, 4) the Darboux quaternions of one frame; zero where nothing is bent."""
+    """Write p = a* b, of the sign that lies nearer to the rest rotation."""
     return _darboux(solution.rod, solution.conditions, solution)
 
 
 def _darboux(rod: Rod, held: Conditions, states: States) -> np.ndarray:
-    q, clamp = torch.from_numpy(states.q[0]), torch.nan_to_num(held.clamp[0])
-    around = torch.cat([clamp[:1], q, clamp[1:]])
-    p = conjugate_product(around[:-1], around[1:]).numpy()
-    rest = rod.rest.reshape(len(p), 3).numpy()
+    q, clamp = torch.from_numpy(states.q), torch.nan_to_num(held.clamp)
+    around = torch.cat([clamp[:, :1], q, clamp[:, 1:]], dim=1)
+    p = conjugate_product(around[:, :-1], around[:, 1:]).numpy()
+    rest, stiffness = (t.reshape(-1, *t.shape[-2:]).numpy() for t in (rod.rest, rod.stiffness))
     real = np.sqrt(np.maximum(1 - (rest**2).sum(-1), 0.0))
-    nearer = p[:, 0] * real + (p[:, 1:] * rest).sum(-1)
-    stiffness = rod.stiffness.reshape(len(p), 3).numpy()
+    nearer = p[..., 0] * real + (p[..., 1:] * rest).sum(-1)
     sign = np.where(nearer < 0, -1.0, 1.0)
-    return p * np.where(np.any(stiffness > 0, axis=-1), sign, 0.0)[:, None]
+    return p * np.where(np.any(stiffness > 0, axis=-1), sign, 0.0)[..., None]
+
+
+def elements_of(setup: Setup, rod: Rod, frames: int) -> FrictionElements | None:
+    """Return the setup's law of bending on a rod, in every frame; None for a linear one."""
+    if setup.bending is None:
+        return None
+    drag, centre, slip = (t.detach().numpy() for t in springs(setup.bending, rod))
+    rows = frames, drag.shape[1], drag.shape[2]
+    return FrictionElements(
+        np.array(np.broadcast_to(drag, rows)),
+        np.array(np.broadcast_to(centre[:, None], (*rows, 2))),
+        np.array(np.broadcast_to(slip, rows)),
+    )
+
+
+def joined(one: FrictionElements | None, other: FrictionElements | None) -> FrictionElements | None:
+    """Return the elements of both, in the same frames."""
+    if one is None or other is None:
+        return one or other
+    return FrictionElements(*(np.concatenate(f, axis=1) for f in zip(one, other, strict=True)))
+
+
+def conditions_of(setup: Setup, rod: Rod | None = None) -> Conditions:
+    """Return what holds a rope without memory in every frame, its law of bending included."""
+    elements = elements_of(setup, rod or setup.rod(), len(setup.ends))
+    return Conditions(setup.ends, setup.clamp, friction_elements=elements)
 
 
 def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) -> np.ndarray:
-    """(P, N+1, 2) change of the vectors of Darboux quaternions p (N+1, 4) when the frames turn by
-    (P, N, 3), the clamps by clamp (P, 2, 3), each about its own axes."""
+    """Return (P, N+1, 2) change of the vectors of Darboux quaternions p (N+1, 4) when the frames
+    turn by (P, N, 3), the clamps by clamp (P, 2, 3), each about its own axes."""
     ends = np.zeros((len(turns), 2, 3)) if clamp is None else clamp
     every = np.concatenate([ends[:, :1], turns, ends[:, 1:]], axis=1)
     low, high = every[:, :-1], every[:, 1:]
@@ -47,9 +74,10 @@ def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) ->
 
 
 def spun(rod: Rod, held: Conditions, start: States, toward: np.ndarray) -> States:
-    """A start whose frames are all spun alike, for its bends to lie as `toward` (N+1, 2) does."""
+    """Return a start whose frames are all spun alike, for its bends to lie as `toward` (N+1, 2)
+    does."""
     out = start.copy()
-    out.q[:] = rolled(start.q, _darboux(rod, held, start)[None, :, 1:3], toward[None])
+    out.q[:] = rolled(start.q, _darboux(rod, held, start)[..., 1:3], toward[None])
     return out
 
 
@@ -95,7 +123,7 @@ def merged(parts: list[Solution]) -> Solution:
 
 
 def _numbered(node: np.ndarray | None) -> list[tuple[int, int]]:
-    """Supports as (node, which of that node's)."""
+    """Return supports as (node, which of that node's)."""
     out: list[tuple[int, int]] = []
     for k in [] if node is None else node.tolist():
         out.append((k, sum(other == k for other, _ in out)))

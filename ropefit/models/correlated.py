@@ -38,7 +38,7 @@ class Correlated(Term):
 
 
 def correlated(name: str, terms: list[Term], covariance: np.ndarray) -> Correlated:
-    """The terms as one, about their starts, under a covariance (n, n) in SI."""
+    """Return the terms as one, about their starts, under a covariance (n, n) in SI."""
     start = np.concatenate([term.start for term in terms])
     sd = np.sqrt(np.diag(covariance))
     root = sd[:, None] * np.linalg.cholesky(

@@ -88,12 +88,10 @@ class MotionPoint(Point):
 class Dynamics(Model):
     """Clips of one rope, each from its first two frames on.
 
-    time (F,) [s]; clips: indices of the frames of each; observed (F, K, 3) [m]: centrelines, at
-    every `every`-th node.
+    time (F,) [s]; observed (F, K, 3) [m]: centrelines, at every `every`-th node.
     """
 
     time: np.ndarray = field(default_factory=lambda: np.empty(0))
-    clips: list[np.ndarray] = field(default_factory=list)
     observed: np.ndarray = field(default_factory=lambda: np.empty(0))
     every: int = 1
 

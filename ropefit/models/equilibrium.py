@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import torch
 
+from ropefit.models.bends import conditions_of
 from ropefit.models.history import WalkedPoint, walk
 from ropefit.models.model import Model
 from ropefit.models.response import Point
@@ -43,8 +44,7 @@ class Equilibrium(Model):
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
         """Return what holds the ends at search variables u (P,)."""
-        setup = self.setup_at(u)
-        return Conditions(setup.ends, setup.clamp)
+        return conditions_of(self.setup_at(u))
 
     def at(self, u: np.ndarray, start: States | None = None) -> Point:
         """Settle at u. Frames that do not converge are NaN in `seen`."""
@@ -64,7 +64,8 @@ class Equilibrium(Model):
             self.path = point.path if isinstance(point, WalkedPoint) else None
 
     def kept(self, point: Point) -> Arrays:
-        """What of the point settled last, and of this model's memory, only settling gives."""
+        """Return what of the point settled last, and of this model's memory, only settling
+        gives."""
         solution = point.solution
         if isinstance(point, WalkedPoint):
             arrays = as_arrays(point.path, "path.")
@@ -72,21 +73,25 @@ class Equilibrium(Model):
             arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
             if point.setup.potentials:  # what stands for them comes out of settling
                 arrays |= as_arrays(solution.rod, "rod.")
-                arrays |= as_arrays(solution.conditions, "conditions.")
+                held = replace(solution.conditions, friction_elements=None)  # the setup's law
+                arrays |= as_arrays(held, "conditions.")
         if self.last is not None and self.last is not solution:
             arrays |= {f"last.{f.name}": getattr(self.last, f.name) for f in fields(States)}
         return arrays
 
     def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
-        """The point at u that was kept; the model remembers what it did then."""
+        """Return the point at u that was kept; the model remembers what it did then."""
         setup = self.setup_at(u)
         if setup.remembers:  # settled once more, from there: what friction held is not kept
             point: Point = walk(u, setup, None, from_arrays(States, "path.", arrays))
         else:
-            rod, held = _rod_of(setup), Conditions(setup.ends, setup.clamp)
+            rod = _rod_of(setup)
+            held = conditions_of(setup, rod)
             if setup.potentials:
                 rod = from_arrays(Rod, "rod.", arrays)
+                law = held.friction_elements
                 held = from_arrays(Conditions, "conditions.", arrays)
+                held = replace(held, friction_elements=law)
             # The journal's own arrays stay as they were.
             known = {name: arrays[f"solution.{name}"].copy() for name in ARRAYS}
             point = _point(u, setup, Solution(**known, rod=rod, conditions=held))
@@ -97,7 +102,7 @@ class Equilibrium(Model):
 
 
 def _rod_of(setup: Setup) -> Rod:
-    """The rod, or one for each frame where loads differ."""
+    """Return the rod, or one for each frame where loads differ."""
     rod = setup.rod()
     return rod.each(len(rod.load)) if rod.load.ndim == 3 else rod
 
@@ -110,7 +115,8 @@ def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
 
 def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
     """Return equilibria of frames, each by itself."""
-    conditions, rod = Conditions(setup.ends, setup.clamp), _rod_of(setup)
+    rod = _rod_of(setup)
+    conditions = conditions_of(setup, rod)
     if setup.potentials:
         return solve_with_potentials(rod, conditions, setup.potentials, start, deepest)
     solution = solve(rod, conditions, start)

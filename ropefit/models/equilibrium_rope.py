@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.models.bends import elements_of, joined
 from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.batched.implicit import settled_batched
@@ -54,8 +55,8 @@ class EquilibriumRope:
 
     @property
     def start(self) -> State:
-        """Where the recording has the control point, and the first frame, for searches that move
-        them. What lies between is zero."""
+        """Return where the recording has the control point, and the first frame, for searches that
+        move them. What lies between is zero."""
         frames, nodes = len(self.setup.ends), self.setup.segments // self.every + 1
         ends = self.setup.ends if self.recorded is None else self.recorded
         x = torch.zeros(frames, nodes, 3, dtype=torch.float64)
@@ -65,7 +66,7 @@ class EquilibriumRope:
         return State(x, q)
 
     def frames(self, index: Tensor) -> EquilibriumRope:
-        """The same rope in some of its frames."""
+        """Return the same rope in some of its frames."""
         setup = self.setup.frames(index)
         recorded = None if self.recorded is None else self.recorded[index]
         near = None if self.near is None else self.near.frames(index.numpy())
@@ -77,7 +78,8 @@ class EquilibriumRope:
     def settle(
         self, values: Tensor, move: Tensor | None = None, frame: Tensor | None = None
     ) -> State:
-        """Equilibria for values (..., F, 4) in the order of NAMES; NaN where none is reached.
+        """Return equilibria for values (..., F, 4) in the order of NAMES; NaN where none is
+        reached.
 
         move (..., F, 3) [m] of the control point; frame (..., F, 4) of the first end's clamp.
         """
@@ -118,7 +120,8 @@ class EquilibriumRope:
         rod, start = s._replace(properties=rows).rod(), None
         of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
         past = None if self.friction_elements is None else self.friction_elements.frames(of)
-        held = Conditions(ends, clamp, friction_elements=past)
+        law = elements_of(s, rod, len(flat))
+        held = Conditions(ends, clamp, friction_elements=joined(past, law))
         if self.near is not None:
             start = self.near.frames(of)
         x, q = self._states(rod, held, start)
@@ -133,7 +136,8 @@ class EquilibriumRope:
         return State(x, q)
 
     def _states(self, rod: Rod, held: Conditions, start: States | None) -> State:
-        """Nodes and frames of every segment, on the CPU: from `start`, or else from catenaries."""
+        """Return nodes and frames of every segment, on the CPU: from `start`, or else from
+        catenaries."""
         device, potentials = self.device, self.setup.potentials
         if held.friction_elements is not None:  # by the compiled path only, like all below
             device = None

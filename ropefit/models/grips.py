@@ -13,8 +13,8 @@ LOOSE = 50.0  # rad/(N m) per weight and length: how far a grip may yield, see `
 
 
 def grips(setup: Setup, degrees: float) -> list[Term]:
-    """How far each clamp is turned from what the recording tells, the same in every frame, and how
-    far it yields to bending; degrees: one sigma of the turn."""
+    """Return how far each clamp is turned from what the recording tells, the same in every frame,
+    and how far it yields to bending; degrees: one sigma of the turn."""
     p = setup.properties
     length, weight = float(p.length.sum()), float(setup.weight)
     terms = []

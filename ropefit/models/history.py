@@ -12,8 +12,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ropefit.models.bends import darboux, merged, spun, stacked, vector_change, vectors
-from ropefit.models.response import STEP, Change, Point, add_sensor, directions_of, slopes_of
+from ropefit.models.bends import (
+    darboux,
+    elements_of,
+    joined,
+    merged,
+    spun,
+    stacked,
+    vector_change,
+    vectors,
+)
+from ropefit.models.response import (
+    STEP,
+    Change,
+    Point,
+    add_sensor,
+    directions_of,
+    law_moments,
+    slopes_of,
+)
 from ropefit.models.rubbing import loose, rubbings
 from ropefit.rod import friction, memory
 from ropefit.rod.friction import Grip
@@ -51,7 +68,7 @@ class WalkedPoint(Point):
     path: States
 
     def respond(self, changes: list[Change]) -> np.ndarray:
-        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
+        """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
         if not changes:
             return np.zeros((0, *self.seen.shape))
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
@@ -72,13 +89,14 @@ class WalkedPoint(Point):
             if not step.solution.converged[0]:
                 out[t] = np.nan
                 continue
-            p = darboux(step.solution)
+            p = darboux(step.solution)[0]
             answer = memory.answer(
                 self.laws, law_slopes, t, step.first, step.before, change, p[:, 1:3]
             )
             # As a change of the rest shape: that is how the solver takes a change of moments.
             stiff = step.solution.rod.stiffness.reshape(nodes, 3)[:, :2].numpy()
-            rest[t, :, :, :2] -= answer.force / np.where(stiff > 0, stiff, np.inf)
+            force = answer.force + law_moments(slopes, p[None, :, 1:3])[0]
+            rest[t, :, :, :2] -= force / np.where(stiff > 0, stiff, np.inf)
             own = Directions(*(None if d is None else d[t : t + 1] if len(d) > 1 else d
                                for d in directions))  # fmt: skip
             own = own._replace(rest=rest[t : t + 1])
@@ -95,7 +113,7 @@ class WalkedPoint(Point):
 def _with_friction(
     step: Step, own: Directions, load: np.ndarray, missed: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Changes (P, N+1, 3) of one frame's nodes and (P, N, 3) turns of its frames.
+    """Return changes (P, N+1, 3) of one frame's nodes and (P, N, 3) turns of its frames.
 
     missed (N+1, 3, 3) [N/m]: friction's stiffness that its supports do not have, since it grows
     with the normal force. The force from it is that for which the nodes that it acts on move as
@@ -127,6 +145,7 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
     picked = shown.numpy()
     frames, rod = len(whole.ends), whole.rod()
     law, begins = laws_of(whole), memory.restarts(whole.clock)
+    elastic = elements_of(whole, rod, 1)
     spins = float(rod.stiffness[..., 0, 2]) == 0.0 == float(rod.stiffness[..., -1, 2])
     row = {int(t): k for k, t in enumerate(picked)}
     rough = [p for p in whole.potentials if p.friction is not None]
@@ -139,12 +158,13 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
             lost = False
             state = memory.unloaded(one.rest[:, :2].numpy(), len(law.fresh))
             grips = [loose(whole.segments + 1) for _ in rough]
-        friction_elements = FrictionElements(
+        past = FrictionElements(
             *(item[None] for item in memory.friction_elements(law, t, first, state))
         )
         held = Conditions(
-            whole.ends[t : t + 1], whole.clamp[t : t + 1], friction_elements=friction_elements
-        )
+            whole.ends[t : t + 1], whole.clamp[t : t + 1],
+            friction_elements=joined(past, elastic),
+        )  # fmt: skip
         known = None
         if path is not None:
             known = path.frames(np.array([t]))
@@ -160,7 +180,7 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
         lost = not solution.converged[0]
         if not lost:
             last, x = solution, torch.from_numpy(solution.x[0])
-            state = memory.after(law, t, first, state, vectors(solution))
+            state = memory.after(law, t, first, state, vectors(solution)[0])
             grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
     solution = merged([steps[t].solution for t in picked])
     seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
@@ -176,8 +196,8 @@ def _settle_one(
     starts: list[States | None],
     toward: np.ndarray | None,
 ) -> Solution:
-    """A frame's equilibrium from the first start that leads to one, in the end from that of a rope
-    without a past.
+    """Return a frame's equilibrium from the first start that leads to one, in the end from that of
+    a rope without a past.
 
     toward (N+1, 2): where a rope that is free to spin has its bends, as near as it can.
     """
@@ -202,13 +222,13 @@ def _arrived(states: States) -> bool:
 
 
 def in_frames(values: np.ndarray | None, frames: int) -> np.ndarray:
-    """(H, ...) a copy of values (H, ...) or (1, ...)."""
+    """Return (H, ...) a copy of values (H, ...) or (1, ...)."""
     assert values is not None
     return np.array(np.broadcast_to(values, (frames, *values.shape[1:])))
 
 
 def _law_slopes(changes: list[Change]) -> Laws:
-    """Derivatives of the branches' laws in P changes."""
+    """Return derivatives of the branches' laws in P changes."""
     rows = []
     for changed in changes:
         low, high = (laws_of(changed(size)) for size in (-STEP, STEP))
@@ -220,5 +240,5 @@ def _law_slopes(changes: list[Change]) -> Laws:
 
 
 def laws_of(setup: Setup) -> Laws:
-    """What a setup's rope remembers by."""
+    """Return what a setup's rope remembers by."""
     return memory.laws(setup.memory, setup.rod(), setup.properties.bend, setup.clock)

@@ -28,12 +28,14 @@ from ropefit.solvers.equilibrium.solution import States
 class Model(ABC):
     """A base setup and the terms that act on it, in order; last: states from which it goes on.
 
-    instantaneous: each frame's shape follows from its own loads and ends alone.
+    clips: indices of the frames of each stretch that is predicted from its own start.
+    instantaneous: each frame's shape follows from its own loads and ends alone; no clips.
     """
 
     base: Setup
     terms: list[Term]
     last: States | None = field(default=None, repr=False)
+    clips: list[np.ndarray] = field(default_factory=list)
 
     instantaneous: ClassVar[bool] = True
 

@@ -116,12 +116,12 @@ def _length(setup: Setup) -> float:
 
 
 def _weight(setup: Setup) -> float:
-    """[N]."""
+    """Return [N]."""
     return float(setup.properties.density.mean() * setup.gravity.norm()) * _length(setup)
 
 
 def _swing(setup: Setup) -> float:
-    """[s] time in which a rope of this length swings by a radian."""
+    """Return [s] time in which a rope of this length swings by a radian."""
     return (_length(setup) / float(setup.gravity.norm())) ** 0.5
 
 
@@ -139,7 +139,7 @@ def _twist(setup: Setup) -> Range:
 
 
 def _axial(setup: Setup) -> Range:
-    """A rope that does not stretch yet starts where it hardly does."""
+    """Return a rope that does not stretch yet starts where it hardly does."""
     weight, axial = _weight(setup), float(setup.properties.axial[0])
     return Range(axial if np.isfinite(axial) else 1e3 * weight, weight, 1e7 * weight)
 

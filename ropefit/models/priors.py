@@ -40,7 +40,7 @@ class Priors:
 
 
 def nuisance(name: str, names: list[str], units: list[str], apply: Apply, sd: list[float]) -> Term:
-    """A calibration error: zero, give or take its prior."""
+    """Return a calibration error: zero, give or take its prior."""
     prior = np.array(sd)
     return Term(
         name, tuple(names), tuple(units), apply, np.zeros(len(sd)), prior, -30 * prior, 30 * prior,
@@ -57,7 +57,7 @@ def shift_camera(setup: Setup, v: Tensor) -> Setup:
 
 
 def turn_clamp(end: int) -> Apply:
-    """The clamp is turned by v (3,) [rad] about its own axes, in every frame alike."""
+    """Return the clamp is turned by v (3,) [rad] about its own axes, in every frame alike."""
     return lambda setup, v: turned_clamp(setup, end, v)
 
 

@@ -14,6 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.models.bends import vectors
+from ropefit.rod.bending import Springs, moment_changes, springs
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import SensorModel, Setup
@@ -41,24 +43,25 @@ class Point:
         return self.solution.converged
 
     def respond(self, changes: list[Change]) -> np.ndarray:
-        """(P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
+        """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
         if not changes:
             return np.zeros((0, *self.seen.shape))
         slopes = slopes_of(self.setup, changes, self.solution)
         directions = directions_of(self.solution.rod, slopes, len(self.seen))
+        directions = with_law(directions, self.solution, slopes)
         dx, _ = tangent(self.solution, directions)
         return add_sensor(dx, slopes, self.setup.seen)
 
 
 def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
-    """Of every change of a setup, with the rope in the states of a solution."""
+    """Return the slopes of every change of a setup, with the rope in the states of a solution."""
     x = torch.from_numpy(solution.x)
     still = [np.zeros(tuple(field.shape)) for field in setup.rod()]
     return [_slopes(setup, changed, x, still) for changed in changes]
 
 
 def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
-    """All changes at once, with a row for each frame if one of them needs it."""
+    """Return all changes at once, with a row for each frame if one of them needs it."""
     # Loads that differ from frame to frame: of inertia, and the forces of potentials.
     if any(s.force is not None or s.rod[LOAD].ndim == 3 for s in slopes):
         rods = rods.each(frames)
@@ -79,8 +82,31 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
     )
 
 
+def law_moments(slopes: list[Slopes], vector: np.ndarray) -> np.ndarray:
+    """Return (F, P, N+1, 2) [N m] derivatives of the moments of a law of bending at vectors (F,
+    N+1, 2) that stay."""
+    out = np.zeros((len(vector), len(slopes), *vector.shape[1:]))
+    for k, s in enumerate(slopes):
+        if s.springs is not None:
+            out[:, k] = moment_changes(*s.springs, STEP, vector)
+    return out
+
+
+def with_law(directions: Directions, solution: Solution, slopes: list[Slopes]) -> Directions:
+    """Return directions with the moments of a law of bending that change, as a change of the rest
+    shape: that is how the solver takes them."""
+    if all(s.springs is None for s in slopes):
+        return directions
+    moved = law_moments(slopes, vectors(solution))
+    stiff = solution.rod.stiffness.reshape(-1, 1, moved.shape[2], 3)[..., :2].numpy()
+    assert directions.rest is not None
+    rest = np.array(np.broadcast_to(directions.rest, (*moved.shape[:3], 3)))
+    rest[..., :2] -= moved / np.where(stiff > 0, stiff, np.inf)
+    return directions._replace(rest=rest)
+
+
 def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.ndarray:
-    """(P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
+    """Return (P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
     dx = np.moveaxis(dx, 1, 0) * (1 - float(seen.lag))
     for moved, s in zip(dx, slopes, strict=True):
         # The sensor's small errors move a change of the rope by a change of second order only.
@@ -91,27 +117,34 @@ def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.nd
 @dataclass(frozen=True)
 class Slopes:
     """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
-    [rad] and what is seen [m] at nodes that stay, in one value."""
+    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending STEP to
+    either side."""
 
     rod: list[np.ndarray]
     force: np.ndarray | None
     ends: np.ndarray
     clamp: np.ndarray
     seen: np.ndarray
+    springs: tuple[Springs, Springs] | None
 
 
 def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> Slopes:
-    """still: the rod's fields' derivatives where nothing that it is built from changes."""
+    """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
+    is built from changes."""
     a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
-    rod = still
-    if not _equal(_built_from(a), _built_from(b)):
-        rod = [slope(p, q) for p, q in zip(a.rod(), b.rod(), strict=True)]
+    rod, law = still, None
+    same = _equal(_built_from(a), _built_from(b))
+    if not same or a.bending is not b.bending:
+        rods = a.rod(), b.rod()
+        rod = still if same else [slope(p, q) for p, q in zip(*rods, strict=True)]
+        if a.bending is not None or b.bending is not None:
+            law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
     force = None
     if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
         force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
-    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x))
+    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x), law)
 
 
 def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
@@ -121,12 +154,12 @@ def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
 
 
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
-    """(F, K) [J] of each potential."""
+    """Return (F, K) [J] of each potential."""
     return [p.share * p.energy(x) for p in setup.potentials]
 
 
 def _built_from(setup: Setup) -> list[Tensor]:
-    """What a rod is built from."""
+    """Return what a rod is built from."""
     loads = (
         setup.gravity,
         setup.load,
@@ -144,7 +177,8 @@ def _equal(first: Iterable[Tensor], second: Iterable[Tensor]) -> bool:
 
 
 def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
-    """(F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes `now`."""
+    """Return (F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes
+    `now`."""
     if before is after or torch.equal(before.nan_to_num(), after.nan_to_num()):
         return np.zeros((*now.shape[:-1], 3))
     turns = (conjugate_product(now, clamp)[..., 1:] for clamp in (before, after))
@@ -152,5 +186,5 @@ def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
 
 
 def slope(before: Tensor, after: Tensor) -> np.ndarray:
-    """Central difference; zero where the values are not finite."""
+    """Return the central difference; zero where the values are not finite."""
     return np.nan_to_num(((after - before) / (2 * STEP)).numpy(), posinf=0.0, neginf=0.0)

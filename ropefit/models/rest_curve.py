@@ -8,12 +8,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ropefit.effects.place import QUARTERS, between_quarters
 from ropefit.models.terms import Apply
 from ropefit.rod.setup import Setup
 
-PLACES = (0, 25, 50, 75, 100)  # % of the length: where a varying curvature is told
 UNIFORM = ("curvature_1", "curvature_2")
-VARYING = tuple(f"{name}_at_{place}" for name in UNIFORM for place in PLACES)
+VARYING = tuple(f"{name}_at_{place}" for name in UNIFORM for place in QUARTERS)
 NAMES = (*UNIFORM, *VARYING)
 SHORT = "rest_curve"  # stands for all of `VARYING`
 UNIFORM_BOUND, VARYING_BOUND = 5.0, 20.0  # 1/m per length, of a uniform and of a varying curvature
@@ -21,37 +21,37 @@ ACROSS = ("", ", across the first")
 
 
 def spelled_out(names: list[str]) -> list[str]:
-    """The names, `SHORT` replaced by what it stands for."""
+    """Return the names, `SHORT` replaced by what it stands for."""
     return [full for name in names for full in (VARYING if name == SHORT else (name,))]
 
 
 def meaning(name: str) -> str:
-    """In words."""
+    """Return the meaning of a parameter in words."""
     uniform, _, place = name.partition("_at_")
     where = f" at {place} % of the length" if place else ""
     return f"rest curvature{where}{ACROSS[UNIFORM.index(uniform)]}"
 
 
 def bound(name: str, setup: Setup) -> float:
-    """[1/m] that no rope's rest curvature exceeds."""
+    """Return [1/m] that no rope's rest curvature exceeds."""
     most = UNIFORM_BOUND if name in UNIFORM else VARYING_BOUND
     return most / float(setup.properties.length.sum())
 
 
 def apply(name: str) -> Apply:
-    """Adds a curvature [1/m]: everywhere, or at one of `PLACES` and less and less up to the
-    next."""
+    """Return adds a curvature [1/m]: everywhere, or at one of `QUARTERS` and less and less up to
+    the next."""
     uniform, _, place = name.partition("_at_")
     about = torch.zeros(3, dtype=torch.float64)
     about[UNIFORM.index(uniform)] = 1.0
 
     def added(setup: Setup, v: Tensor) -> Setup:
         p = setup.properties
-        near = torch.ones_like(p.length)
-        if place:
-            share = (setup.arc[1:] - 0.5 * p.length) / p.length.sum()
-            apart = 0.01 * (PLACES[1] - PLACES[0])
-            near = torch.clamp(1 - (share - 0.01 * float(place)).abs() / apart, min=0)
+        near = (
+            between_quarters(setup)[:, QUARTERS.index(int(place))]
+            if place
+            else torch.ones_like(p.length)
+        )
         curvature = p.curvature + v[0] * near[:, None] * about
         return setup._replace(properties=p._replace(curvature=curvature))
 

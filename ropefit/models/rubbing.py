@@ -29,26 +29,26 @@ class Rubbing:
     held: np.ndarray
 
     def drawn(self, t: int, moved: np.ndarray) -> np.ndarray:
-        """(P, N+1, 3) [N] further force in frame t where the places have moved so far."""
+        """Return (P, N+1, 3) [N] further force in frame t where the places have moved so far."""
         place = np.einsum("nab,pnb->pna", self.by_place[t], moved)
         return self.force[:, t] + self.stiffness[:, None] * place
 
     def then(self, t: int, moved: np.ndarray, dx: np.ndarray) -> np.ndarray:
-        """The places' moves after frame t, whose nodes move by dx (P, N+1, 3)."""
+        """Return the places' moves after frame t, whose nodes move by dx (P, N+1, 3)."""
         place = np.einsum("nab,pnb->pna", self.by_place[t], moved)
         return place + np.einsum("nab,pnb->pna", self.by_node[t], dx) + self.held[:, t]
 
 
 def loose(nodes: int) -> Grip:
-    """Nothing is held."""
+    """Return the grip of a frame in which nothing is held."""
     return Grip(torch.zeros(nodes, 3, dtype=torch.float64), torch.zeros(nodes, dtype=torch.bool))
 
 
 def rubbings(
     whole: Setup, changes: list[Change], grips: list[list[Grip]], x: np.ndarray
 ) -> list[Rubbing]:
-    """Of every contact with friction, for changes of the setup; grips of each frame, before it;
-    x (H, N+1, 3) [m]."""
+    """Return for every contact with friction, for changes of the setup; grips of each frame, before
+    it; x (H, N+1, 3) [m]."""
     rough = [k for k, p in enumerate(whole.potentials) if p.friction is not None]
     if not rough:
         return []

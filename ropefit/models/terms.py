@@ -51,7 +51,7 @@ class Term:
         return len(self.names)
 
     def value(self, u: np.ndarray) -> np.ndarray:
-        """(n,) in SI from search variables (n,)."""
+        """Return (n,) in SI from search variables (n,)."""
         if self.log:
             return self.start * np.exp(u)
         value = self.start + self.scale * u
@@ -62,7 +62,7 @@ class Term:
         return np.where(self.saturating, self.scale * (1 / rest - 1), value)
 
     def search(self, value: np.ndarray) -> np.ndarray:
-        """(n,) search variables of values in SI."""
+        """Return (n,) search variables of values in SI."""
         if self.log:
             return np.log(value / self.start)
         u = (value - self.start) / self.scale
@@ -71,11 +71,11 @@ class Term:
         return np.where(self.saturating, self._share(value) - self._share(self.start), u)
 
     def _share(self, value: np.ndarray) -> np.ndarray:
-        """(n,) value / (value + scale), 1 at infinity."""
+        """Return (n,) value / (value + scale), 1 at infinity."""
         return 1 - self.scale / (value + self.scale)
 
     def slope(self, u: np.ndarray) -> np.ndarray:
-        """(n,) derivative of the values in the search variables."""
+        """Return (n,) derivative of the values in the search variables."""
         if self.log or self.saturating is None:
             return self.value(u) if self.log else self.scale
         stretched = (self.value(u) + self.scale) ** 2 / self.scale
@@ -84,7 +84,7 @@ class Term:
     def interval(
         self, u: np.ndarray, covariance: np.ndarray, width: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(n,), (n,) values `width` standard deviations to either side, within the bounds;
+        """Return (n,), (n,) values `width` standard deviations to either side, within the bounds;
         covariance (n, n) of the search variables."""
         half = width * np.sqrt(np.maximum(np.diag(covariance), 0))
         least, most = self.search(self.lower), self.search(self.upper)

@@ -17,15 +17,16 @@ from ropefit.rod.quaternion import director
 from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd.chain import Chain
-from ropefit.solvers.xpbd.compiled import simulate_compiled
-from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State
+from ropefit.solvers.xpbd.compiled import COMPILED, simulate_compiled
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
 
 # Order of the six weights of Algorithm 1 in every parameter vector.
 ETA = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")
 
 
 def eta_names(two_sided: bool) -> tuple[str, ...]:
-    """The parameters: six, or seven when the two sides of the control point differ in gravity."""
+    """Return the parameters: six, or seven when the two sides of the control point differ in
+    gravity."""
     return ("eta_x_G_0", "eta_x_G_1", *ETA[1:]) if two_sided else ETA
 
 
@@ -67,7 +68,7 @@ class Rope:
         return eta_names(self.two_sided)
 
     def frames(self, index: Tensor) -> Rope:
-        """The same rope in some of its frames."""
+        """Return the same rope in some of its frames."""
         return replace(self, start=State(self.start.x[index], self.start.q[index]))
 
     def settle(
@@ -93,7 +94,8 @@ class Rope:
             State(x.expand(*shape, -1, -1), q.expand(*shape, -1, -1)),
             SOLVERS[self.solver],
         )
-        return simulate_compiled(
+        algorithm = simulate_compiled if self.solver in COMPILED else simulate
+        return algorithm(
             start, self.rest, self.chain, self._eta(eta), solver, self.gravity, self.settings
         )
 
@@ -118,7 +120,7 @@ def build_rope(
     hold_frame: bool = False,
     two_sided: bool = False,
 ) -> Rope:
-    """A rope with its ends (and control point) held where the frames have them.
+    """Return a rope with its ends (and control point) held where the frames have them.
 
     length [m]; gravity (3,) [m/s²]; control_position (F, 3) [m] is needed when the control point
     is not an end. hold_frame: hold the first segment's frame although end 0 is not clamped (its
@@ -173,7 +175,7 @@ def _two_sides(
     node: int,
     position: np.ndarray,
 ) -> np.ndarray:
-    """(K, 3) start of a rope held at an inner particle: a hanging shape on each side."""
+    """Return (K, 3) start of a rope held at an inner particle: a hanging shape on each side."""
     free = np.full((2, 3), np.nan)
     segment = length / (nodes - 1)
     first = hanging_shape(segment * node, node + 1, gravity, np.stack([ends[0], position]), free)

@@ -67,7 +67,8 @@ class Album:
             (self.folder / f"{frame:06d}_why.txt").write_text(f"dropped: {reason}\n")
 
     def pictures(self) -> dict[str, Any]:
-        """What observations keep: JPEG files one after the other, where each begins, frames."""
+        """Return what observations keep: JPEG files one after the other, where each begins,
+        frames."""
         if not self.kept:
             return {}
         frames = sorted(self.kept)
@@ -87,8 +88,8 @@ class Album:
 
 
 def drawing(color: np.ndarray, found: Segmentation) -> np.ndarray:
-    """A picture (h, w, 3) uint8 BGR, not too large, with the path drawn in: red where the rope was
-    seen, blue where it was not, rings at its ends."""
+    """Return a picture (h, w, 3) uint8 BGR, not too large, with the path drawn in: red where the
+    rope was seen, blue where it was not, rings at its ends."""
     shrink = -(-max(color.shape[:2]) // LARGEST)
     size = (max(color.shape[1] // shrink, 1), max(color.shape[0] // shrink, 1))
     out = cv2.resize(np.ascontiguousarray(color[..., ::-1]), size, interpolation=cv2.INTER_AREA)
@@ -103,7 +104,7 @@ def drawing(color: np.ndarray, found: Segmentation) -> np.ndarray:
 
 
 def depth_picture(depth: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Depth (H, W) [m] in false colours about the rope's, black where there is none."""
+    """Return depth (H, W) [m] in false colours about the rope's, black where there is none."""
     at = np.round(path).astype(int)
     at = np.clip(at, 0, [depth.shape[1] - 1, depth.shape[0] - 1])
     on = depth[at[:, 1], at[:, 0]]
@@ -116,7 +117,7 @@ def depth_picture(depth: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def caption(found: Segmentation, trace: Trace) -> str:
-    """One line under a picture."""
+    """Draw one line under a picture."""
     return (
         f"taken for the rope: {found.cue}; confidence {found.confidence:.2f}, "
         f"{found.width:.1f} px wide, {found.pieces} piece{'s' if found.pieces != 1 else ''}, "
@@ -126,7 +127,7 @@ def caption(found: Segmentation, trace: Trace) -> str:
 
 
 def reasons(found: Segmentation, trace: Trace) -> str:
-    """What decided, for a person who looks for a mistake."""
+    """Return what decided, for a person who looks for a mistake."""
     lines = [caption(found, trace), f"score {found.score:.4f}", "other candidates:"]
     lines += [f"  {score:.4f} {cue}" for cue, score in found.runners_up] or ["  none"]
     return "\n".join(lines) + "\n"

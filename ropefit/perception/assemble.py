@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ropefit.errors import BadInput
+from ropefit.perception.camera import Camera
 from ropefit.perception.cloud import scatter
 from ropefit.perception.noise import measure
 from ropefit.perception.plane import hanging_plane
@@ -25,7 +26,8 @@ FLOOR = 1e-6  # m: no sensor is better
 def assemble(
     tracer: Tracer, traces: list[Trace], frames: np.ndarray, nodes: int, project: str
 ) -> dict[str, Any]:
-    """Everything of observations.h5 that is computed from the traces of the usable frames."""
+    """Return everything of observations.h5 that is computed from the traces of the usable
+    frames."""
     position, orientation = (
         np.stack(part) for part in zip(*(tracer.ends(frame) for frame in frames), strict=True)
     )
@@ -67,20 +69,11 @@ def assemble(
     )
     centreline[~known] = np.nan
 
-    pixels, pixel_arcs, boundaries = [], [], []
-    for trace, line, point, (arc, line_arc) in zip(traces, lines, points, arcs, strict=True):
-        if trace.pixels is not None and trace.pixel_arc is not None:
-            pixel, pixel_arc = trace.pixels, trace.pixel_arc * length / trace.length
-        elif len(point) < 60:  # markers: the points themselves
-            pixel, pixel_arc = camera.project(point), arc
-        else:  # a cloud's denoised centreline stands in for the image's, where points were seen
-            at = np.linspace(0, length, 200)
-            at = at[_near(arc, at, length / 40)]
-            pixel, pixel_arc = camera.project(resample(line, line_arc, at)), at
-        pixels.append(pixel)
-        pixel_arcs.append(pixel_arc)
-        increasing = np.maximum.accumulate(pixel_arc)
-        boundaries.append(resample(pixel, increasing, node_arc))
+    pixels, pixel_arcs = _pixels(traces, lines, points, arcs, camera, length)
+    boundaries = [
+        resample(pixel, np.maximum.accumulate(arc), node_arc)
+        for pixel, arc in zip(pixels, pixel_arcs, strict=True)
+    ]
     centreline_px = np.stack(boundaries)
     centreline_px[~known] = np.nan
 
@@ -119,14 +112,39 @@ def assemble(
     }
 
 
+def _pixels(
+    traces: list[Trace],
+    lines: list[np.ndarray],
+    points: list[np.ndarray],
+    arcs: list[tuple[np.ndarray, np.ndarray]],
+    camera: Camera,
+    length: float,
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return of each frame the rope's pixels (P, 2) and their arc lengths (P,) [m]."""
+    pixels, pixel_arcs = [], []
+    for trace, line, point, (arc, line_arc) in zip(traces, lines, points, arcs, strict=True):
+        if trace.pixels is not None and trace.pixel_arc is not None:
+            pixel, pixel_arc = trace.pixels, trace.pixel_arc * length / trace.length
+        elif len(point) < 60:  # markers: the points themselves
+            pixel, pixel_arc = camera.project(point), arc
+        else:  # a cloud's denoised centreline stands in for the image's, where points were seen
+            at = np.linspace(0, length, 200)
+            at = at[_near(arc, at, length / 40)]
+            pixel, pixel_arc = camera.project(resample(line, line_arc, at)), at
+        pixels.append(pixel)
+        pixel_arcs.append(pixel_arc)
+    return pixels, pixel_arcs
+
+
 def _before(traces: list[Trace]) -> np.ndarray | None:
-    """(points,) [m] from the visible surface to the axis; None where no surface was seen."""
+    """Return (points,) [m] from the visible surface to the axis; None where no surface was seen."""
     moved = [trace.before for trace in traces if trace.before is not None]
     return np.concatenate(moved) if len(moved) == len(traces) else None
 
 
 def _spread(traces: list[Trace]) -> dict[str, Any]:
-    """The noise along the rope and the spread of the length as traced, where they can be had."""
+    """Return the noise along the rope and the spread of the length as traced, where they can be
+    had."""
     out: dict[str, Any] = {}
     found = measure(traces)
     if found is not None:
@@ -142,7 +160,8 @@ def _spread(traces: list[Trace]) -> dict[str, Any]:
 
 
 def _length(tracer: Tracer, traces: list[Trace], position: np.ndarray) -> tuple[float, str]:
-    """The rope's length [m] and where it is from: the recording, or estimated from what is seen.
+    """Return the rope's length [m] and where it is from: the recording, or estimated from what is
+    seen.
 
     Where the ends are those seen and part of the rope is hidden, the rope between them is shorter
     than the recording says: what is seen counts.
@@ -159,7 +178,8 @@ def _length(tracer: Tracer, traces: list[Trace], position: np.ndarray) -> tuple[
 
 
 def _ends_seen(traces: list[Trace], tracer: Tracer) -> np.ndarray:
-    """(F, 2, 3) ends as the data show them, end 0 staying the same one from frame to frame."""
+    """Return (F, 2, 3) ends as the data show them, end 0 staying the same one from frame to
+    frame."""
     ends = np.stack([trace.centreline[[0, -1]] for trace in traces])
     if tracer.recording.source.table == "markers":
         return ends
@@ -214,14 +234,14 @@ def _whether_to_project(
 
 
 def _rescale(trace: Trace, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """(point arcs, centreline arcs) [m] on a rope of the agreed length."""
+    """Return (point arcs, centreline arcs) [m] on a rope of the agreed length."""
     factor = length / trace.length
     arc = np.maximum.accumulate(trace.arc * factor)
     return trace.point_arc * factor, arc
 
 
 def _near(arc: np.ndarray, at: np.ndarray, reach: float) -> np.ndarray:
-    """(M,) bool: places with a data point within `reach`."""
+    """Return (M,) bool: places with a data point within `reach`."""
     ordered = np.sort(arc)
     right = np.clip(np.searchsorted(ordered, at), 0, len(ordered) - 1)
     left = np.maximum(right - 1, 0)
@@ -229,14 +249,15 @@ def _near(arc: np.ndarray, at: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _seen(arc: np.ndarray, reach: float, node_arc: np.ndarray) -> np.ndarray:
-    """(K-1,) bool: segments that hold a data point or have one within `reach` of their middle."""
+    """Return (K-1,) bool: segments that hold a data point or have one within `reach` of their
+    middle."""
     middle = (node_arc[1:] + node_arc[:-1]) / 2
     half = (node_arc[1] - node_arc[0]) / 2
     return _near(arc, middle, max(reach, half))
 
 
 def _covered(arc: np.ndarray, reach: float, node_arc: np.ndarray) -> np.ndarray:
-    """(K,) bool: boundaries near enough to data to be compared with a particle."""
+    """Return (K,) bool: boundaries near enough to data to be compared with a particle."""
     half = (node_arc[1] - node_arc[0]) / 2
     return _near(arc, node_arc, max(reach, half))
 
@@ -244,7 +265,7 @@ def _covered(arc: np.ndarray, reach: float, node_arc: np.ndarray) -> np.ndarray:
 def _lowest(
     line: np.ndarray, line_arc: np.ndarray, arc: np.ndarray, down: np.ndarray
 ) -> np.ndarray:
-    """(3,) lowest point of the denoised centreline where there are data."""
+    """Return (3,) lowest point of the denoised centreline where there are data."""
     inside = (line_arc >= arc.min()) & (line_arc <= arc.max())
     candidates = line[inside] if inside.any() else line
     return candidates[np.argmax(candidates @ down)]

@@ -16,7 +16,8 @@ SLACK = 1.1  # times the rope's length: farther than that from both ends togethe
 
 
 def foreground(points: np.ndarray, ends: np.ndarray, length: float | None) -> np.ndarray:
-    """(M, 3) [m] the points (N, 3) that may be rope: no sheet, within reach of known ends (2, 3).
+    """Return (M, 3) [m] the points (N, 3) that may be rope: no sheet, within reach of known ends
+    (2, 3).
 
     A rope that hangs in a plane stays: its points are no sheet there but a line.
     """
@@ -40,7 +41,7 @@ def foreground(points: np.ndarray, ends: np.ndarray, length: float | None) -> np
 
 
 def _sheet(points: np.ndarray, size: float, rng: np.random.Generator) -> np.ndarray | None:
-    """(N,) bool: the points of the plane that holds the most, if they are a sheet."""
+    """Return (N,) bool: the points of the plane that holds the most, if they are a sheet."""
     some = points[rng.choice(len(points), min(len(points), 2000), replace=False)]
     corners = some[rng.integers(0, len(some), (TRIES, 3))]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -60,7 +61,7 @@ def _sheet(points: np.ndarray, size: float, rng: np.random.Generator) -> np.ndar
 
 
 def _is_sheet(points: np.ndarray, size: float, rng: np.random.Generator) -> bool:
-    """Whether points (N, 3) spread to two sides around most of them."""
+    """Return whether points (N, 3) spread to two sides around most of them."""
     tree = KDTree(points)
     ratios = []
     for at in points[rng.choice(len(points), min(len(points), 60), replace=False)]:

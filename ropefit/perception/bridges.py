@@ -13,7 +13,8 @@ FOCAL = 0.6  # of the picture's longer side: rough, for comparing depth with dis
 
 
 def tips_of(pieces: list[np.ndarray], width: float) -> tuple[np.ndarray, np.ndarray]:
-    """(2N, 2) ends of the pieces and (2N, 2) outward unit directions there, zero for points."""
+    """Return (2N, 2) ends of the pieces and (2N, 2) outward unit directions there, zero for
+    points."""
     tips, ways = np.zeros((2 * len(pieces), 2)), np.zeros((2 * len(pieces), 2))
     reach = max(int(LOOK * width), 4)
     for i, piece in enumerate(pieces):
@@ -30,8 +31,8 @@ def tips_of(pieces: list[np.ndarray], width: float) -> tuple[np.ndarray, np.ndar
 
 
 def distances(pieces: list[np.ndarray], width: float, depth: np.ndarray) -> np.ndarray:
-    """(2N,) distances from the camera, in pixels as wide as they are there, of the ends of pieces;
-    NaN where there is no depth."""
+    """Return (2N,) distances from the camera, in pixels as wide as they are there, of the ends of
+    pieces; NaN where there is no depth."""
     out = np.full(2 * len(pieces), np.nan)
     reach = max(int(LOOK * width), 4)
     limit = np.array(depth.shape[::-1]) - 1
@@ -55,7 +56,7 @@ def costs(
     count: int,
     width: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(cost (2N, 2N) [px] of a link from end to end, infinite where there can be none, turn
+    """Return (cost (2N, 2N) [px] of a link from end to end, infinite where there can be none, turn
     (2N, 2N) [rad] of the first of them). away (2N,): see distances.
 
     A link costs its length and the energy of the elastic curve that makes its turns.

@@ -22,28 +22,28 @@ class Camera:
     virtual: bool = False
 
     def local(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) [m] points in the camera's axes."""
+        """Return (N, 3) [m] points in the camera's axes."""
         return (points - self.pose[:3, 3]) @ self.pose[:3, :3]
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [px]."""
+        """Return (N, 2) [px]."""
         local = self.local(points)
         return local[:, :2] / local[:, 2:] * [self.fx, self.fy] + [self.cx, self.cy]
 
     def unproject(self, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """(N, 3) [m] points in the recording's frame of pixels (N, 2) at depth (N,) [m]."""
+        """Return (N, 3) [m] points in the recording's frame of pixels (N, 2) at depth (N,) [m]."""
         rays = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
         local = np.column_stack([rays * depth[:, None], depth])
         return local @ self.pose[:3, :3].T + self.pose[:3, 3]
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """(N, 3) unit directions in the recording's frame."""
+        """Return (N, 3) unit directions in the recording's frame."""
         ahead = self.unproject(pixels, np.ones(len(pixels))) - self.pose[:3, 3]
         return ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
 
 
 def virtual_camera(points: np.ndarray, gravity: np.ndarray, viewpoint: np.ndarray | None) -> Camera:
-    """A 1280 x 720 camera of focal length 610 px that looks at points (N, 3) [m].
+    """Return a 1280 x 720 camera of focal length 610 px that looks at points (N, 3) [m].
 
     It stands at the viewpoint if that is known; else it faces the plane in which the points spread
     most widely, far enough away to see all of them.

@@ -11,11 +11,11 @@ WORTH = 2.0  # px of bridge that a pixel of rope, seen, is worth
 def best_chain(
     cost: np.ndarray, length: np.ndarray, first: np.ndarray, last: np.ndarray
 ) -> list[tuple[int, bool]]:
-    """[(piece, reversed)] of the chain that explains most with the cheapest bridges.
+    """Return [(piece, reversed)] of the chain that explains most with the cheapest bridges.
 
     Pieces n have tips 2n and 2n + 1. cost (2N, 2N) [px] of a bridge from tip to tip, infinite where
     there can be none; length (N,) [px] of the pieces; first, last (2N,) [px] cost of beginning, of
-    ending the chain at a tip. The answer is exact (Held and Karp, with pieces that may be left out:
+    ending the chain at a tip. The answer is exact (Held and Karp, with optional pieces:
     each is worth WORTH times its length). Empty where N is 0 or nothing can be begun and ended.
     """
     count = len(length)

@@ -26,19 +26,15 @@ BRANCH = 0.1  # share of the points, and of the way from end to end, that may be
 
 
 def remove_outliers(points: np.ndarray) -> np.ndarray:
-    """(M, 3) [m] distinct points with neighbours about as near as usual (open3d, by radius).
+    """Return (M, 3) [m] distinct points with neighbours about as near as usual.
 
     A point at the tip of the rope has its neighbours on one side only, half as many: it stays.
     """
     points = np.unique(points, axis=0)  # copies would be each other's neighbours
     if len(points) < LEAST_POINTS:
         return points
-    import open3d as o3d
-
-    usual = np.median(KDTree(points).query(points, k=NEIGHBOURS + 1)[0][:, -1])
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    _, kept = cloud.remove_radius_outlier(nb_points=NEIGHBOURS // 4, radius=LONELY * usual)
-    return points[np.sort(np.asarray(kept, dtype=int))]
+    away = np.asarray(KDTree(points).query(points, k=NEIGHBOURS + 1)[0])  # the first is the point
+    return points[away[:, NEIGHBOURS // 4] < LONELY * np.median(away[:, -1])]
 
 
 def trace_cloud(
@@ -95,7 +91,7 @@ def trace_cloud(
 
 
 def _geodesic(points: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(N,) distance along the cloud from end 0, by shortest paths over near neighbours.
+    """Return (N,) distance along the cloud from end 0, by shortest paths over near neighbours.
 
     Separate pieces (occlusion) are joined by the shortest links between them. Raises FrameRejected
     where that makes no line.
@@ -126,7 +122,8 @@ def _geodesic(points: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.nda
 def _smooth_line(
     points: np.ndarray, along: np.ndarray, ends: np.ndarray, known: np.ndarray, bins: int
 ) -> np.ndarray:
-    """(M, 3) centreline: means over stretches of geodesic distance, smoothed, ends put back."""
+    """Return (M, 3) centreline: means over stretches of geodesic distance, smoothed, ends put
+    back."""
     finite = np.isfinite(along)
     points, along = points[finite], along[finite]
     edges = np.linspace(along.min(), along.max() + 1e-9, bins + 1)
@@ -150,7 +147,8 @@ def _smooth_line(
 
 
 def _extended(means: np.ndarray, centre: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(M, 3) the polyline (B, 3) over centre (B,) at places (M,), straight on beyond its ends."""
+    """Return (M, 3) the polyline (B, 3) over centre (B,) at places (M,), straight on beyond its
+    ends."""
     line = resample(means, centre, at)
     span = min(3, len(means) - 1)  # one step is too short to give a direction
     if span > 0:
@@ -161,7 +159,7 @@ def _extended(means: np.ndarray, centre: np.ndarray, at: np.ndarray) -> np.ndarr
 
 
 def _smooth(line: np.ndarray) -> np.ndarray:
-    """Gaussian over neighbouring vertices (M, 3), applied to what it took away once more.
+    """Return Gaussian over neighbouring vertices (M, 3), applied to what it took away once more.
 
     A Gaussian alone moves a bend inwards by half its variance times the curvature (3 mm for a
     radius of 5 cm); the second pass gives that back. The ends are padded by reflection.
@@ -192,7 +190,8 @@ def without_overshoot(line: np.ndarray, size: int = 3) -> np.ndarray:
 def _surface_to_axis(
     points: np.ndarray, line: np.ndarray, radius: float, viewpoint: np.ndarray
 ) -> np.ndarray:
-    """(N, 3) [m] moves from the visible surface to the axis: away from the eye, across the rope.
+    """Return (N, 3) [m] moves from the visible surface to the axis: away from the eye, across the
+    rope.
 
     A point to the side of the line stands less far before the axis than one in its middle.
     """
@@ -209,7 +208,7 @@ def _surface_to_axis(
 
 
 def scatter(points: np.ndarray, line: np.ndarray) -> float:
-    """Robust sd [m] of the points (N, 3) about the centreline, per component across it."""
+    """Return robust sd [m] of the points (N, 3) about the centreline, per component across it."""
     _, offset = project_to_polyline(points, line)
     distance = np.linalg.norm(offset, axis=1)
     # |two Gaussian components| has median 1.1774 sd.

@@ -18,13 +18,14 @@ MOST_AREA = 0.15  # of the image: more is no rope
 
 
 def lab_of(color: np.ndarray, blur: float = 0.0) -> np.ndarray:
-    """(H, W, 3) float32 CIE Lab, L 0..100, of an RGB image (H, W, 3) uint8."""
+    """Return (H, W, 3) float32 CIE Lab, L 0..100, of an RGB image (H, W, 3) uint8."""
     image = cv2.GaussianBlur(color, (0, 0), blur) if blur > 0 else color
     return cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
 
 
 def around(lab: np.ndarray) -> np.ndarray:
-    """(H, W, 3) what surrounds each pixel: medians over windows that a rope is thinner than."""
+    """Return (H, W, 3) what surrounds each pixel: medians over windows that a rope is thinner
+    than."""
     height, width = lab.shape[:2]
     shrink = max(min(height, width) // 120, 1)
     size = (max(width // shrink, 1), max(height // shrink, 1))
@@ -37,7 +38,7 @@ def around(lab: np.ndarray) -> np.ndarray:
 
 
 def unlike_masks(lab: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Masks of what differs from its surroundings, whatever its colour is."""
+    """Return masks of what differs from its surroundings, whatever its colour is."""
     away = np.linalg.norm(lab - around(lab), axis=2)
     for level in UNLIKE:
         mask = away > level
@@ -46,7 +47,8 @@ def unlike_masks(lab: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def colour_masks(lab: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Masks of the main colours, of small but vivid ones, and of pairs that are much alike."""
+    """Return masks of the main colours, of small but vivid ones, and of pairs that are much
+    alike."""
     weighted = lab * np.array([LIGHTNESS, 1, 1], np.float32)
     centres, label = _clusters(weighted)
     for k in range(len(centres)):
@@ -58,7 +60,7 @@ def colour_masks(lab: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _clusters(lab: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(centres (K, 3), label (H, W)) of an image of weighted Lab."""
+    """Return (centres (K, 3), label (H, W)) of an image of weighted Lab."""
     flat = lab.reshape(-1, 3)
     chroma = np.linalg.norm(flat[:, 1:] - np.median(flat[::7, 1:], axis=0), axis=1)
     # A rope is a percent of the picture: sample vivid pixels as often as common ones.
@@ -77,8 +79,8 @@ def _clusters(lab: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def nearness(depth: np.ndarray) -> np.ndarray:
-    """(H, W) uint16 [mm] by how much each pixel of depth (H, W) [m] stands before its surroundings;
-    0 where it does not, NO_DEPTH where there is none."""
+    """Return (H, W) uint16 [mm] by how much each pixel of depth (H, W) [m] stands before its
+    surroundings; 0 where it does not, NO_DEPTH where there is none."""
     height, width = depth.shape
     shrink = max(min(height, width) // 120, 1)
     size = (max(width // shrink, 1), max(height // shrink, 1))
@@ -92,14 +94,14 @@ def nearness(depth: np.ndarray) -> np.ndarray:
 
 
 def depth_mask(depth: np.ndarray) -> np.ndarray:
-    """(H, W) bool: what stands before its surroundings in depth (H, W) [m], 0 = none."""
+    """Return (H, W) bool: what stands before its surroundings in depth (H, W) [m], 0 = none."""
     near = nearness(depth)
     behind = depth + near / 1000
     return (near < NO_DEPTH) & (near > 1000 * np.maximum(NEARER, 0.006 * behind))
 
 
 def near_colour(lab: np.ndarray, color: tuple[int, int, int], reach: float = 25.0) -> np.ndarray:
-    """(H, W) bool: pixels within `reach` of an RGB colour, lightness counting less."""
+    """Return (H, W) bool: pixels within `reach` of an RGB colour, lightness counting less."""
     weight = np.array([LIGHTNESS, 1, 1], np.float32)
     goal = lab_of(np.array(color, np.uint8).reshape(1, 1, 3))
     return np.linalg.norm((lab - goal) * weight, axis=2) < reach

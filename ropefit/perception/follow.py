@@ -22,7 +22,7 @@ GROWTH = 8.0  # widths by which a path is carried on at a time
 
 
 def even(path: np.ndarray, spacing: float) -> np.ndarray:
-    """(N, D) points of a path (P, D) at even distances of about `spacing`."""
+    """Return (N, D) points of a path (P, D) at even distances of about `spacing`."""
     arc = polyline_arc(path)
     keep = np.concatenate([[True], np.diff(arc) > 1e-9])
     count = max(round(arc[-1] / spacing) + 1, 2)
@@ -30,7 +30,8 @@ def even(path: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def measured_width(lab: np.ndarray, path: np.ndarray, guess: float) -> float:
-    """Width [px] of the rope along a path (S, 2): that at which most stations show two edges."""
+    """Return width [px] of the rope along a path (S, 2): that at which most stations show two
+    edges."""
     strip = edges(lab, path, guess, 1.5 * guess)
     usual = np.median(strip.evidence, axis=1, keepdims=True) + 1e-3
     relative = Strip(np.log1p(strip.evidence / usual), strip.offsets, strip.step)
@@ -47,7 +48,8 @@ def settle(
     held: np.ndarray | None = None,
     depth: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(path (S, 2), shown (S,)) moved sideways by at most `reach` [px] to where the rope shows.
+    """Return (path (S, 2), shown (S,)) moved sideways by at most `reach` [px] to where the rope
+    shows.
 
     held (S,): stations that may hardly move (there the mask shows the rope). shown: how many times
     the evidence on the path exceeds the usual one beside it.
@@ -70,8 +72,8 @@ def settle(
 
 
 def _between(gain: np.ndarray, choice: np.ndarray) -> np.ndarray:
-    """(S,) steps, half a one at most, from chosen offsets to the top of the parabola through the
-    gain (S, O) there and to both sides."""
+    """Return (S,) steps, half a one at most, from chosen offsets to the top of the parabola through
+    the gain (S, O) there and to both sides."""
     inner = np.clip(choice, 1, gain.shape[1] - 2)
     low, middle, high = (gain[np.arange(len(gain)), inner + k] for k in (-1, 0, 1))
     bend = low - 2 * middle + high
@@ -80,7 +82,8 @@ def _between(gain: np.ndarray, choice: np.ndarray) -> np.ndarray:
 
 
 def _smoothest(gain: np.ndarray, step: float, spacing: float, width: float) -> np.ndarray:
-    """(S,) index of the offset at each station: most gain, least sideways movement (Viterbi)."""
+    """Return (S,) index of the offset at each station: most gain, least sideways movement
+    (Viterbi)."""
     stations, count = gain.shape
     most = max(int(np.ceil(0.5 * spacing / step)), 1)
     moves = np.arange(-most, most + 1)
@@ -103,7 +106,7 @@ def _smoothest(gain: np.ndarray, step: float, spacing: float, width: float) -> n
 
 
 def visible(lab: np.ndarray, path: np.ndarray, shown: np.ndarray, width: float) -> np.ndarray:
-    """(S,) whether the rope is seen at the stations of a path (S, 2), a pixel apart.
+    """Return (S,) whether the rope is seen at the stations of a path (S, 2), a pixel apart.
 
     Over some widths its evidence must be more than chance's. It may be faint for longer where what
     is between its edges keeps the rope's colour; what hides a rope has another.
@@ -124,7 +127,8 @@ def visible(lab: np.ndarray, path: np.ndarray, shown: np.ndarray, width: float) 
 
 
 def grow(lab: np.ndarray, path: np.ndarray, width: float, spacing: float) -> np.ndarray:
-    """The path (S, 2), evenly spaced, carried on beyond its last point as long as the rope shows.
+    """Return the path (S, 2), evenly spaced, carried on beyond its last point as long as the rope
+    shows.
 
     It goes on with the curvature it has, is corrected sideways, and stops where two edges a width
     apart are no longer there or the colour between them changes: at a clamp, a gripper, a tip.
@@ -150,8 +154,8 @@ def grow(lab: np.ndarray, path: np.ndarray, width: float, spacing: float) -> np.
 
 
 def _cut(lab: np.ndarray, path: np.ndarray, before: int, width: float, short: int) -> np.ndarray:
-    """The path less what was added (after `before` stations) once its edges had faded: evidence
-    gathered along a path is half as strong where the rope ends."""
+    """Return the path less what was added (after `before` stations) once its edges had faded:
+    evidence gathered along a path is half as strong where the rope ends."""
     evidence = unroll(lab, path, width, 0.3 * width, along=2.0).evidence.max(axis=1)
     level = np.percentile(evidence[: max(before - short, 1)], 25)
     faded = evidence < 0.5 * level
@@ -172,7 +176,7 @@ def _usable(
     width: float,
     short: int,
 ) -> tuple[int, float]:
-    """How many stations of a way ahead (S, 2) are rope, and the evidence that they hold.
+    """Return how many stations of a way ahead (S, 2) are rope, and the evidence that they hold.
 
     The rope may be unclear for some widths, but where its colour goes it has ended.
     """
@@ -192,7 +196,8 @@ def _usable(
 
 
 def _onward(path: np.ndarray, count: int, spacing: float, width: float) -> list[np.ndarray]:
-    """Ways (count, 2) to carry a path (S, 2) on: with the curvature it has, more and less."""
+    """Return ways (count, 2) to carry a path (S, 2) on: with the curvature it has, more and
+    less."""
     part = path[-count:]
     trim = len(part) // 6
     smooth = gaussian_filter1d(part, max(len(part) / 6, 0.5), axis=0, mode="nearest")
@@ -210,7 +215,7 @@ def _onward(path: np.ndarray, count: int, spacing: float, width: float) -> list[
 
 
 def _inside(lab: np.ndarray, path: np.ndarray, width: float) -> np.ndarray:
-    """(S, 3) colour of the middle of the rope."""
+    """Return (S, 3) colour of the middle of the rope."""
     side = normals(path, 3.0)
     at = (path[:, None] + np.linspace(-0.25, 0.25, 5)[:, None] * width * side[:, None]).astype(
         np.float32
@@ -220,7 +225,7 @@ def _inside(lab: np.ndarray, path: np.ndarray, width: float) -> np.ndarray:
 
 
 def _first_run(good: np.ndarray, blemish: int) -> int:
-    """How many of the first stations are good, short interruptions not counted."""
+    """Return how many of the first stations are good, short interruptions not counted."""
     last = 0
     for i in np.flatnonzero(good):
         if i - last > blemish:

@@ -14,9 +14,10 @@ FARTHEST = 2.0  # times the longest tenth of the links that join the points into
 
 
 def neighbour_graph(nodes: np.ndarray, count: int = 8) -> csr_array:
-    """(N, N) distances [same unit as nodes (N, D)] from each point to its nearest neighbours.
+    """Return (N, N) distances [same unit as nodes (N, D)] from each point to its nearest
+    neighbours.
 
-    Neighbours much farther than the points need to hang together are left out: they may lie on
+    Neighbours much farther than the points need to hang together are ignored: they may lie on
     another stretch of the rope that passes nearby.
     """
     found = KDTree(nodes).query(nodes, k=min(count + 1, len(nodes)))

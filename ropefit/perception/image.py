@@ -65,7 +65,7 @@ def carried(
     length: float | None,
     gravity: np.ndarray,
 ) -> np.ndarray:
-    """(P, 3) [m] pixels (P, 2) of a rope carried onto the plane it is assumed to lie in."""
+    """Return (P, 3) [m] pixels (P, 2) of a rope carried onto the plane it is assumed to lie in."""
     known = np.isfinite(ends).all(axis=1)
     rays = camera.rays(pixels)
     eye, ahead = camera.pose[:3, 3], camera.pose[:3, 2]

@@ -23,8 +23,8 @@ class Picture:
 
 
 def best_looks(pictures: list[Picture]) -> Looks | None:
-    """Of the looks of the rope in some pictures those by which it is found best in all of them;
-    None where no looks serve."""
+    """Return, of the looks of the rope in some pictures, those by which it is found best in all of
+    them; None where no looks serve."""
     best: Looks | None = None
     labs = [lab_of(picture.color) for picture in pictures]
     nears = [None if p.depth is None else nearness(p.depth) for p in pictures]

@@ -40,7 +40,8 @@ class Path:
 def link(
     lines: list[np.ndarray], width: float, ends: np.ndarray, depth: np.ndarray | None = None
 ) -> list[Path]:
-    """Paths that the strands (P, 2) [px] make, longest first. ends (2, 2) [px], NaN where unknown.
+    """Return paths that the strands (P, 2) [px] make, longest first. ends (2, 2) [px], NaN where
+    unknown.
 
     Between two known ends the chain of a few strands is the best there is (chaining.py); else every
     end is linked to at most one other, the cheapest links first. A known end of the rope takes part
@@ -74,8 +75,8 @@ def link(
 
 
 def _exactly(lengths: list[int], cost: np.ndarray, count: int) -> list[list[Member]]:
-    """The best chain from known end to known end of the first few of `count` strands, of lengths
-    [px]."""
+    """Return the best chain from known end to known end of the first few of `count` strands, of
+    lengths [px]."""
     tips = slice(2 * len(lengths))
     first, last = cost[2 * count, tips], cost[2 * count + 2, tips]
     chain = chaining.best_chain(cost[tips, tips], np.array(lengths, dtype=float), first, last)
@@ -90,7 +91,8 @@ def _greedily(
     known: np.ndarray,
     width: float,
 ) -> list[list[Member]]:
-    """Chains of many strands: every end is linked to at most one other, the cheapest first."""
+    """Return chains of many strands: every end is linked to at most one other, the cheapest
+    first."""
     count = len(lines)
     partner = np.full(len(tips), -1)
     chain = np.arange(len(tips) // 2)  # number of the chain that each piece belongs to
@@ -126,7 +128,7 @@ def _cheapest_first(cost: np.ndarray, partner: np.ndarray, chain: np.ndarray) ->
 
 
 def _comes_back(piece: np.ndarray, width: float) -> bool:
-    """Whether a strand (P, 2) ends near where it began, after some way."""
+    """Return whether a strand (P, 2) ends near where it began, after some way."""
     apart = float(np.linalg.norm(piece[-1] - piece[0]))
     return len(piece) > BESIDE * width and apart < 0.5 * len(piece)
 
@@ -134,8 +136,8 @@ def _comes_back(piece: np.ndarray, width: float) -> bool:
 def _put_loops_in(
     partner: np.ndarray, tips: np.ndarray, turn: np.ndarray, round_: np.ndarray, width: float
 ) -> None:
-    """Loops of the rope are taken into the link beside which they begin and end. round_ (N,):
-    strands that come back.
+    """Take loops of the rope into the link beside which they begin and end. round_ (N,): strands
+    that come back.
 
     Where a rope crosses itself at a small angle, the short way past its loop looks as smooth as the
     way around, but then the loop would be left over.
@@ -161,7 +163,7 @@ def _put_loops_in(
 
 
 def _follow(first: int, partner: np.ndarray, used: np.ndarray, count: int) -> list[Member]:
-    """[(piece, reversed)] from a piece with a loose end to the other end of its chain."""
+    """Return [(piece, reversed)] from a piece with a loose end to the other end of its chain."""
     entering = 0 if first >= count or partner[2 * first] < 0 else 1
     members, at = [], 2 * first + entering
     while True:
@@ -185,7 +187,7 @@ def _without_clutter(
     count: int,
     width: float,
 ) -> list[Member]:
-    """The chain less short strands at its loose ends that do not go on as the rope goes.
+    """Return the chain less short strands at its loose ends that do not go on as the rope goes.
 
     Whatever lies near the end of a rope would be linked to it; what is long counts as rope, and
     what is short only where the way to it is straight.
@@ -215,7 +217,7 @@ def _joined(
     members: list[Member],
     count: int,
 ) -> Path:
-    """The chain as one path of about one point a pixel, its bridges cubic."""
+    """Return the chain as one path of about one point a pixel, its bridges cubic."""
     points, seen = [], []
     last: int | None = None
     for piece, flipped in members:
@@ -232,7 +234,8 @@ def _joined(
 
 
 def _hermite(a: np.ndarray, along_a: np.ndarray, b: np.ndarray, along_b: np.ndarray) -> np.ndarray:
-    """(N, 2) points strictly between a and b, leaving and arriving in the given directions."""
+    """Return (N, 2) points strictly between a and b, leaving and arriving in the given
+    directions."""
     distance = float(np.linalg.norm(b - a))
     count = int(distance)
     if count < 2:

@@ -33,7 +33,8 @@ class Looks:
     score: float
 
     def mask(self, color: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
-        """(H, W) bool of an image (H, W, 3) uint8 RGB and its nearness (H, W) [mm] (see cues)."""
+        """Return (H, W) bool of an image (H, W, 3) uint8 RGB and its nearness (H, W) [mm] (see
+        cues)."""
         likely = self.colour[_index(cv2.GaussianBlur(color, (3, 3), 0))]
         if near is not None and self.near is not None:
             likely += self.near[near]
@@ -48,8 +49,8 @@ def learn(
     width: float,
     score: float,
 ) -> Looks:
-    """Looks of the rope along path (P, 2) in mask (H, W) of an image (H, W, 3) uint8 RGB and its
-    nearness (H, W) [mm]."""
+    """Return looks of the rope along path (P, 2) in mask (H, W) of an image (H, W, 3) uint8 RGB and
+    its nearness (H, W) [mm]."""
     along = np.zeros(mask.shape, np.uint8)
     pixels = np.round(path * 16).astype(np.int32)[:, None]
     cv2.polylines(along, [pixels], False, 1, max(round(1.2 * width), 1), shift=4)
@@ -67,7 +68,7 @@ def learn(
 
 
 def without_blobs(mask: np.ndarray, width: float) -> np.ndarray:
-    """A mask (H, W) bool less what is much wider than a rope of `width` [px]."""
+    """Return a mask (H, W) bool less what is much wider than a rope of `width` [px]."""
     part = mask.astype(np.uint8)
     core = cv2.erode(part, _disc(BLOB * width))
     if not core.any():
@@ -90,7 +91,7 @@ def _index(color: np.ndarray) -> np.ndarray:
 
 
 def _density(index: np.ndarray) -> np.ndarray:
-    """(2^15,) smoothed share of each colour."""
+    """Return (2^15,) smoothed share of each colour."""
     count = np.bincount(index.ravel(), minlength=1 << (3 * BITS)).astype(np.float32)
     cube = gaussian_filter(count.reshape((1 << BITS,) * 3), BLUR, mode="nearest")
     return cube.ravel() / max(float(cube.sum()), 1.0)

@@ -18,7 +18,7 @@ LEAST_LEFT, MOST_CURVES = 3, 200  # markers beyond a curve's coefficients; frame
 def marker_arc(
     positions: np.ndarray, ends: np.ndarray, length: float | None
 ) -> tuple[np.ndarray, float]:
-    """Arc length of each marker (M,) and the rope's length [m], from all frames.
+    """Return arc length of each marker (M,) and the rope's length [m], from all frames.
 
     positions (F, M, 3), ends (F, 2, 3), NaN where unknown. Chords between neighbours, from end 0 if
     it is known; scaled to `length` if the whole rope is spanned. Of few frames their median, of
@@ -48,7 +48,7 @@ def marker_arc(
 
 
 def _piece(chords: np.ndarray) -> float:
-    """[m] of rope between two markers so far apart (F,), frame after frame; NaN of none."""
+    """Return [m] of rope between two markers so far apart (F,), frame after frame; NaN of none."""
     if not chords.size:
         return np.nan
     middle = float(np.median(chords))
@@ -66,7 +66,7 @@ def trace_markers(
     tangents: np.ndarray,
     dense: int = 100,
 ) -> Trace:
-    """One frame: markers (M, 3) [m], NaN where unseen, at arc (M,) of a rope of `length`.
+    """Trace one frame: markers (M, 3) [m], NaN where unseen, at arc (M,) of a rope of `length`.
 
     Between the markers runs a cubic spline through them and the known ends (2, 3), along the known
     tangents (2, 3). Raises FrameRejected with fewer than two markers.
@@ -154,6 +154,6 @@ def _left_by_curves(positions: np.ndarray, arc: np.ndarray) -> float:
 
 
 def _robust(values: np.ndarray) -> float:
-    """sd from the median absolute value, NaN left out."""
+    """Return sd from the median absolute value, ignoring NaN."""
     flat = np.abs(values[np.isfinite(values)])
     return float(1.4826 * np.median(flat)) if flat.size else np.nan

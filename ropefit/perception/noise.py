@@ -28,7 +28,8 @@ class Noise:
 
 
 def measure(traces: list[Trace]) -> Noise | None:
-    """White and correlated noise of frames of one rope; None where no frame has points enough.
+    """Return white and correlated noise of frames of one rope; None where no frame has points
+    enough.
 
     Restricted maximum likelihood: how likely each share and correlation length makes the
     points' distances from a flexible curve, what the curve takes away counted in. The length is
@@ -81,7 +82,8 @@ def measure(traces: list[Trace]) -> Noise | None:
 
 
 def _frame(trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """(arc (N,), basis (N, B), residuals (N, 2) [m] square to the rope) of points of one frame."""
+    """Return (arc (N,), basis (N, B), residuals (N, 2) [m] square to the rope) of points of one
+    frame."""
     pick = np.unique(np.linspace(0, len(trace.points) - 1, MOST_POINTS).astype(int))
     points, place = trace.points[pick], np.maximum.accumulate(trace.point_arc[pick])
     # Knots by share of points, so that a hidden stretch leaves no span without any.
@@ -109,6 +111,6 @@ def _frame(trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
 
 
 def _complement(basis: np.ndarray) -> np.ndarray:
-    """(N, N - rank) orthonormal directions that no curve of the basis (N, B) can follow."""
+    """Return (N, N - rank) orthonormal directions that no curve of the basis (N, B) can follow."""
     u, size, _ = np.linalg.svd(basis, full_matrices=True)
     return u[:, int((size > 1e-9 * size[0]).sum()) :]

@@ -8,7 +8,7 @@ import numpy as np
 def hanging_plane(
     ends: np.ndarray, gravity: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(origin (3,), unit normal (3,)) of the plane that holds gravity and both ends (2, 3).
+    """Return (origin (3,), unit normal (3,)) of the plane that holds gravity and both ends (2, 3).
 
     Where the ends lie above each other (or one is unknown), the plane takes the horizontal
     direction in which the points (N, 3) spread most.

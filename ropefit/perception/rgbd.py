@@ -152,7 +152,7 @@ def check_length(traced: float, length: float | None, between_ends: bool) -> Non
 
 
 def quality(found: Segmentation, seen: np.ndarray) -> float:
-    """0..1: how sure the choice of the rope is, times how much of it was seen."""
+    """Return 0..1: how sure the choice of the rope is, times how much of it was seen."""
     return float(found.confidence * seen.mean())
 
 
@@ -163,9 +163,9 @@ def centred(
     camera: Camera,
     radius: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(path (P, 2), seen (P,)) moved sideways to the middle between the rope's two edges, which
-    are as far apart as its radius [m] says where that is known: a shaded side may be as dark as the
-    ground, and missing from the mask."""
+    """Return (path (P, 2), seen (P,)) moved sideways to the middle between the rope's two edges,
+    which are as far apart as its radius [m] says where that is known: a shaded side may be as dark
+    as the ground, and missing from the mask."""
     if len(found.path) < 4:
         return found.path, found.seen
     low = np.floor(found.path.min(axis=0) - 4 * found.width - 4).astype(int).clip(0)
@@ -196,7 +196,7 @@ def depth_along(
     camera: Camera,
     radius: float | None,
 ) -> np.ndarray:
-    """(P,) [m] depth of the rope's axis at each path pixel; 0 where there is none.
+    """Return (P,) [m] depth of the rope's axis at each path pixel; 0 where there is none.
 
     At the rope's edge a depth pixel belongs to the background or lies between (flying pixels),
     always behind the rope. So only depths near the middle count, the nearest of those along a
@@ -236,7 +236,8 @@ def depth_along(
 
 
 def _quantile(values: np.ndarray, share: float) -> np.ndarray:
-    """(P,) the quantile of the finite entries of each row of (P, N); infinite where none is."""
+    """Return (P,) the quantile of the finite entries of each row of (P, N); infinite where none
+    is."""
     ordered = np.sort(values, axis=1)
     count = np.isfinite(ordered).sum(axis=1)
     place = share * np.maximum(count - 1, 0)
@@ -248,7 +249,8 @@ def _quantile(values: np.ndarray, share: float) -> np.ndarray:
 
 
 def _smooth_depth(at: np.ndarray, good: np.ndarray, sigma: float) -> np.ndarray:
-    """(P,) depth smoothed along the path, straight over gaps, weighted by where there is any."""
+    """Return (P,) depth smoothed along the path, straight over gaps, weighted by where there is
+    any."""
     index = np.flatnonzero(good)
     filled = np.interp(np.arange(len(at)), index, median_filter(at[good], 5, mode="nearest"))
     once = gaussian_filter1d(filled, sigma, mode="nearest")
@@ -258,7 +260,7 @@ def _smooth_depth(at: np.ndarray, good: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
-    """(P,) bool: depths far from the running median along the path (background seen at the
+    """Return (P,) bool: depths far from the running median along the path (background seen at the
     edge)."""
     smooth = np.zeros_like(depth)
     smooth[good] = median_filter(depth[good], size=min(width, int(good.sum())), mode="nearest")
@@ -268,8 +270,8 @@ def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
 
 
 def _untangle(line: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Those of the indices (N,) of a line (P, 3) that advance: steps back along it (noise in depth)
-    are left out."""
+    """Return those of the indices (N,) of a line (P, 3) that advance: steps back along it (noise in
+    depth) are ignored."""
     direction = np.gradient(gaussian_filter1d(line, 8, axis=0, mode="nearest"), axis=0)
     keep = [int(index[0])]
     for i in index[1:].tolist():
@@ -279,6 +281,6 @@ def _untangle(line: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 
 def _within(line: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The line (M, 3) and its places (M,) without vertices that overshoot its ends."""
+    """Return the line (M, 3) and its places (M,) without vertices that overshoot its ends."""
     kept = without_overshoot(np.column_stack([line, place]), 3)
     return kept[:, :3], kept[:, 3]

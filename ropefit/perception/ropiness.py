@@ -18,8 +18,8 @@ BENT = 0.15  # rad per width of path: a rope that bends this much all along is h
 def ropiness(
     mask: np.ndarray, strands: Strands, path: Path, lab: np.ndarray, ends: np.ndarray
 ) -> float:
-    """0..1: how much a path through a mask is like a rope: long for its width, even in width,
-    plainly another colour than beside it, smooth, and most of what is in the mask."""
+    """Return 0..1: how much a path through a mask is like a rope: long for its width, even in
+    width, plainly another colour than beside it, smooth, and most of what is in the mask."""
     width = strands.width
     on = path.points[path.seen]
     columns, rows = np.clip(np.round(on).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1]).T
@@ -41,7 +41,7 @@ def ropiness(
 
 
 def _turning(points: np.ndarray, width: float) -> float:
-    """Mean turn of a path [rad] per width of path."""
+    """Return mean turn of a path [rad] per width of path."""
     line = even(points, max(width, 2.0))
     step = np.diff(line, axis=0)
     if len(step) < 3:
@@ -51,7 +51,8 @@ def _turning(points: np.ndarray, width: float) -> float:
 
 
 def _contrast(mask: np.ndarray, path: Path, lab: np.ndarray, width: float) -> float:
-    """Colour distance [Lab] between the path and both sides of it, less what the sides differ.
+    """Return colour distance [Lab] between the path and both sides of it, less what the sides
+    differ.
 
     The seam where rope and ground mix is thin and long too, but its two sides are not alike.
     """

@@ -31,7 +31,7 @@ LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
 FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
-RIVAL = 0.5  # of the length, of the score: another rope
+COMPARABLE = 0.5  # of the length, of the score: another rope
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
 
@@ -57,7 +57,7 @@ class Segmentation:
 
     @property
     def confidence(self) -> float:
-        """0..1: the score, less where another candidate was nearly as good."""
+        """Return 0..1: the score, less where another candidate was nearly as good."""
         second = max((score for _, score in self.runners_up), default=0.0)
         return float(self.score / (self.score + SURE) * (self.score / (self.score + second + 1e-9)))
 
@@ -108,10 +108,10 @@ def segment_rope(
     allowed = region(color.shape[:2], looked.roi)
     if looked.mask is not None and not (looked.mask & allowed).any():
         raise FrameRejected("the mask is empty")
-    told = looked.mask is not None or looked.color is not None
+    specified = looked.mask is not None or looked.color is not None
     lab = lab_of(color)
     found: list[Candidate] = []
-    if looked.looks is not None and not told:
+    if looked.looks is not None and not specified:
         near = None if depth is None else nearness(depth)
         quick = candidate_of(
             FAMILIAR_CUE, looked.looks.mask(color, near) & allowed, lab, ends, depth
@@ -129,10 +129,10 @@ def segment_rope(
     # A mask may show little of a rope that the picture shows more of: that is asked of the best.
     found.sort(key=lambda item: -item.score * float(np.sqrt(item.path.seen.mean())))
     chosen = [
-        _finished(item, lab, ends, depth is None) for item in found[: 1 if told else FINALISTS]
+        _finished(item, lab, ends, depth is None) for item in found[: 1 if specified else FINALISTS]
     ]
     best = max(chosen, key=lambda item: item.score)
-    if best.score < DOUBTFUL and not told:
+    if best.score < DOUBTFUL and not specified:
         raise FrameRejected(
             "nothing in the image is long and thin enough to be the rope; give --color, --roi or "
             "--mask"
@@ -141,8 +141,9 @@ def segment_rope(
         [(item.cue, item.score) for item in found if not _same(item.path.points, best)],
         key=lambda item: -item[1],
     )
-    rivals = not np.isfinite(ends).all() and any(score > RIVAL * best.score for _, score in others)
-    return replace(best, runners_up=others[:5], several=best.several or (rivals and not told))
+    least = COMPARABLE * best.score
+    several = not np.isfinite(ends).all() and any(score > least for _, score in others)
+    return replace(best, runners_up=others[:5], several=best.several or (several and not specified))
 
 
 def _shrunk(
@@ -168,7 +169,7 @@ def _enlarged(found: Segmentation, color: np.ndarray, by: int) -> Segmentation:
 
 
 def region(shape: tuple[int, ...], roi: tuple[int, int, int, int] | None) -> np.ndarray:
-    """(H, W) bool: the part of the picture that may hold the rope."""
+    """Return (H, W) bool: the part of the picture that may hold the rope."""
     allowed = np.ones(shape[:2], dtype=bool)
     if roi is not None:
         u, v, width, height = roi
@@ -211,14 +212,14 @@ def candidate_of(
     if not paths or paths[0].length < LEAST_PATH:
         return None
     score = ropiness(mask, strands, paths[0], lab, ends)
-    least = max(RIVAL * paths[0].length, ROPE_ASPECT * strands.width)
+    least = max(COMPARABLE * paths[0].length, ROPE_ASPECT * strands.width)
     long = any(path.length * path.seen.mean() > least for path in paths[1:])
     others = long and not np.isfinite(ends).all()
     return Candidate(cue, mask, strands, paths[0], score, others)
 
 
 def without_specks(mask: np.ndarray) -> np.ndarray:
-    """(H, W) bool: components that are not tiny against the largest ones."""
+    """Return (H, W) bool: components that are not tiny against the largest ones."""
     count, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     if count < 2:
         return mask > 0
@@ -229,8 +230,8 @@ def without_specks(mask: np.ndarray) -> np.ndarray:
 
 
 def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bool) -> Segmentation:
-    """The candidate's path at even distances, to the rope's ends; where its mask shows little of
-    it (or `by_picture`) corrected by the picture."""
+    """Return the candidate's path at even distances, to the rope's ends; where its mask shows
+    little of it (or `by_picture`) corrected by the picture."""
     path, width, mask = item.path, item.strands.width, item.mask
     points = even(path.points, 1.0)
     arc = polyline_arc(path.points)
@@ -267,7 +268,7 @@ def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bo
 def _stroke(
     points: np.ndarray, seen: np.ndarray, width: float, shape: tuple[int, ...]
 ) -> np.ndarray:
-    """(H, W) bool: a band as wide as the rope along the seen stretches of a path."""
+    """Return (H, W) bool: a band as wide as the rope along the seen stretches of a path."""
     out = np.zeros(shape, np.uint8)
     fixed = np.round(points * 16).astype(np.int32)
     for part in np.split(np.arange(len(points)), np.flatnonzero(np.diff(seen.astype(int))) + 1):
@@ -277,8 +278,8 @@ def _stroke(
 
 
 def _to_the_tip(points: np.ndarray, radius: np.ndarray, width: float) -> np.ndarray:
-    """A skeleton stops half a width and more before the tip: on, straight, while the mask is as
-    wide as the rope. radius (H, W) [px]: distance to the mask's edge."""
+    """Return a skeleton stops half a width and more before the tip: on, straight, while the mask is
+    as wide as the rope. radius (H, W) [px]: distance to the mask's edge."""
     back = points[-1 - min(int(2 * width), len(points) - 1)]
     ahead = (points[-1] - back) / max(float(np.linalg.norm(points[-1] - back)), 1e-9)
     more = points[-1] + np.arange(1, int(3 * width) + 1)[:, None] * ahead
@@ -292,7 +293,7 @@ def _to_the_tip(points: np.ndarray, radius: np.ndarray, width: float) -> np.ndar
 
 
 def _same(points: np.ndarray, best: Segmentation) -> bool:
-    """Whether a path runs along the chosen one."""
+    """Return whether a path runs along the chosen one."""
     some = points[:: max(len(points) // 50, 1)]
     gap = np.linalg.norm(some[:, None] - best.path[None, :: max(len(best.path) // 300, 1)], axis=2)
     return bool(np.median(gap.min(axis=1)) < 2 * best.width + 5)

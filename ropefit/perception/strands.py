@@ -30,10 +30,10 @@ class Strands:
 
 
 def find_strands(mask: np.ndarray, width: float | None = None) -> Strands | None:
-    """Strands of a mask (H, W) bool, or None where there is nothing thin to follow.
+    """Return strands of a mask (H, W) bool, or None where there is nothing thin to follow.
 
     Where the skeleton branches (a crossing, a spur, a thing that touches) it is cut; what is much
-    wider than the rope is left out. The rope's width [px] is the one that most of the thin
+    wider than the rope is ignored. The rope's width [px] is the one that most of the thin
     skeleton has, or given.
     """
     box = _box(mask)
@@ -64,7 +64,7 @@ def find_strands(mask: np.ndarray, width: float | None = None) -> Strands | None
 
 
 def cut_at_jumps(lines: list[np.ndarray], depth: np.ndarray, width: float) -> list[np.ndarray]:
-    """Strands (P, 2) [px] without the places at which depth (H, W) [m], 0 = none, jumps, cut
+    """Return strands (P, 2) [px] without the places at which depth (H, W) [m], 0 = none, jumps, cut
     there: a rope hangs together in space too, what it passes in the picture need not."""
     out = []
     near, limit = max(int(width), 3), np.array(depth.shape[::-1]) - 1
@@ -90,8 +90,8 @@ def _box(mask: np.ndarray) -> tuple[slice, slice] | None:
 
 
 def _usual_width(radius: np.ndarray) -> float:
-    """The width [px] that the most of a skeleton has, long and thin counting more than short and
-    thick: a blot of the same area has a skeleton as much shorter as it is wider."""
+    """Return the width [px] that the most of a skeleton has, long and thin counting more than short
+    and thick: a blot of the same area has a skeleton as much shorter as it is wider."""
     logs = np.log2(np.maximum(2 * radius, 1.0))
     count, edges = np.histogram(logs, bins=np.arange(0, 10.01, 0.25))
     # Three bins together, so that a width between two is not split.
@@ -102,7 +102,7 @@ def _usual_width(radius: np.ndarray) -> float:
 
 
 def _branching(thin: np.ndarray) -> np.ndarray:
-    """Skeleton pixels from which three or more ways lead (changes around the pixel / 2)."""
+    """Return skeleton pixels from which three or more ways lead (changes around the pixel / 2)."""
     ring = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
     around = [np.roll(thin, (-dv, -du), (0, 1)) for dv, du in ring]
     ways = sum(
@@ -116,7 +116,7 @@ def _grown(joints: np.ndarray) -> np.ndarray:
 
 
 def _walk(thin: np.ndarray) -> list[np.ndarray]:
-    """(P, 2) rows and columns of every unbranched stretch, in order."""
+    """Return (P, 2) rows and columns of every unbranched stretch, in order."""
     pixels = {(int(r), int(c)) for r, c in np.argwhere(thin)}
 
     def neighbours(at: tuple[int, int]) -> list[tuple[int, int]]:

@@ -40,19 +40,20 @@ class Trace:
 
 
 def polyline_arc(points: np.ndarray) -> np.ndarray:
-    """(N,) cumulative length along points (N, D)."""
+    """Return (N,) cumulative length along points (N, D)."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def resample(points: np.ndarray, arc: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(M, D) points of a polyline (N, D) with increasing arc (N,) at places (M,), linear
+    """Return (M, D) points of a polyline (N, D) with increasing arc (N,) at places (M,), linear
     between."""
     return np.stack([np.interp(at, arc, column) for column in points.T], axis=1)
 
 
 def project_to_polyline(points: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For points (N, D): fractional index (N,) on the polyline (M, D) and offset vectors (N, D)."""
+    """Return, for points (N, D), the fractional index (N,) on the polyline (M, D) and offset
+    vectors (N, D)."""
     start, edge = line[:-1], np.diff(line, axis=0)
     square = np.maximum((edge**2).sum(axis=1), 1e-300)
     best = np.full(len(points), np.inf)

@@ -63,7 +63,7 @@ class Tracer:
         self.warnings += checks.one_end_pose(ends, clamps)
 
     def ends(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (2, 3) [m] and orientations (2, 4) of a frame; NaN where not held."""
+        """Return positions (2, 3) [m] and orientations (2, 4) of a frame; NaN where not held."""
         position, orientation = np.full((2, 3), np.nan), np.full((2, 4), np.nan)
         for end, rows in enumerate(self.recording.ends or ()):
             if rows.kind == "free":
@@ -84,8 +84,8 @@ class Tracer:
         return position, orientation
 
     def trace(self, frame: int, look: Look | None = None) -> Trace:
-        """One frame; look(frame, color, depth, trace, found) is shown what pictures hold. Raises
-        FrameRejected with the reason."""
+        """Trace one frame; look(frame, color, depth, trace, found) is shown what pictures hold.
+        Raises FrameRejected with the reason."""
         position, orientation = self.ends(frame)
         sight = self.recording.source.sight(frame)
         if sight.ordered:
@@ -110,7 +110,8 @@ class Tracer:
     def trace_picture(
         self, frame: int, color: np.ndarray, depth: np.ndarray | None, position: np.ndarray
     ) -> tuple[Trace, Segmentation]:
-        """A frame of pictures, and what was taken for the rope in it. Raises FrameRejected."""
+        """Return a frame of pictures, and what was taken for the rope in it. Raises
+        FrameRejected."""
         from ropefit.perception.image import trace_image
         from ropefit.perception.rgbd import trace_rgbd
 
@@ -135,7 +136,8 @@ class Tracer:
 
     @property
     def measures_depth(self) -> bool:
-        """Whether the points are measured in space, not carried there from pictures alone."""
+        """Return whether the points are measured in space, not carried there from pictures
+        alone."""
         rgbd = self.recording.manifest.rgbd
         return self.recording.source.table != "rgbd" or bool(rgbd and rgbd.depth)
 
@@ -146,8 +148,8 @@ class Tracer:
         has said where the rope is.
         """
         frames = self.recording.frames
-        told = self.masks is not None or self.looked.color is not None
-        if self.recording.source.table != "rgbd" or told or len(frames) <= LEARN_FROM:
+        given = self.masks is not None or self.looked.color is not None
+        if self.recording.source.table != "rgbd" or given or len(frames) <= LEARN_FROM:
             return
         found = []
         for frame in np.array(frames)[np.linspace(0, len(frames) - 1, LEARN_FROM).astype(int)]:
@@ -167,7 +169,7 @@ class Tracer:
         self.looked = replace(self.looked, looks=best_looks(found))
 
     def view(self, points: np.ndarray) -> Camera:
-        """The recording's camera, or a virtual one that sees points (N, 3)."""
+        """Return the recording's camera, or a virtual one that sees points (N, 3)."""
         return self.camera or virtual_camera(points, self.recording.gravity, self._viewpoint())
 
     def _viewpoint(self) -> np.ndarray | None:
@@ -182,7 +184,8 @@ class Tracer:
         return Camera(k.width, k.height, k.fx, k.fy, k.cx, k.cy, np.array(rgbd.camera_pose))
 
     def _all_ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (F, 2, 3) [m] and orientations (F, 2, 4) in all frames; NaN where unknown."""
+        """Return positions (F, 2, 3) [m] and orientations (F, 2, 4) in all frames; NaN where
+        unknown."""
         count = len(self.recording.frames)
         ends, clamps = np.full((count, 2, 3), np.nan), np.full((count, 2, 4), np.nan)
         for t, frame in enumerate(self.recording.frames):
@@ -227,16 +230,16 @@ class Tracer:
         self.warnings += checks.cut_corners(positions, ends, self.length)
 
     def _measure_noise(self, positions: np.ndarray) -> None:
-        told = self.recording.manifest.priors.marker_noise
-        if told is not None:
-            self.noise, self.noise_source = told, "[priors] marker_noise"
+        given = self.recording.manifest.priors.marker_noise
+        if given is not None:
+            self.noise, self.noise_source = given, "[priors] marker_noise"
             return
         time = np.array([self.recording.source.time[frame] for frame in self.recording.frames])
         self.noise, self.noise_source, self.noise_known = marker_noise(positions, time, self.arc)
 
 
 def tangents(orientation: np.ndarray) -> np.ndarray:
-    """(..., 3) third directors of quaternions (..., 4)."""
+    """Return (..., 3) third directors of quaternions (..., 4)."""
     w, x, y, z = np.moveaxis(orientation, -1, 0)
     return np.stack(
         [2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=-1

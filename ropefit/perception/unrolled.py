@@ -25,7 +25,7 @@ class Strip:
 
 
 def normals(path: np.ndarray, smooth: float) -> np.ndarray:
-    """(P, 2) unit normals of a path, of its direction over about `smooth` points."""
+    """Return (P, 2) unit normals of a path, of its direction over about `smooth` points."""
     tangent = np.gradient(gaussian_filter1d(path, smooth, axis=0, mode="nearest"), axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     return np.column_stack([-tangent[:, 1], tangent[:, 0]])
@@ -39,9 +39,9 @@ def edges(
     along: float = ALONG,
     depth: np.ndarray | None = None,
 ) -> Strip:
-    """How strongly the colour of Lab (H, W, 3) changes across a path (S, 2) evenly spaced, at
-    offsets of up to `reach` [px] and a width more, gathered over `along` widths of path. With depth
-    (H, W) [m] also where things begin and end that are as far away as the path."""
+    """Return how strongly the colour of Lab (H, W, 3) changes across a path (S, 2) evenly spaced,
+    at offsets of up to `reach` [px] and a width more, gathered over `along` widths of path. With
+    depth (H, W) [m] also where things begin and end that are as far away as the path."""
     step = max(width / 8, 0.5)
     half = np.ceil((reach + 1.5 * width) / step)
     offsets = np.arange(-half, half + 1) * step
@@ -68,8 +68,8 @@ def edges(
 
 
 def _as_far(depth: np.ndarray, at: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """(S, O) 1 where depth (H, W) [m] at places (S, O, 2) [px] is that of the `middle` (O,) of the
-    path, which is the nearest there: what lies beside a rope is behind it."""
+    """Return (S, O) 1 where depth (H, W) [m] at places (S, O, 2) [px] is that of the `middle` (O,)
+    of the path, which is the nearest there: what lies beside a rope is behind it."""
     z = cv2.remap(depth.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_NEAREST)
     inner = np.sort(np.where(z[:, middle] > 0, z[:, middle], np.inf), axis=1)
     front = median_filter(inner[:, inner.shape[1] // 3], 9, mode="nearest")[:, None]
@@ -85,7 +85,8 @@ def unroll(
     along: float = ALONG,
     depth: np.ndarray | None = None,
 ) -> Strip:
-    """Evidence for a rope of `width` [px] along a path (S, 2) evenly spaced in Lab (H, W, 3).
+    """Return evidence for a rope of `width` [px] along a path (S, 2) evenly spaced in Lab (H, W,
+    3).
 
     Evidence is the weaker of two edges that are a width apart, gathered along the path: a rope has
     two even where it is as light as the ground, a shadow or a fold seldom has both.
@@ -105,8 +106,8 @@ def pairs(
     reach: float,
     together: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.minimum,
 ) -> Strip:
-    """Of a strip of edges, evidence `together` of the two that lie a width apart about each offset
-    of up to `reach` [px]."""
+    """Return, of a strip of edges, evidence `together` of the two that lie a width apart about each
+    offset of up to `reach` [px]."""
     half = round(0.5 * width / strip.step)
     found = together(np.roll(strip.evidence, half, 1), np.roll(strip.evidence, -half, 1))
     inside = np.abs(strip.offsets) <= reach + 1e-9

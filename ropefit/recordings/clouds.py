@@ -37,7 +37,7 @@ class Clouds(Source):
 
 
 def read_cloud(path: Path) -> np.ndarray:
-    """(N, 3) [m] finite points of a PLY or PCD file. Raises BadInput."""
+    """Return (N, 3) [m] finite points of a PLY or PCD file. Raises BadInput."""
     readers = {".ply": read_ply, ".pcd": read_pcd}
     reader = readers.get(path.suffix.lower())
     if reader is None:

@@ -18,7 +18,7 @@ QUATERNION = ["qw", "qx", "qy", "qz"]
 
 
 def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> tuple[End, End]:
-    """Ends 0 and 1. Raises BadInput."""
+    """Return ends 0 and 1. Raises BadInput."""
     assert manifest.ends is not None
     if manifest.ends.file is not None:
         path = inside(directory, manifest.ends.file)
@@ -38,13 +38,13 @@ def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> t
 
 
 def end_times(path: Path) -> dict[int, float]:
-    """{frame: time [s]} of an ends file, for sources that have no clock of their own."""
+    """Return {frame: time [s]} of an ends file, for sources that have no clock of their own."""
     columns = read_table(path, ["frame", "time", "end", "x", "y", "z"], QUATERNION)
     return dict(zip(whole(path, "frame", columns["frame"]).tolist(), columns["time"], strict=True))
 
 
 def _from_file(path: Path) -> tuple[tuple[End, End], list[dict[int, float]]]:
-    """Ends 0 and 1 and, of each, the time [s] of every frame."""
+    """Return ends 0 and 1 and, of each, the time [s] of every frame."""
     columns = read_table(path, ["frame", "time", "end", "x", "y", "z"], QUATERNION)
     frame = whole(path, "frame", columns["frame"])
     which = whole(path, "end", columns["end"])
@@ -95,7 +95,7 @@ def _end(
 
 
 def _from_markers(markers: Markers, held: list[int], end: int) -> End:
-    """One held marker pins the end; two clamp it along the line between them."""
+    """Return an end that one held marker pins, or two clamp along the line between them."""
     if not held:
         return End.free()
     count = markers.positions.shape[1]
@@ -119,7 +119,7 @@ def _from_markers(markers: Markers, held: list[int], end: int) -> End:
 
 
 def quaternion_along(tangent: np.ndarray) -> np.ndarray:
-    """(4,) the rotation of least angle that takes e3 to the direction of `tangent` (3,)."""
+    """Return (4,) the rotation of least angle that takes e3 to the direction of `tangent` (3,)."""
     direction = tangent / np.linalg.norm(tangent)
     quaternion = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
     norm = np.linalg.norm(quaternion)

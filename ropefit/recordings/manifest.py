@@ -32,7 +32,7 @@ Sigma = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]  # beyond: n
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class RopeTable(_Table):
@@ -214,7 +214,7 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises BadInput."""
+    """Return the tables of a TOML file. Raises BadInput."""
     try:
         if path.stat().st_size > 1 << 20:
             raise BadInput(f"{path}: larger than 1 MB, not a description in TOML")
@@ -230,7 +230,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def describe(error: ValidationError) -> str:
-    """The first problem of a pydantic error in one line: key, what is wrong."""
+    """Return the first problem of a pydantic error in one line: key, what is wrong."""
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"]) or "file"
     if first["type"] == "extra_forbidden":
@@ -242,7 +242,8 @@ def describe(error: ValidationError) -> str:
 
 
 def inside(directory: Path, name: str) -> Path:
-    """The path of a file named by a recording; it must lie inside the recording's directory."""
+    """Return the path of a file named by a recording; it must lie inside the recording's
+    directory."""
     path = directory / name
     try:
         outside = not path.resolve().is_relative_to(directory.resolve())

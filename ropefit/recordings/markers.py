@@ -78,7 +78,8 @@ def _read_csv(path: Path) -> Raw:
 
 
 def _load_npz(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an npz file that this reader knows; pickled ones are refused, never loaded."""
+    """Return the arrays of an npz file that this reader knows; pickled ones are refused, never
+    loaded."""
     known = ("positions", "time", "arc_length")
     try:
         with zipfile.ZipFile(path) as archive:

@@ -36,7 +36,7 @@ class Masks:
             raise BadInput(f"{folder}: no mask in it; name them by frame, such as 000012.png")
 
     def mask(self, frame: int, shape: tuple[int, int]) -> np.ndarray:
-        """The mask (H, W) of a frame of that shape. Raises BadInput."""
+        """Return the mask (H, W) of a frame of that shape. Raises BadInput."""
         from PIL import Image
 
         path = self.paths.get(frame)

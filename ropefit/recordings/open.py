@@ -20,7 +20,7 @@ SOURCES: tuple[type[Source], ...] = (Markers, Clouds, Rgbd)
 
 
 def open_recording(directory: Path) -> Recording:
-    """The recording in a directory. Raises BadInput in one line when it is not one."""
+    """Return the recording in a directory. Raises BadInput in one line when it is not one."""
     manifest = read_manifest(directory)
     sources = [kind(directory, manifest) for kind in SOURCES if getattr(manifest, kind.table)]
     main = sources[0]
@@ -44,7 +44,7 @@ def open_recording(directory: Path) -> Recording:
 
 
 def fingerprint(recording: Recording) -> str:
-    """sha256 over the names and contents of every file the recording consists of."""
+    """Return sha256 over the names and contents of every file the recording consists of."""
     digest = hashlib.sha256()
     for path in sorted(recording.files):
         digest.update(os.fsencode(path.relative_to(recording.path)))
@@ -57,7 +57,7 @@ def fingerprint(recording: Recording) -> str:
 
 
 def sample_path(name: str = "cloud") -> Path:
-    """A packaged sample recording: in an installed package, or beside it in a checkout."""
+    """Return a packaged sample recording: in an installed package, or beside it in a checkout."""
     package = Path(__file__).parents[1]
     for root in (package / "sample_data", package.parent / "sample_data"):
         if (root / name / "recording.toml").is_file():

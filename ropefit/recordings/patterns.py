@@ -12,7 +12,8 @@ FIELD = re.compile(r"\{frame(?::0?[0-9]?d)?\}")
 
 
 def list_frames(directory: Path, pattern: str, key: str) -> dict[int, Path]:
-    """{frame: path} of the files that match the pattern, in order. Raises BadInput if none."""
+    """Return {frame: path} of the files that match the pattern, in order. Raises BadInput if
+    none."""
     parts = FIELD.split(Path(pattern).name)
     if (
         len(parts) != 2
@@ -41,5 +42,5 @@ def list_frames(directory: Path, pattern: str, key: str) -> dict[int, Path]:
 
 
 def pattern_name(pattern: str, frame: int) -> str:
-    """The file name of one frame."""
+    """Return the file name of one frame."""
     return Path(pattern.format(frame=frame)).as_posix()

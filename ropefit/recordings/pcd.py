@@ -15,7 +15,7 @@ LONGEST_HEADER = 65536
 
 
 def read_pcd(path: Path, data: bytes) -> np.ndarray:
-    """(N, 3) [m] of the points. Raises BadInput."""
+    """Return (N, 3) [m] of the points. Raises BadInput."""
     header, body = _header(path, data)
     record = _record(path, header)
     names = list(record.names or ())
@@ -36,7 +36,7 @@ def read_pcd(path: Path, data: bytes) -> np.ndarray:
 
 
 def _header(path: Path, data: bytes) -> tuple[dict[bytes, list[bytes]], bytes]:
-    """{keyword: words} down to DATA, and what follows."""
+    """Return {keyword: words} down to DATA, and what follows."""
     header: dict[bytes, list[bytes]] = {}
     at = 0
     while b"DATA" not in header:
@@ -51,7 +51,7 @@ def _header(path: Path, data: bytes) -> tuple[dict[bytes, list[bytes]], bytes]:
 
 
 def _record(path: Path, header: dict[bytes, list[bytes]]) -> np.dtype:
-    """The type of one point; fields other than x, y, z are told apart by their place."""
+    """Return the type of one point; fields other than x, y, z are told apart by their place."""
     names = [name.decode("latin-1") for name in header.get(b"FIELDS", [])]
     sizes, kinds = header.get(b"SIZE", []), header.get(b"TYPE", [])
     counts = header.get(b"COUNT", [b"1"] * len(names))
@@ -73,7 +73,7 @@ def _record(path: Path, header: dict[bytes, list[bytes]]) -> np.dtype:
 
 
 def _compressed(path: Path, body: bytes, count: int, record: np.dtype) -> np.ndarray:
-    """LZF-compressed, one field after the other."""
+    """Return the values of LZF-compressed data, one field after the other."""
     if len(body) < 8:
         raise BadInput(f"{path}: truncated: no compressed data")
     packed, size = (int(n) for n in np.frombuffer(body, "<u4", 2))

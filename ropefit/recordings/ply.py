@@ -19,7 +19,7 @@ LONGEST_HEADER = 65536
 
 
 def read_ply(path: Path, data: bytes) -> np.ndarray:
-    """(N, 3) [m] of the vertices. Raises BadInput."""
+    """Return (N, 3) [m] of the vertices. Raises BadInput."""
     lines, body = _header(path, data)
     order: str | None = None
     skip_bytes = skip_words = 0
@@ -56,7 +56,7 @@ def read_ply(path: Path, data: bytes) -> np.ndarray:
 
 
 def _header(path: Path, data: bytes) -> tuple[list[bytes], bytes]:
-    """Lines between `ply` and `end_header`, and what follows."""
+    """Return lines between `ply` and `end_header`, and what follows."""
     head = data[:LONGEST_HEADER]
     end = head.find(b"end_header")
     newline = head.find(b"\n", end)

@@ -10,7 +10,7 @@ from ropefit.errors import BadInput
 
 
 def from_text(path: Path, body: bytes, count: int, columns: int, skip: int = 0) -> np.ndarray:
-    """(count, columns) numbers separated by white space, after `skip` others."""
+    """Return (count, columns) numbers separated by white space, after `skip` others."""
     most = skip + count * columns
     if most > len(body):  # a number takes at least one byte
         raise BadInput(f"{path}: truncated: declares {count} points, more than it can hold")
@@ -26,7 +26,7 @@ def from_text(path: Path, body: bytes, count: int, columns: int, skip: int = 0) 
 def from_records(
     path: Path, body: bytes, count: int, record: np.dtype, skip: int = 0
 ) -> np.ndarray:
-    """(count,) records of fixed size, after `skip` bytes."""
+    """Return (count,) records of fixed size, after `skip` bytes."""
     if skip + count * record.itemsize > len(body):
         have = max(len(body) - skip, 0) // max(record.itemsize, 1)
         raise BadInput(f"{path}: truncated: {have} of {count} points readable")
@@ -34,13 +34,13 @@ def from_records(
 
 
 def number(path: Path, word: bytes, what: str, most: int = 2**40) -> int:
-    """A count of a header: 0 to `most`."""
+    """Return a count of a header: 0 to `most`."""
     if not word.isdigit() or len(word) > 15 or int(word) > most:
         raise BadInput(f"{path}: header says {what} {word[:20]!r}")
     return int(word)
 
 
 def columns_of(records: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """(N, len(names)) float64 columns of structured records."""
+    """Return (N, len(names)) float64 columns of structured records."""
     with np.errstate(all="ignore"):  # a signalling NaN becomes a quiet one
         return np.stack([records[name].astype(float) for name in names], axis=1)

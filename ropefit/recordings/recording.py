@@ -48,10 +48,10 @@ class Recording:
 
     @property
     def gravity(self) -> np.ndarray:
-        """(3,) [m/s²]."""
+        """Return (3,) [m/s²]."""
         return np.array(self.manifest.gravity, dtype=float)
 
     @property
     def frames(self) -> list[int]:
-        """Frame numbers, increasing."""
+        """Return frame numbers, increasing."""
         return self.source.frames

@@ -59,7 +59,8 @@ class Rgbd(Source):
                 )
 
     def _turned(self, image: Any, want: tuple[int, int]) -> Any:
-        """The picture as its orientation tag says it was held, if that is what `want` means."""
+        """Return the picture as its orientation tag says it was held, if that is what `want`
+        means."""
         from PIL import ImageOps
 
         if not _sideways(image):
@@ -68,7 +69,7 @@ class Rgbd(Source):
         return upright if upright.size == want else image
 
     def _image(self, path: Path, mode: Literal["RGB", "I;16"]) -> np.ndarray:
-        """(H, W[, 3]) pixels; size and checksums are checked before anything is decoded."""
+        """Return (H, W[, 3]) pixels; size and checksums are checked before anything is decoded."""
         from PIL import Image
 
         want = (self.settings.intrinsics.width, self.settings.intrinsics.height)
@@ -111,5 +112,5 @@ class Rgbd(Source):
 
 
 def _sideways(image: Any) -> bool:
-    """Whether a photograph says that it is stored a quarter turn from how it was taken."""
+    """Return whether a photograph says that it is stored a quarter turn from how it was taken."""
     return image.format == "JPEG" and image.getexif().get(ORIENTATION, 1) in SIDEWAYS

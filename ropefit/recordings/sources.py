@@ -49,7 +49,7 @@ class Source(ABC):
 
     @abstractmethod
     def files(self) -> list[Path]:
-        """Every file this source may read."""
+        """Return every file this source may read."""
 
 
 def check_metres(path: Path, points: np.ndarray) -> None:

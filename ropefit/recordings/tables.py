@@ -9,13 +9,11 @@ import numpy as np
 
 from ropefit.errors import BadInput
 
-MAX_ROWS = 20_000_000
-
 
 def read_table(
     path: Path, required: list[str], optional: list[str] | None = None, nan: bool = False
 ) -> dict[str, np.ndarray]:
-    """Columns of a CSV file as float64 arrays (rows,).
+    """Return columns of a CSV file as float64 arrays (rows,).
 
     Optional columns are missing from the result when the file lacks them; an empty cell in one
     reads as NaN. NaN in a required column is an error unless `nan`. Raises BadInput.
@@ -63,7 +61,7 @@ def _numbers(
 
 
 def whole(path: Path, name: str, column: np.ndarray) -> np.ndarray:
-    """A column as int64; raises BadInput where an entry is no whole number."""
+    """Return a column as int64; raises BadInput where an entry is no whole number."""
     bad = (column != np.round(column)) | (np.abs(column) > 2**53)
     if bad.any():
         raise BadInput(f"{path}: column {name}, row {int(np.argmax(bad)) + 2}: not a whole number")

@@ -167,5 +167,5 @@ def _list(values: np.ndarray) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A TOML string; JSON's escapes are TOML's but for DEL."""
+    """Return a TOML string; JSON's escapes are TOML's but for DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

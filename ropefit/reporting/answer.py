@@ -21,12 +21,12 @@ AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
 
 
 def answer(run: RunContents) -> list[str]:
-    """The headline and what stands under it."""
+    """Return the headline and what stands under it."""
     return [headline(run), *under_it(run)]
 
 
 def headline(run: RunContents) -> str:
-    """The one line that is the answer."""
+    """Return the one line that is the answer."""
     f, d = run.fitted, run.diagnosis
     if f is None:
         return "No simulation has been fitted to this recording yet: run ropefit identify."
@@ -44,31 +44,33 @@ def headline(run: RunContents) -> str:
             f"unseen data is {before}; noise is {noise}."
         )
     causes = "; and ".join(c.sentence for c in d.causes.values())
-    told = f"{causes[0].upper()}{causes[1:]}"
+    text = f"{causes[0].upper()}{causes[1:]}"
     if d.rms_before - d.rms_after < TOLD * d.rms_before:
         return (
-            f"{told}: that moves the rope less than single points scatter (noise is {noise}), but "
+            f"{text}: that moves the rope less than single points scatter (noise is {noise}), but "
             "all points together show it."
         )
-    return f"{told}: the error on unseen data falls from {before} to {after}; noise is {noise}."
+    return f"{text}: the error on unseen data falls from {before} to {after}; noise is {noise}."
 
 
 def under_it(run: RunContents) -> list[str]:
-    """What rope this is, and what else must be known at once."""
+    """Return what rope this is, and what else must be known at once."""
     o, f, d = run.observations, run.fitted, run.diagnosis
-    told = [_ties(c) for c in d.causes.values() if c.equivalent_to] if d is not None else []
-    told.append(_rope(o, f, d))
+    text = [_ties(c) for c in d.causes.values() if c.equivalent_to] if d is not None else []
+    text.append(_rope(o, f, d))
     if f is not None and (unfinished := _unfinished(o, f)):
-        told.append(unfinished)
+        text.append(unfinished)
     if d is None and f is not None:
-        told.append("Whether something is missing was not looked into: run ropefit diagnose.")
+        text.append("Whether something is missing was not looked into: run ropefit diagnose.")
     if d is not None and d.verdict == "none" and (seen := _would_have_seen(d)):
-        told.append(seen)
-    return told
+        text.append(seen)
+    if d is not None and d.verdict == "none" and d.linearity:
+        text.append(d.linearity)
+    return text
 
 
 def rms(values: np.ndarray) -> float:
-    """Root mean square of the rms of frames."""
+    """Return root mean square of the rms of frames."""
     return float(np.sqrt(np.mean(values**2)))
 
 
@@ -85,12 +87,13 @@ def _rope(o: Observations, f: FittedModel | None, d: Diagnosis | None) -> str:
     if o.ends_assumed:
         held = f"assumed to be {held}"
     frames = plural(len(o.frames), "frame")
-    told = f"This is a rope {about}, {held}, seen by {SENSOR[o.source]} in {frames}"
-    return f"{told}{_stiffness(f, o.length, d.rope if d is not None and d.causes else {})}."
+    text = f"This is a rope {about}, {held}, seen by {SENSOR[o.source]} in {frames}"
+    return f"{text}{_stiffness(f, o.length, d.rope if d is not None and d.causes else {})}."
 
 
 def _stiffness(f: FittedModel | None, length: float, along: dict[str, Size]) -> str:
-    """What was identified, as the end of a sentence. along: as fitted with what was missing."""
+    """Return what was identified, as the end of a sentence. along: as fitted with what was
+    missing."""
     if f is None:
         return ""
     whole = f.balance or f.stepped
@@ -105,23 +108,24 @@ def _stiffness(f: FittedModel | None, length: float, along: dict[str, Size]) -> 
     known = {name: _with(p, along.get(name)) for name, p in group.parameters.items()}
     free = [_value(name, p) for name, p in known.items() if p.free]
     more = f", and {plural(len(free) - 2, 'more number')} below" if len(free) > 2 else ""
-    told = "; " + " and ".join(free[:2]) + more if free else "; nothing was fitted"
+    text = "; " + " and ".join(free[:2]) + more if free else "; nothing was fitted"
     bending = known.get("EI")
     if bending is None or bending.below is not None or bending.verdict == "flat direction":
-        return told
+        return text
     changed = bending.value / group.parameters["EI"].value
-    return f"{told}; {_droop(whole.bending_length * changed ** (1 / 3), length)}"
+    return f"{text}; {_droop(whole.bending_length * changed ** (1 / 3), length)}"
 
 
 def _with(p: Parameter, size: Size | None) -> Parameter:
-    """A parameter as it was fitted along with what was missing."""
+    """Return a parameter as it was fitted along with what was missing."""
     if size is None or not p.free:
         return p
     return p.model_copy(update={"value": size.value, "ci95": size.ci95, "unit": size.unit})
 
 
 def _droop(bending_length: float, length: float) -> str:
-    """Stiffness as a hand would feel it: a cantilever of length l droops by l⁴ w / (8 EI)."""
+    """Return the stiffness as a hand would feel it: a cantilever of length l droops by l⁴ w / (8
+    EI)."""
     tenth = (8 * TENTH) ** (1 / 3) * bending_length
     if tenth <= length:
         piece = millimetres(tenth, 3)
@@ -147,10 +151,10 @@ def _fit(o: Observations, f: FittedModel) -> str:
     noise = float(np.median(o.noise))
     if f.rms_heldout is None:
         left = f.rms_fit
-        told = f"The simulation fits the recording to {millimetres(left)} (no frame was held out)"
+        text = f"The simulation fits the recording to {millimetres(left)} (no frame was held out)"
     else:
         left = f.rms_heldout
-        told = f"The simulation predicts frames it was never shown to {millimetres(left)}"
+        text = f"The simulation predicts frames it was never shown to {millimetres(left)}"
     ratio = left / noise if noise > 0 else np.inf
     if ratio <= AS_GOOD_AS_NOISE:
         meaning = "a closer fit could not be told from this one"
@@ -158,28 +162,28 @@ def _fit(o: Observations, f: FittedModel) -> str:
         meaning = "it misses a part of what the rope does"
     else:
         meaning = "it misses something about the rope or the set-up"
-    return f"{told}; noise is {millimetres(noise)}: {meaning}."
+    return f"{text}; noise is {millimetres(noise)}: {meaning}."
 
 
 def _unfinished(o: Observations, f: FittedModel) -> str:
-    """What must be said at once of a computation that did not arrive."""
-    told = []
+    """Return what must be said at once of a computation that did not arrive."""
+    text = []
     if f.iterated and not f.solver_converged:
         moved = millimetres(float(np.median(f.iterated.drift)) * o.length)
-        told.append(
+        text.append(
             f"The computation was stopped before the rope came to rest (it would move another "
             f"{moved}): the numbers belong to this simulation and not to the rope."
         )
     lost = 0 if f.balance is None else int((~f.balance.converged).sum())
     if lost:
-        told.append(f"In {lost} of {plural(len(o.frames), 'frame')} no resting shape was found.")
+        text.append(f"In {lost} of {plural(len(o.frames), 'frame')} no resting shape was found.")
     if not all(group.converged for group in f.groups.values()):
-        told.append("The search stopped before it arrived: its numbers are provisional.")
-    return " ".join(told)
+        text.append("The search stopped before it arrived: its numbers are provisional.")
+    return " ".join(text)
 
 
 def _where(d: Diagnosis) -> str:
-    """The largest mismatch, as the end of a phrase."""
+    """Return the largest mismatch, as the end of a phrase."""
     if not d.mismatch:
         return ""
     r = d.mismatch[0]
@@ -194,7 +198,7 @@ def _ties(c: Cause) -> str:
 
 
 def _would_have_seen(d: Diagnosis) -> str:
-    """The smallest weight on the rope that would not have been missed, as an example."""
+    """Return the smallest weight on the rope that would not have been missed, as an example."""
     weight = d.detectable.get("point_mass")
     if weight is None or weight.unit != "kg":
         return ""

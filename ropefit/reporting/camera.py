@@ -10,7 +10,7 @@ ASIDE, ABOVE = 0.4, 0.25  # tangents of the angles from which a figure in space 
 
 
 def project(view: View, x: np.ndarray) -> np.ndarray:
-    """(..., 2) [px] of points x (..., 3) [m]; NaN behind the camera."""
+    """Return (..., 2) [px] of points x (..., 3) [m]; NaN behind the camera."""
     local = (x - view.pose[:3, 3]) @ view.pose[:3, :3]
     with np.errstate(invalid="ignore", divide="ignore"):
         depth = np.where(local[..., 2] > 1e-9, local[..., 2], np.nan)
@@ -20,7 +20,7 @@ def project(view: View, x: np.ndarray) -> np.ndarray:
 
 
 def upwards(o: Observations) -> np.ndarray:
-    """(3,) the unit vector against gravity."""
+    """Return (3,) the unit vector against gravity."""
     size = float(np.linalg.norm(o.gravity))
     return -o.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
 
@@ -41,7 +41,7 @@ def broadside(o: Observations, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def image_name(view: View) -> str:
-    """What the image plane is."""
+    """Return what the image plane is."""
     if view.virtual:
         return "The recording has no camera: a virtual one was assumed for this view."
     return f"The image is {view.width} × {view.height} px."

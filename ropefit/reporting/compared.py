@@ -36,18 +36,18 @@ class Compared:
 
     @property
     def worst(self) -> int:
-        """The frame in which the nominal model is farthest off."""
+        """Return the frame in which the nominal model is farthest off."""
         total = np.nansum(self.before**2, axis=1) / np.maximum(np.isfinite(self.before).sum(1), 1)
         return int(np.argmax(total))
 
     @property
     def shown(self) -> np.ndarray:
-        """Which of the frames the picture shows."""
+        """Return which of the frames the picture shows."""
         return np.union1d(evenly(len(self.at), MOST_FRAMES), [self.worst])
 
     @property
     def sides(self) -> tuple[str, str]:
-        """Where the recorded rope lies in positive and negative cells, in words."""
+        """Return where the recorded rope lies in positive and negative cells, in words."""
         if self.towards @ self.up > ABOVE:
             return "above the simulated one", "below it"
         axis = "xyz"[int(np.argmax(np.abs(self.towards)))]
@@ -56,7 +56,7 @@ class Compared:
 
 
 def noise_of(run: RunContents) -> float:
-    """The one noise of a point [m] that the page tells."""
+    """Return the one noise of a point [m] that the page tells."""
     if run.diagnosis is not None:
         return run.diagnosis.noise_white
     return float(np.median(run.observations.noise))
@@ -90,7 +90,8 @@ def compared(run: RunContents) -> Compared | None:
 
 
 def _main_direction(gap: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """(3,) the direction in which gaps (N, K, 3) are largest, upwards rather than downwards."""
+    """Return (3,) the direction in which gaps (N, K, 3) are largest, upwards rather than
+    downwards."""
     flat = gap.reshape(-1, 3)
     flat = flat[np.isfinite(flat).all(axis=1)]
     if not flat.any():
@@ -100,7 +101,7 @@ def _main_direction(gap: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def _signed(size: np.ndarray, side: np.ndarray, o: Observations, station: np.ndarray) -> np.ndarray:
-    """Sizes (N, S) with the sign of side (N, K), which lies at the nodes."""
+    """Return sizes (N, S) with the sign of side (N, K), which lies at the nodes."""
     sign = np.ones_like(size)
     for t, row in enumerate(side):
         seen = np.isfinite(row)

@@ -36,9 +36,9 @@ Named = tuple[str, RunContents]
 
 
 def render_comparison(runs: Sequence[Named]) -> str:
-    """One page on runs (name, contents); the first is what the others are compared with."""
+    """Return one page on runs (name, contents); the first is what the others are compared with."""
     parts = [
-        Part("Comparison", _told(runs) + _overview(runs)),
+        Part("Comparison", _text(runs) + _overview(runs)),
         Part("Parameters", _parameters(runs)),
         Part("How well they fit", _fits(runs)),
         Part("Each by itself", _answers(runs)),
@@ -46,8 +46,8 @@ def render_comparison(runs: Sequence[Named]) -> str:
     return render_page(f"{len(runs)} runs compared", parts)
 
 
-def _told(runs: Sequence[Named]) -> Markup:
-    """What agrees and what does not, in sentences."""
+def _text(runs: Sequence[Named]) -> Markup:
+    """Return what agrees and what does not, in sentences."""
     sentences: list[object] = []
     for key, values in _values(runs).items():
         pairs = [
@@ -94,7 +94,7 @@ def _overview(runs: Sequence[Named]) -> Markup:
 
 
 def _values(runs: Sequence[Named]) -> dict[str, dict[str, Parameter]]:
-    """{parameter: {run: value}} of the first parameter set of every run."""
+    """Return {parameter: {run: value}} of the first parameter set of every run."""
     out: dict[str, dict[str, Parameter]] = {}
     for name, run in runs:
         if run.fitted is not None:
@@ -104,7 +104,7 @@ def _values(runs: Sequence[Named]) -> dict[str, dict[str, Parameter]]:
 
 
 def _disagree(p: Parameter, q: Parameter) -> bool | None:
-    """Whether the intervals do not meet; None where one has none or another unit."""
+    """Return whether the intervals do not meet; None where one has none or another unit."""
     if p.ci95 is None or q.ci95 is None or p.unit != q.unit:
         return None
     return p.ci95[1] < q.ci95[0] or q.ci95[1] < p.ci95[0]

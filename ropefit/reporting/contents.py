@@ -19,5 +19,5 @@ class RunContents:
 
     @property
     def fitted(self) -> FittedModel | None:
-        """The nominal model, if there is one."""
+        """Return the nominal model, if there is one."""
         return self.model.nominal if self.model else None

@@ -59,7 +59,7 @@ class Figure:
 
 
 def numbers(values: Any, digits: int = 5) -> list[Any]:
-    """Nested lists of numbers to `digits` significant digits; None where not finite."""
+    """Return nested lists of numbers to `digits` significant digits; None where not finite."""
     array = np.asarray(values)
     if array.ndim > 1:
         return [numbers(row, digits) for row in array]
@@ -69,23 +69,25 @@ def numbers(values: Any, digits: int = 5) -> list[Any]:
 
 
 def places(values: Any, decimals: int = 5) -> list[Any]:
-    """Coordinates in m to 1e-5 m (or pixels to 0.1 with decimals=1); None where not finite."""
+    """Return coordinates in m to 1e-5 m (or pixels to 0.1 with decimals=1); None where not
+    finite."""
     rounded = np.round(np.asarray(values, dtype=float), decimals).tolist()
     return [v if np.isfinite(v) else None for v in rounded]
 
 
 def evenly(count: int, most: int) -> np.ndarray:
-    """Indices of at most `most` of `count` things, evenly chosen, with the first and the last."""
+    """Return indices of at most `most` of `count` things, evenly chosen, with the first and the
+    last."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def thinned(count: int, most: int, noun: str = "frames") -> str:
-    """A sentence that says so when not everything is shown."""
+    """Return a sentence that says so when not everything is shown."""
     return f" {most} of {count} {noun} are shown, evenly chosen." if count > most else ""
 
 
 def span(values: np.ndarray, edge: float = 0.06) -> tuple[list[float], list[float]]:
-    """Ranges of u and of v (downwards) that hold all of values (..., 2), with a margin."""
+    """Return ranges of u and of v (downwards) that hold all of values (..., 2), with a margin."""
     flat = values.reshape(-1, 2)
     if not np.isfinite(flat).all(axis=1).any():
         return [0.0, 1.0], [1.0, 0.0]
@@ -95,40 +97,41 @@ def span(values: np.ndarray, edge: float = 0.06) -> tuple[list[float], list[floa
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
-    """An axis; `title` carries the unit in brackets."""
+    """Return an axis; `title` carries the unit in brackets."""
     return {"title": title} | more
 
 
 def plane(x: dict[str, Any], y: dict[str, Any], **more: Any) -> dict[str, Any]:
-    """The layout of a flat figure."""
+    """Return the layout of a flat figure."""
     return {"xaxis": x, "yaxis": y} | more
 
 
 def space(low: np.ndarray, high: np.ndarray, eye: np.ndarray, up: np.ndarray) -> dict[str, Any]:
-    """The layout of a figure in space that shows low..high (3,) [m] from the direction eye (3,)."""
+    """Return the layout of a figure in space that shows low..high (3,) [m] from the direction eye
+    (3,)."""
     scene = {"low": low, "high": high, "eye": eye, "up": up}
     return {"scene": {name: numbers(value) for name, value in scene.items()}}
 
 
 def path(name: str, colour: str, width: float, **more: Any) -> dict[str, Any]:
-    """A line in space."""
+    """Return a line in space."""
     style = {"color": colour, "width": width}
     return {"type": "scatter3d", "mode": "lines", "name": name, "line": style} | more
 
 
 def dots(name: str, colour: str, size: float, **marker: Any) -> dict[str, Any]:
-    """Markers in space."""
+    """Return markers in space."""
     style = {"color": colour, "size": size} | marker
     return {"type": "scatter3d", "mode": "markers", "name": name, "marker": style}
 
 
 def at(x: np.ndarray) -> dict[str, Any]:
-    """The coordinates of a trace in space, from points x (P, 3) [m]."""
+    """Return the coordinates of a trace in space, from points x (P, 3) [m]."""
     return dict(zip("xyz", map(places, np.asarray(x, dtype=float).reshape(-1, 3).T), strict=True))
 
 
 def line(x: Any, y: Any, name: str, colour: str, **more: Any) -> dict[str, Any]:
-    """A line."""
+    """Return a line."""
     style = {"color": colour, "width": 2} | more.pop("line", {})
     return {
         "type": "scatter",
@@ -141,7 +144,7 @@ def line(x: Any, y: Any, name: str, colour: str, **more: Any) -> dict[str, Any]:
 
 
 def heat(x: Any, y: Any, z: Any, title: str, **more: Any) -> dict[str, Any]:
-    """A heat map; blank where NaN."""
+    """Return a heat map; blank where NaN."""
     return {
         "type": "heatmap",
         "x": numbers(x),
@@ -152,6 +155,26 @@ def heat(x: Any, y: Any, z: Any, title: str, **more: Any) -> dict[str, Any]:
     } | more
 
 
+def by_frame(
+    title: str,
+    frames: np.ndarray,
+    values: np.ndarray,
+    name: str,
+    y: dict[str, Any],
+    caption: str,
+    marked: tuple[np.ndarray, str, str] | None = None,
+    **more: Any,
+) -> Figure:
+    """Return the figure of one value a frame, thinned; marked: (frames (F,), name, symbol)."""
+    shown = evenly(len(frames), MOST_POINTS)
+    traces = [line(frames[shown], values[shown], name, NOMINAL, **more)]
+    if marked is not None and marked[0][shown].any():
+        at, marks = shown[marked[0][shown]], {"color": "soft", "symbol": marked[2], "size": 9}
+        traces.append(line(frames[at], values[at], marked[1], "soft", mode="markers", marker=marks))
+    caption += thinned(len(frames), MOST_POINTS)
+    return Figure(title, traces, plane(axis("frame"), y), caption)
+
+
 def bands(blocks: list[tuple[float, float]]) -> list[dict[str, Any]]:
-    """Shaded stretches of the x axis."""
+    """Return shaded stretches of the x axis."""
     return [{"x": [first, last], "fill": "band"} for first, last in blocks]

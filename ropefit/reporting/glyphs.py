@@ -14,7 +14,7 @@ import numpy as np
 from ropefit.artifacts.diagnosis import Cause
 from ropefit.effects import Effect
 from ropefit.effects.drawn import Drawn
-from ropefit.plugins import concrete
+from ropefit.plugins import EFFECTS, concrete
 from ropefit.reporting.words import readable
 
 UNIT = 0.06  # of the rope's length: how large a symbol is
@@ -46,11 +46,11 @@ class Place:
 
     @property
     def centre(self) -> np.ndarray:
-        """(3,) the middle of the stretch, or the end."""
+        """Return (3,) the middle of the stretch, or the end."""
         return self.x[-self.end] if self.end is not None else self.at(sum(self.stretch) / 2)
 
     def circle(self, centre: np.ndarray, radius: float, angles: np.ndarray) -> np.ndarray:
-        """(A, 3) points of a circle in the view; angle 0 is sideways."""
+        """Return (A, 3) points of a circle in the view; angle 0 is sideways."""
         turn = np.cos(angles)[:, None] * self.side + np.sin(angles)[:, None] * self.up
         return centre + radius * turn
 
@@ -58,14 +58,14 @@ class Place:
 def drawn_of(cause: Cause, gravity: np.ndarray) -> Drawn:
     """Return how an effect wants to be drawn; effects of packages not installed: their stretch."""
     values = dict(zip(cause.value_names, map(float, cause.values), strict=True))
-    for kind in concrete(Effect, "ropefit.effects"):
+    for kind in concrete(Effect, EFFECTS):
         if kind.__name__ == cause.variant:
             return kind(cause.end or 0).drawn(values, gravity)  # pyright: ignore[reportAbstractUsage]
     return Drawn()
 
 
 def label_of(cause: Cause, drawn: Drawn) -> str:
-    """The text beside a symbol."""
+    """Return the text beside a symbol."""
     size = readable(next(iter(cause.parameters.values())))
     if drawn.symbol == "stretch":  # which tells nothing of what it is
         size = f"{cause.name.replace('_', ' ')} {size}"
@@ -73,7 +73,7 @@ def label_of(cause: Cause, drawn: Drawn) -> str:
 
 
 def band(place: Place) -> np.ndarray:
-    """(P, 3) the rope where the effect acts; nothing where that is all of it."""
+    """Return (P, 3) the rope where the effect acts; nothing where that is all of it."""
     low, high = place.stretch
     if high <= low or high - low > WHOLE * place.arc[-1]:
         return np.empty((0, 3))
@@ -204,7 +204,7 @@ SYMBOLS: dict[str, Callable[[Drawn, Place], Lines]] = {
 
 
 def arrow(foot: np.ndarray, way: np.ndarray, p: Place) -> np.ndarray:
-    """(6, 3) one line that draws an arrow from a foot (3,)."""
+    """Return (6, 3) one line that draws an arrow from a foot (3,)."""
     head = _head(foot + way, way, p)
     return np.stack([foot, foot + way, *head[0]])
 

@@ -16,22 +16,22 @@ WIDE = 4  # columns that a phone still shows side by side
 
 
 def paragraph(text: object, kind: str = "") -> Markup:
-    """A paragraph, of a CSS class."""
+    """Return a paragraph, of a CSS class."""
     return Markup('<p class="{}">{}</p>' if kind else "<p>{1}</p>").format(kind, text)
 
 
 def loose(text: object) -> Markup:
-    """Text that may be broken anywhere: long names without spaces."""
+    """Return text that may be broken anywhere: long names without spaces."""
     return Markup('<span class="loose">{}</span>').format(text)
 
 
 def heading(text: object) -> Markup:
-    """A heading inside a section."""
+    """Return a heading inside a section."""
     return Markup("<h3>{}</h3>").format(text)
 
 
 def facts(items: Mapping[Any, object]) -> Markup:
-    """Names and values, side by side."""
+    """Return names and values, side by side."""
     rows = Markup("").join(
         Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(name, value)
         for name, value in items.items()
@@ -40,7 +40,7 @@ def facts(items: Mapping[Any, object]) -> Markup:
 
 
 def bullets(items: Iterable[object]) -> Markup:
-    """An unordered list."""
+    """Return an unordered list."""
     rows = Markup("").join(Markup("<li>{}</li>").format(item) for item in items)
     return Markup("<ul>{}</ul>").format(rows) if rows else rows
 
@@ -48,7 +48,7 @@ def bullets(items: Iterable[object]) -> Markup:
 def table(
     head: Sequence[str], rows: Iterable[Sequence[object]], numeric: Sequence[int] = ()
 ) -> Markup:
-    """A table; a wide one becomes cards on a phone. `numeric`: columns set to the right."""
+    """Return a table; a wide one becomes cards on a phone. `numeric`: columns set to the right."""
     kinds = [Markup(' class="number"') if i in numeric else "" for i in range(len(head))]
     top = Markup("").join(
         Markup('<th scope="col"{}>{}</th>').format(kind, name)
@@ -73,7 +73,7 @@ _kept: ContextVar[list[Figure] | None] = ContextVar("kept", default=None)
 
 @contextmanager
 def keeping() -> Iterator[list[Figure]]:
-    """Every figure that is put on a page meanwhile, in order."""
+    """Return every figure that is put on a page meanwhile, in order."""
     figures: list[Figure] = []
     token = _kept.set(figures)
     try:
@@ -83,7 +83,7 @@ def keeping() -> Iterator[list[Figure]]:
 
 
 def plot(figure: Figure) -> Markup:
-    """A figure with its caption; drawn when the page is opened."""
+    """Return a figure with its caption; drawn when the page is opened."""
     if (kept := _kept.get()) is not None:
         kept.append(figure)
     content = figure.content() | {"height": figure.height}
@@ -94,14 +94,14 @@ def plot(figure: Figure) -> Markup:
 
 
 def pair(*figures: Figure) -> Markup:
-    """Figures beside each other, below each other where the page is narrow."""
+    """Place figures beside each other, below each other where the page is narrow."""
     return Markup('<div class="pair">{}</div>').format(Markup("").join(map(plot, figures)))
 
 
 def sequence(
     figures: Sequence[Figure], labels: Sequence[str], start: int = 0, main: bool = False
 ) -> Markup:
-    """Figures that show one step of many, moved together by a slider.
+    """Return figures that show one step of many, moved together by a slider.
 
     main: the page's one picture, which the maps move.
     """

@@ -19,7 +19,7 @@ Traces = list[tuple[dict[str, Any], list[np.ndarray]]]
 
 
 def forced(d: Diagnosis) -> bool:
-    """Whether the latent force is more than chance."""
+    """Return whether the latent force is more than chance."""
     return d.verdict != "none" and d.force_evidence > d.force_threshold
 
 
@@ -55,8 +55,8 @@ def missing(
 
 
 def _forces(d: Diagnosis, t: int, x: np.ndarray, place: Place) -> np.ndarray:
-    """Arrows (A, 3) on the rope x (P, 3) in frame t of the diagnosis, where they are beyond their
-    standard error."""
+    """Return arrows (A, 3) on the rope x (P, 3) in frame t of the diagnosis, where they are beyond
+    their standard error."""
     size = np.linalg.norm(d.force, axis=-1)
     scale = LONGEST * float(place.arc[-1]) / max(float(size.max()), 1e-300)
     sure = size[t] > np.linalg.norm(d.force_sd[t], axis=-1)

@@ -67,7 +67,7 @@ def print_figures(
 
 
 def _frames(figure: Figure) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """A suffix for the file's name, and the traces as they are then."""
+    """Return a suffix for the file's name, and the traces as they are then."""
     if not figure.steps:
         yield "", figure.data
         return
@@ -207,12 +207,12 @@ def _space(axes: Any, scene: dict[str, Any]) -> None:
 
 
 def _numbers(values: list[Any]) -> Any:
-    """Numbers with NaN for gaps; names stay names."""
+    """Return numbers with NaN for gaps; names stay names."""
     return values if any(isinstance(v, str) for v in values) else np.array(values, dtype=float)
 
 
 def _colour(name: str) -> Any:
-    """A colour as matplotlib takes it."""
+    """Return a colour as matplotlib takes it."""
     if name.startswith("rgba("):
         r, g, b, a = (float(part) for part in name[5:-1].split(","))
         return (r / 255, g / 255, b / 255, a)
@@ -220,7 +220,7 @@ def _colour(name: str) -> Any:
 
 
 def _text(html: str) -> str:
-    """Small HTML as matplotlib's small mathematics."""
+    """Return small HTML as matplotlib's small mathematics."""
     text = re.sub(r"<sub>(.*?)</sub>", r"$_{\\mathrm{\1}}$", html.replace("$", r"\$"))
     text = re.sub(r"<sup>(.*?)</sup>", r"$^{\\mathrm{\1}}$", text)
     return unescape(re.sub(r"<[^>]+>", "", text))

@@ -28,12 +28,12 @@ class Part(NamedTuple):
 
 
 def render_report(run: RunContents) -> str:
-    """The whole page. The same artifacts give the same bytes."""
+    """Return the whole page. The same artifacts give the same bytes."""
     return render_page(run.observations.recording, _parts(run), headline(run))
 
 
 def figures_of(run: RunContents) -> list[Figure]:
-    """Every figure of the report, in its order."""
+    """Return every figure of the report, in its order."""
     with keeping() as figures:
         _parts(run)
     return figures
@@ -44,7 +44,8 @@ def _parts(run: RunContents) -> list[Part]:
 
 
 def render_page(title: str, parts: list[Part], headline: str = "") -> str:
-    """A page of sections; headline: the answer that stands above them instead of the title."""
+    """Return a page of sections; headline: the answer that stands above them instead of the
+    title."""
     here = files("ropefit.reporting")
 
     def text(name: str) -> Markup:

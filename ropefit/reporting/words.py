@@ -13,7 +13,7 @@ from ropefit.artifacts.diagnosis import Size
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number to `digits` significant digits; a dash when it is not known."""
+    """Return a number to `digits` significant digits; a dash when it is not known."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0:
@@ -30,27 +30,27 @@ def _superscript(exponent: int) -> str:
 
 
 def given(value: float, unit: str = "") -> str:
-    """A number that somebody chose: no more digits than it has."""
+    """Return a number that somebody chose: no more digits than it has."""
     return f"{value:.4g} {unit}".rstrip().replace("-", "−")
 
 
 def millimetres(metres: float | None, digits: int = 2) -> str:
-    """A distance in mm."""
+    """Return a distance in mm."""
     return f"{number(None if metres is None else metres * 1e3, digits)} mm"
 
 
 def metres(value: float) -> str:
-    """A given length in m, or in mm when it is short."""
+    """Return a given length in m, or in mm when it is short."""
     return given(value, "m") if value >= 0.1 or value == 0 else given(1e3 * value, "mm")
 
 
 def percent(share: float, digits: int = 2) -> str:
-    """A share as a percentage."""
+    """Return a share as a percentage."""
     return f"{number(100 * share, digits)} %"
 
 
 def digits_of(interval: tuple[float, float] | None, least: int = 4, most: int = 8) -> int:
-    """Significant digits that tell the two sides of an interval apart."""
+    """Return significant digits that tell the two sides of an interval apart."""
     if interval is None or interval[0] == interval[1] or not all(map(math.isfinite, interval)):
         return least
     ratio = max(map(abs, interval)) / abs(interval[1] - interval[0])
@@ -58,12 +58,12 @@ def digits_of(interval: tuple[float, float] | None, least: int = 4, most: int = 
 
 
 def plural(count: int, noun: str) -> str:
-    """'1 frame', '2 frames'."""
+    """Return '1 frame', '2 frames'."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def listed(items: Iterable[object]) -> Markup:
-    """'a, b and c', escaped."""
+    """Return 'a, b and c', escaped."""
     parts = [Markup("{}").format(item) for item in items]
     if len(parts) < 2:
         return Markup("").join(parts)
@@ -71,7 +71,7 @@ def listed(items: Iterable[object]) -> Markup:
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """'0–17, 20, 22–35'."""
+    """Return '0–17, 20, 22–35'."""
     runs: list[list[int]] = []
     for value in sorted(int(n) for n in numbers):
         if runs and value == runs[-1][1] + 1:
@@ -82,13 +82,13 @@ def ranges(numbers: Iterable[int]) -> str:
 
 
 def blocks(mask: np.ndarray) -> list[tuple[int, int]]:
-    """(first, last) index of every run of True."""
+    """Return (first, last) index of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def symbol(name: str) -> Markup:
-    """A parameter's symbol: eta_x_G becomes η with x below and G above; other names stay."""
+    """Return a parameter's symbol: eta_x_G becomes η with x below and G above; other names stay."""
     match = re.fullmatch(r"eta_([A-Za-z]+)(?:_([A-Za-z]+))?(?:_(\d+))?", name)
     if not match:
         return Markup("{}").format(name)
@@ -100,14 +100,15 @@ def symbol(name: str) -> Markup:
 
 
 def unit_text(unit: str) -> str:
-    """A unit with its powers set: 'N m^2' becomes 'N·m²'; nothing for the unit of a share."""
+    """Return a unit with its powers set: 'N m^2' becomes 'N·m²'; nothing for the unit of a
+    share."""
     if unit == "1":
         return ""
     return unit.replace("^2", "²").replace("^3", "³").replace(" ", "·")
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number, an interval or a name with its unit behind it, if it has one."""
+    """Return a number, an interval or a name with its unit behind it, if it has one."""
     return f"{text} {unit_text(unit)}".rstrip()
 
 
@@ -117,19 +118,20 @@ READABLE = {"m": (1e3, "mm"), "kg": (1e3, "g"), "rad": (180 / math.pi, "°"), "s
 def in_use(
     value: float, ci95: tuple[float, float], unit: str
 ) -> tuple[float, tuple[float, float], str]:
-    """A number and its interval in the unit that a person would use: grams, mm, degrees."""
+    """Return a number and its interval in the unit that a person would use: grams, mm, degrees."""
     factor, unit = READABLE.get(unit, (1.0, unit))
     return factor * value, (factor * ci95[0], factor * ci95[1]), unit
 
 
 def readable(size: Size) -> str:
-    """A size in the unit that a person would use."""
+    """Return a size in the unit that a person would use."""
     value, _, unit = in_use(size.value, size.ci95, size.unit)
     return f"{number(value)}°" if unit == "°" else with_unit(number(value), unit)
 
 
 def strength(nats: float, threshold: float) -> str:
-    """Evidence in words: a ratio of odds of 100 (Jeffreys) beyond what chance reaches here."""
+    """Return evidence in words: a ratio of odds of 100 (Jeffreys) beyond what chance reaches
+    here."""
     if nats >= threshold + math.log(100):
         return "decisive"
     if nats >= threshold:
@@ -138,5 +140,5 @@ def strength(nats: float, threshold: float) -> str:
 
 
 def slug(title: str) -> str:
-    """A title as an anchor."""
+    """Return a title as an anchor."""
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")

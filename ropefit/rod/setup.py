@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.bending import Bending
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
 from ropefit.rod.path import EndPath
@@ -109,6 +110,7 @@ class Setup(NamedTuple):
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
     points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
     [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
+    bending: the law of bending, where it is not linear.
     """
 
     properties: Properties
@@ -131,16 +133,17 @@ class Setup(NamedTuple):
     time: Tensor | None = None
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
+    bending: Bending | None = None
 
     @property
     def remembers(self) -> bool:
-        """Whether a frame's shape depends on the frames before it."""
+        """Return whether a frame's shape depends on the frames before it."""
         return bool(self.memory) or any(p.friction is not None for p in self.potentials)
 
     @property
     def possible(self) -> bool:
-        """Whether matter can be so: lengths, rigidities and density are positive everywhere, and
-        nothing gets longer under compression."""
+        """Return whether matter can be so: lengths, rigidities and density are positive everywhere,
+        and nothing gets longer under compression."""
         p = self.properties
         positive = (p.length, p.bend, p.twist, p.density)
         return all(bool((v > 0).all()) for v in positive) and bool((self.stretch >= 0).all())

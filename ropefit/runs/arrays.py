@@ -1,11 +1,10 @@
-"""Records of arrays and tensors as named arrays, and back."""
+"""Records of arrays and tensors as named arrays, and back; torch only where there are tensors."""
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
 
 import numpy as np
-import torch
 
 from ropefit.runs.journal import Arrays
 
@@ -13,24 +12,26 @@ R = TypeVar("R")
 
 
 def as_arrays(record: Any, prefix: str) -> Arrays:
-    """The fields of a dataclass or named tuple, but those that are None; the prefix ends in a
-    dot."""
+    """Return the fields of a dataclass or named tuple, but those that are None; the prefix ends in
+    a dot."""
     found = {name: getattr(record, name) for name in record.__annotations__}
     return {
-        f"{prefix}{name}": v.detach().numpy() if isinstance(v, torch.Tensor) else np.asarray(v)
+        f"{prefix}{name}": v.detach().numpy() if hasattr(v, "detach") else np.asarray(v)
         for name, v in found.items()
         if v is not None
     }
 
 
 def from_arrays(kind: type[R], prefix: str, arrays: Arrays) -> R:
-    """The record again; fields are tensors, arrays or numbers as they are annotated."""
+    """Return the record again; fields are tensors, arrays or numbers as they are annotated."""
     fields: dict[str, Any] = {}
     for name, annotation in kind.__annotations__.items():
         value = arrays.get(f"{prefix}{name}")
         if value is not None:
             value = value.copy()  # the journal's own stay as they were
             if "Tensor" in str(annotation):
+                import torch
+
                 fields[name] = torch.from_numpy(value)
             else:
                 fields[name] = value.item() if str(annotation).startswith("float") else value
@@ -38,6 +39,6 @@ def from_arrays(kind: type[R], prefix: str, arrays: Arrays) -> R:
 
 
 def within(prefix: str, arrays: Arrays) -> Arrays:
-    """Those whose names begin with the prefix, without it."""
+    """Return those whose names begin with the prefix, without it."""
     size = len(prefix)
     return {name[size:]: value for name, value in arrays.items() if name.startswith(prefix)}

@@ -63,7 +63,7 @@ class Saver:
         self.next = ended + max(EVERY, SHARE * (ended - began))
 
     def save(self, entries: Entries) -> None:
-        """Where it cannot be written that is said; the stage goes on."""
+        """Save; where it cannot be written that is said, and the stage goes on."""
         arrays, data = packed(entries)
         provenance = Provenance(stage=self.stage, package_version=__version__)
         items = [KeptArray(**item) for item in arrays]
@@ -74,7 +74,8 @@ class Saver:
             self.say(f"warning: {error}")
 
     def restored(self) -> Entries:
-        """What was found by the same code from the same inputs and settings; else nothing."""
+        """Return what was found by the same code from the same inputs and settings; else
+        nothing."""
         if not self.path.exists():
             return {}
         try:

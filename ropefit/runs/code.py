@@ -7,9 +7,14 @@ import hashlib
 import os
 import re
 from functools import cache
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 
+from ropefit.plugins import GROUPS
+
 PACKAGE = Path(__file__).parents[1]
+PLUGINS = "ropefit.plugins"  # whose importers ask for add-ons
 # Only these statements are parsed: parsing whole files takes twenty times as long.
 STATEMENT = re.compile(
     rb"^[ \t]*(from[ \t]+ropefit[\w.]*[ \t]+import[ \t]+(?:\([^)]*\)|.*)|import[ \t]+ropefit.*)",
@@ -21,9 +26,27 @@ STATEMENT = re.compile(
 def code_sha256(*modules: str) -> str:
     """Return the hash of modules of this package and of all that they import of it.
 
-    It stays for the life of a process, as the code that the process runs does.
+    With the modules of add-ons, where these may be asked. It stays for the life of a process, as
+    the code that the process runs does.
     """
-    return hash_of(modules, PACKAGE)
+    digest = hash_of(modules, PACKAGE)
+    if PLUGINS not in reached(modules, PACKAGE):
+        return digest
+    added = sorted(_read(path)[0] for path in add_ons())
+    return hashlib.sha256(" ".join([digest, *added]).encode()).hexdigest() if added else digest
+
+
+def add_ons() -> set[Path]:
+    """Return the files of the modules that other packages declare as entry points of ours."""
+    found = set()
+    for entry in (entry for group in GROUPS for entry in entry_points(group=group)):
+        try:
+            spec = find_spec(entry.module)
+        except (ImportError, ValueError):  # whoever needs it says that it does not import
+            continue
+        if spec is not None and spec.origin is not None:
+            found.add(Path(spec.origin))
+    return found
 
 
 def hash_of(modules: tuple[str, ...], package: Path) -> str:
@@ -70,7 +93,7 @@ def imported(text: bytes) -> set[str]:
 
 
 def _files(package: Path) -> dict[str, Path]:
-    """The modules of a package but its own `__init__`."""
+    """Return the modules of a package but its own `__init__`."""
     files = {}
     for folder, _, names in os.walk(package):
         parts = Path(folder).relative_to(package.parent).parts
@@ -83,7 +106,7 @@ def _files(package: Path) -> dict[str, Path]:
 
 
 def _read(path: Path) -> tuple[str, frozenset[str]]:
-    """The hash of a file and what it imports; read again where the file has changed."""
+    """Return the hash of a file and what it imports; read again where the file has changed."""
     state = path.stat()
     return _read_at(path, state.st_mtime_ns, state.st_size)
 

@@ -54,7 +54,8 @@ def _look(
     external: Mapping[str, str] | None,
     force: bool,
 ) -> tuple[Artifact | None, str, dict[str, Any], dict[str, str]]:
-    """The output if it is what would be computed, else None; why; inputs and their hashes."""
+    """Return the output if it is what would be computed, else None; why; inputs and their
+    hashes."""
     inputs: dict[str, Any] = {}
     hashes = dict(external or {})
     for kind in stage.reads:
@@ -91,7 +92,7 @@ def made(
     settings: S,
     context: Context,
 ) -> Any:
-    """What a stage makes of its inputs, with its provenance; not written anywhere."""
+    """Return what a stage makes of its inputs, with its provenance; not written anywhere."""
     started = time.monotonic()
     content = stage.compute(inputs, settings, context)
     provenance = Provenance(

@@ -34,12 +34,12 @@ class Journal:
         self._full: set[str] = set()
 
     def next(self, kind: str) -> str:
-        """The name of the next result of a kind."""
+        """Return the name of the next result of a kind."""
         self._count[kind] += 1
         return f"{kind} {self._count[kind]}"
 
     def recall(self, name: str) -> Arrays | None:
-        """What was kept under a name, or None."""
+        """Return what was kept under a name, or None."""
         return self.entries.get(name)
 
     def keep(self, name: str, make: Callable[[], Arrays]) -> None:
@@ -72,13 +72,14 @@ _current: ContextVar[Journal | None] = ContextVar("journal", default=None)
 
 
 def journal() -> Journal:
-    """The journal of the computation that is under way; one that keeps nothing if it has none."""
+    """Return the journal of the computation that is under way; one that keeps nothing if it has
+    none."""
     return _current.get() or Journal()
 
 
 @contextmanager
 def keeping(kept: Journal) -> Iterator[Journal]:
-    """Computations inside keep their results in this journal."""
+    """Keep the results of the computations inside in this journal."""
     token = _current.set(kept)
     try:
         yield kept

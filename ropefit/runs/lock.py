@@ -73,7 +73,7 @@ def _make(directory: Path) -> list[Path]:
 
 
 def _take(directory: Path) -> int:
-    """A locked handle on the lock file."""
+    """Return a locked handle on the lock file."""
     path = directory / LOCK
     while True:
         try:
@@ -109,7 +109,7 @@ def _sign(handle: int) -> None:
 
 
 def _lock(handle: int) -> bool:
-    """Whether the lock could be taken. The system releases it when the process ends."""
+    """Return whether the lock could be taken. The system releases it when the process ends."""
     try:
         import fcntl
     except ImportError:  # Windows

@@ -20,7 +20,7 @@ A = TypeVar("A", bound=Artifact)
 class StageSettings(BaseModel):
     """Settings of one stage. What it uses of them is recorded, and makes it stale."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     def used(self) -> dict[str, Any]:
         """Return the settings that the output depends on, as JSON has them: all, or fewer."""
@@ -58,7 +58,7 @@ class Stage(Generic[S]):
 
     @property
     def module(self) -> str:
-        """The stage's own module, on whose code and imports the output depends."""
+        """Return the stage's own module, on whose code and imports the output depends."""
         return f"ropefit.stages.{self.name}"
 
 

@@ -24,12 +24,12 @@ KNOWN = {*PRODUCERS, *CHECKPOINTS, REPORT, "figures", "view.rrd"}
 
 
 def is_run(directory: Path) -> bool:
-    """Whether a directory holds any artifact of ours."""
+    """Return whether a directory holds any artifact of ours."""
     return any((directory / name).exists() for name in PRODUCERS)
 
 
 def existing_run(directory: Path) -> Path:
-    """The run directory, or one line on why it is none."""
+    """Return the run directory, or one line on why it is none."""
     if not directory.exists():
         raise StageFailed(
             f"{directory}: no such run; run `ropefit preprocess RECORDING --run {directory}`"
@@ -50,7 +50,8 @@ def existing_run(directory: Path) -> Path:
 
 
 def new_run(directory: Path) -> Path:
-    """A directory to start a run in: new (it is made with its first artifact), empty, or a run."""
+    """Return a directory to start a run in: new (it is made with its first artifact), empty, or a
+    run."""
     if directory.exists() and not directory.is_dir():
         raise WrongUsage(f"{directory}: is a file, not a directory; give another --run")
     if directory.is_dir() and any(directory.iterdir()) and not is_run(directory):

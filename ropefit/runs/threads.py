@@ -6,7 +6,7 @@ import os
 
 
 def processors() -> int:
-    """Processors that this process may run on."""
+    """Return processors that this process may run on."""
     try:
         return max(len(os.sched_getaffinity(0)), 1)
     except AttributeError:  # macOS, Windows
@@ -14,7 +14,7 @@ def processors() -> int:
 
 
 def threads() -> int:
-    """Threads for work of our own: as many as processors, or as OMP_NUM_THREADS says.
+    """Return threads for work of our own: as many as processors, or as OMP_NUM_THREADS says.
 
     joblib and dask set it in their workers, so that workers side by side do not get in each
     other's way.

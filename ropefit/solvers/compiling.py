@@ -32,11 +32,11 @@ def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
     from numba.core import event
 
     class Telling(event.Listener):
-        told = False
+        announced = False
 
         def on_start(self, event: Any) -> None:
-            if not self.told:
-                self.told = True
+            if not self.announced:
+                self.announced = True
                 if _first(event.data["dispatcher"]):
                     say(COMPILING)
 
@@ -47,7 +47,7 @@ def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
 
 
 def _first(dispatcher: Any) -> bool:
-    """Whether no mark of this source lies beside numba's cache; it does from now on."""
+    """Return whether no mark of this source lies beside numba's cache; it does from now on."""
     kept = dispatcher.stats.cache_path
     if kept is None:  # not cached: compiled in every process
         return True
@@ -65,13 +65,14 @@ def _first(dispatcher: Any) -> bool:
 
 
 def _beside(kept: Path) -> Path:
-    """One folder for all of ropefit's loops; numba has one for each folder of source."""
+    """Return one folder for all of ropefit's loops; numba has one for each folder of source."""
     return kept.parents[1] / kept.name if kept.name == "__pycache__" else kept.parent
 
 
 @cache
 def _source() -> str:
-    """A hash of the solvers' source and of numba's version: what compiled code depends on."""
+    """Return a hash of the solvers' source and of numba's version: what compiled code depends
+    on."""
     import numba
 
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())

@@ -27,7 +27,7 @@ STARTS = 6  # recorded poses from which shape control tries to set out
 
 
 def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context) -> dict[str, Any]:
-    """The contents of control.h5. Raises BadInput, NotConverged."""
+    """Return the contents of control.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
     model: FittedModel = inputs[Model.file_name].nominal
     shapes_only(model, "control")
@@ -189,7 +189,8 @@ def _common(
 
 
 def _length(gripper: Gripper, u: torch.Tensor, x: np.ndarray) -> np.ndarray:
-    """(F,) [m] lengths of ropes x (F, K, 3), by every node of the rod where x has only some."""
+    """Return (F,) [m] lengths of ropes x (F, K, 3), by every node of the rod where x has only
+    some."""
     if isinstance(gripper.rope, EquilibriumRope):
         x = _settle(replace(gripper, rope=replace(gripper.rope, every=1)), u)[0]
     return np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1)
@@ -198,7 +199,7 @@ def _length(gripper: Gripper, u: torch.Tensor, x: np.ndarray) -> np.ndarray:
 def _deviations(
     o: Observations, position, reference, x: np.ndarray, arc: np.ndarray, observed: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Deviations of the control point and of the key points, in metres and pixels."""
+    """Return deviations of the control point and of the key points, in metres and pixels."""
     camera = pinhole(o)
     share = torch.from_numpy(np.nan_to_num(arc) / o.length)
     key = interpolate(torch.from_numpy(x), share).numpy()
@@ -228,7 +229,8 @@ def _pixels(camera: Pinhole, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _observed_at(o: Observations, arc: np.ndarray) -> np.ndarray:
-    """(F, M, 3) [m] the observed centreline at arc lengths (F, M); NaN where it was not seen."""
+    """Return (F, M, 3) [m] the observed centreline at arc lengths (F, M); NaN where it was not
+    seen."""
     out = np.full((*arc.shape, 3), np.nan)
     for t in range(len(arc)):
         for axis in range(3):
@@ -238,7 +240,7 @@ def _observed_at(o: Observations, arc: np.ndarray) -> np.ndarray:
 
 
 def _reached(x: np.ndarray, targets: Targets, length: float) -> np.ndarray:
-    """(C, M, 3) [m] the point of the rope that answers to each target point."""
+    """Return (C, M, 3) [m] the point of the rope that answers to each target point."""
     compare = to_targets(targets.arc, targets.points, length)
     with torch.no_grad():
         known, loose = compare(torch.from_numpy(x), torch.arange(len(x)))

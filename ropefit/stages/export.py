@@ -39,7 +39,7 @@ class Exported:
 def export_run(
     o: Observations, model: Model, diagnosis: Diagnosis | None, target: str, mass: float | None
 ) -> Exported:
-    """The rope as text for `target`. Raises WrongUsage, NotConverged."""
+    """Return the rope as text for `target`. Raises WrongUsage, NotConverged."""
     shapes_only(model.nominal, "export")
     if model.nominal.balance is None:
         raise WrongUsage(
@@ -70,8 +70,8 @@ def write_export(result: ExportResult, out: Path) -> list[str]:
 
 
 def check(exported: Exported, target: str, text: Path, python: Path, progress: Progress) -> Check:
-    """Every pose at rest in the simulator that `python` has. A pose that does not come to rest is
-    marked. Raises StageFailed where the simulator is missing."""
+    """Return every pose at rest in the simulator that `python` has. A pose that does not come to
+    rest is marked. Raises StageFailed where the simulator is missing."""
     rope, shapes, failures = exported.rope, [], []
     simulator = resimulate.version(target, python)
     for pose, frame in enumerate(exported.frames):

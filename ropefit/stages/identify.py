@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
+
+import numpy as np
 
 from ropefit.adapters.scene import check_loss
 from ropefit.artifacts import Observations
@@ -10,15 +13,31 @@ from ropefit.fitting import equilibrium, motion, searched, weights
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.runs.protocol import Context
 
+LARGE = 3.0  # times the noise of a point: a misfit beyond it has a cause
+
 
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """The contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     observations: Observations = inputs[Observations.file_name]
     check_loss(observations, settings.loss)
+    content = _solver(settings).compute(observations, settings, context)
+    left = float(content["models"]["nominal"].rms_fit)
+    noise = float(np.median(observations.noise))
+    if left > LARGE * noise:
+        rod = settings.solver in ("equilibrium", "dynamics")
+        more = ", or free more parameters, as by --free EI,rest_curve" if rod else ""
+        context.say(
+            f"the fit leaves {left * 1e3:.3g} mm where noise is {noise * 1e3:.2g} mm: something is "
+            "missing, or the set-up is told wrongly. Look for the cause with ropefit diagnose"
+            + more
+        )
+    return content
+
+
+def _solver(settings: IdentifySettings) -> ModuleType:
+    """Return the module that fits by the chosen solver and search."""
     if settings.solver == "dynamics":
-        return motion.compute(observations, settings, context)
+        return motion
     if settings.solver != "equilibrium":
-        return weights.compute(observations, settings, context)
-    if settings.how == "least-squares":
-        return equilibrium.compute(observations, settings, context)
-    return searched.compute(observations, settings, context)
+        return weights
+    return equilibrium if settings.how == "least-squares" else searched

@@ -13,7 +13,7 @@ from ropefit.recordings import open_recording
 
 
 def list_source(source: Path, format: str) -> dict[str, Any]:
-    """What a source holds. Raises BadInput, WrongUsage."""
+    """Return what a source holds. Raises BadInput, WrongUsage."""
     entries = importer(format)().contents(source)
     return {
         "stage": "import",
@@ -52,7 +52,8 @@ def import_recording(
 
 
 def _checked(temporary: Path, out: Path, source: Path) -> Any:
-    """The draft opened as any recording is, and its first frame read: what is written is valid."""
+    """Return the draft opened as any recording is, and its first frame read: what is written is
+    valid."""
     try:
         recording = open_recording(temporary)
         recording.source.sight(recording.frames[0])

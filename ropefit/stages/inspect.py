@@ -16,7 +16,7 @@ from ropefit.runs.run_directory import PRODUCERS, existing_run
 
 
 def inspect_path(path: Path) -> dict[str, Any]:
-    """{"path", "artifacts": [{file, schema, version, valid, problem, entries}]}. Raises
+    """Return {"path", "artifacts": [{file, schema, version, valid, problem, entries}]}. Raises
     BadInput."""
     if not path.exists():
         raise BadInput(f"{path}: no such file or directory; give an artifact or a run")
@@ -60,7 +60,7 @@ def _describe(path: Path, run: Path) -> dict[str, Any]:
 
 
 def entries(artifact: Artifact | BaseModel) -> list[dict[str, str]]:
-    """One row an entry: name, shape with dimension names, unit, value or range."""
+    """Return one row an entry: name, shape with dimension names, unit, value or range."""
     rows = []
     for name, value, attributes in leaves(artifact):
         if isinstance(value, str):

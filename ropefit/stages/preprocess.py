@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ropefit.adapters.settings import PreprocessSettings
 from ropefit.artifacts import DroppedFrame, View
@@ -28,10 +29,11 @@ from ropefit.runs.threads import threads
 MOST_GAPS = 0.2  # of the frames: more are no gaps but steps
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # small matrices: threads only wait
 def compute(
     inputs: dict[str, Any], settings: PreprocessSettings, context: Context
 ) -> dict[str, Any]:
-    """The contents of observations.h5. Raises BadInput when no frame is usable."""
+    """Return the contents of observations.h5. Raises BadInput when no frame is usable."""
     recording: Recording = context.external["recording"]
     masks = Masks(Path(settings.mask)) if settings.mask else None
     looked = Looked(color=settings.color, roi=settings.roi)
@@ -97,8 +99,8 @@ def compute(
 
 
 def _traced(tracer: Tracer, album: Album, frames: list[int]) -> Iterator[tuple[int, Trace | str]]:
-    """Each frame's trace, or why there is none; several at a time, given back in order, and kept
-    in the journal."""
+    """Return each frame's trace, or why there is none; several at a time, given back in order, and
+    kept in the journal."""
     kept = journal()
     drawn = album.folder is not None  # pictures of every step: drawn anew, into this folder
 
@@ -120,7 +122,7 @@ def _traced(tracer: Tracer, album: Album, frames: list[int]) -> Iterator[tuple[i
 
 
 def as_kept(frame: int, trace: Trace | str, album: Album) -> Arrays:
-    """A frame's trace, or why there is none, with its picture, as arrays."""
+    """Return a frame's trace, or why there is none, with its picture, as arrays."""
     if isinstance(trace, str):
         return {"why": np.array(trace)}
     arrays = as_arrays(trace, "")
@@ -131,7 +133,7 @@ def as_kept(frame: int, trace: Trace | str, album: Album) -> Arrays:
 
 
 def restored(frame: int, arrays: Arrays, album: Album) -> Trace | str:
-    """The trace that was kept; its picture goes to the album."""
+    """Return the trace that was kept; its picture goes to the album."""
     if "why" in arrays:
         return str(arrays["why"])
     if "picture" in arrays:
@@ -140,7 +142,7 @@ def restored(frame: int, arrays: Arrays, album: Album) -> Trace | str:
 
 
 def _missing(recording: Recording) -> list[DroppedFrame]:
-    """Frames that are not there although those around them are, told by name."""
+    """Return frames that are not there although those around them are, told by name."""
     frames = recording.frames
     gaps = sorted(set(range(frames[0], frames[-1] + 1)) - set(frames))
     if len(gaps) > MOST_GAPS * len(frames):  # numbered in steps: none is missing

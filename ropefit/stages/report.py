@@ -28,7 +28,7 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     if missing:
         say(f"the report has no part on {' and '.join(missing)}: not in this run")
     if run.exports is None and (directory / Exports.file_name).exists():
-        say(f"{Exports.file_name} is of an earlier rope and left out; export again")
+        say(f"{Exports.file_name} is of an earlier rope and not shown; export again")
     path = directory / REPORT
     text = render_report(run)
     with working_on(directory):
@@ -39,7 +39,7 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
 def print_report(
     directory: Path, kinds: list[str], progress: Progress = lambda share, text: None
 ) -> list[Path]:
-    """Every figure of a run's report as svg, pdf or png in its folder `figures`.
+    """Return every figure of a run's report as svg, pdf or png in its folder `figures`.
 
     Raises StageFailed where matplotlib is missing or nothing can be written.
     """
@@ -51,7 +51,7 @@ def print_report(
 
 
 def compare_runs(directories: list[Path], out: Path) -> Path:
-    """One page on several runs. Raises StageFailed, WrongUsage."""
+    """Return one page on several runs. Raises StageFailed, WrongUsage."""
     from ropefit.reporting.comparison import render_comparison
 
     names = [directory.absolute().name for directory in directories]

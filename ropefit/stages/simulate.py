@@ -36,7 +36,10 @@ def simulate_recording(spec: Path, out: Path, progress: Progress, say: Any) -> d
     progress(0.8, "writing")
     with new_folder(out) as temporary:
         write_recording(parsed, x, ends, temporary)
-    say("made by ropefit's own model: good for trying a set-up, not as evidence for it")
+    say(
+        "made by one of the paper's solvers in ropefit: good for trying a set-up, not as evidence "
+        "for it"
+    )
     return {"stage": "simulate", "recording": str(out), "frames": len(x), "name": parsed.name}
 
 
@@ -48,7 +51,7 @@ def _read_spec(path: Path) -> SimulationSpec:
 
 
 def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Ends]:
-    """(F, K, 3) [m] centrelines and the exact end poses. `path` is named in failures."""
+    """Return (F, K, 3) [m] centrelines and the exact end poses. `path` is named in failures."""
     frames = spec.motion.frames
     position = np.full((frames, 2, 3), np.nan)
     orientation = np.full((frames, 2, 4), np.nan)

@@ -27,7 +27,8 @@ class Layer:
 
 
 def frames(run: RunContents) -> Iterator[tuple[int, float, list[Layer]]]:
-    """(frame number, time [s], layers) of every frame; a layer without points is there, empty."""
+    """Return (frame number, time [s], layers) of every frame; a layer without points is there,
+    empty."""
     o, f, d = run.observations, run.fitted, run.diagnosis
     thick = 0.5 * (o.diameter or 0.004)
     dot = 0.3 * thick
@@ -43,7 +44,7 @@ def frames(run: RunContents) -> Iterator[tuple[int, float, list[Layer]]]:
         if d is not None and d.causes:
             at = np.flatnonzero(d.frames == frame)
             x = d.x_after[at[0]] if at.size else np.empty((0, 3))
-            layers.append(Layer("with what was left out", x, True, WITH_CAUSES, thick))
+            layers.append(Layer("with the cause", x, True, WITH_CAUSES, thick))
         ends = o.end_position[t]
         held = ends[np.isfinite(ends).all(axis=1)]
         layers.append(Layer("ends", held, False, ENDS, 2 * thick))

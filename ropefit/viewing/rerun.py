@@ -56,7 +56,7 @@ def _shown(rerun, layer: Layer):
 
 
 def _up(rerun, gravity: np.ndarray):
-    """Which axis points upwards, as far as an axis does."""
+    """Log which axis points upwards, as far as an axis does."""
     k = int(np.argmax(np.abs(gravity)))
     names = (("RIGHT_HAND_X_DOWN", "RIGHT_HAND_X_UP"), ("RIGHT_HAND_Y_DOWN", "RIGHT_HAND_Y_UP"))
     names += (("RIGHT_HAND_Z_DOWN", "RIGHT_HAND_Z_UP"),)

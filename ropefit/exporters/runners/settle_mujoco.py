@@ -20,7 +20,7 @@ LONGEST = 60.0  # s of simulated time
 
 
 def vertices(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """(V, 3) [m] of the flex named rope, or of the sites of a cable."""
+    """Return (V, 3) [m] of the flex named rope, or of the sites of a cable."""
     if model.nflex:
         return data.flexvert_xpos[: model.flex_vertnum[0]].copy()
     names = [
@@ -31,7 +31,7 @@ def vertices(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 def settle(path: str, pose: int) -> tuple[np.ndarray, float]:
-    """Vertices at rest, and the time [s] that took."""
+    """Return vertices at rest, and the time [s] that took."""
     model = mujoco.MjModel.from_xml_path(path)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, pose)

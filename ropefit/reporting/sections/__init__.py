@@ -6,6 +6,7 @@ from ropefit.reporting.sections.control import ControlSection
 from ropefit.reporting.sections.equilibrium import EquilibriumSection
 from ropefit.reporting.sections.exports import ExportsSection
 from ropefit.reporting.sections.fit import FitSection
+from ropefit.reporting.sections.law import LawSection
 from ropefit.reporting.sections.next_motion import NextMotionSection
 from ropefit.reporting.sections.notes import NotesSection
 from ropefit.reporting.sections.observations import ObservationsSection
@@ -24,6 +25,7 @@ SECTIONS: tuple[Section, ...] = (
     RopeSection(),
     WhereSection(),
     WhySection(),
+    LawSection(),
     SureSection(),
     ParametersSection(),
     NextMotionSection(),

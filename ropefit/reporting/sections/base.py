@@ -17,9 +17,10 @@ class Section(ABC):
     folded: ClassVar[bool] = False  # below the answer and its reasons, opened by a click
 
     def applies(self, run: RunContents) -> bool:
-        """Whether the run has what this section shows."""
+        """Return whether the run has what this section shows."""
         return True
 
     @abstractmethod
     def render(self, run: RunContents) -> Markup:
-        """The section's HTML under its heading; escapes everything it did not write itself."""
+        """Return the section's HTML under its heading; escapes everything it did not write
+        itself."""

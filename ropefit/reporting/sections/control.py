@@ -25,12 +25,12 @@ class ControlSection(Section):
     def render(self, run: RunContents) -> Markup:
         c = run.control
         assert c is not None
-        body = paragraph(_told(c)) + facts(_facts(c))
+        body = paragraph(_text(c)) + facts(_facts(c))
         body += estimate(run, c) if c.kind == "estimate" else shape(run, c)
         return body + Markup("").join(paragraph(note, "note") for note in c.notes)
 
 
-def _told(c: Control) -> str:
+def _text(c: Control) -> str:
     if c.kind == "estimate":
         task = "Where was the gripper? Its position is found from the shape of the rope alone"
     else:

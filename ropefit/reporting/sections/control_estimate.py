@@ -34,7 +34,7 @@ MOST_KEYS = len(MANY)
 
 
 def estimate(run: RunContents, c: Control) -> Markup:
-    """Table, deviations and trajectories."""
+    """Return table, deviations and trajectories."""
     body = table(["quantity", "median", "mean", "max"], _statistics(c), (1, 2, 3))
     known = np.isfinite(c.reference).all(axis=1).any()
     if not known:

@@ -26,7 +26,7 @@ MOST_CASES = 60
 
 
 def shape(run: RunContents, c: Control) -> Markup:
-    """Poses reached, the rope against its target points, and the deviations of those."""
+    """Return poses reached, the rope against its target points, and the deviations of those."""
     shown = evenly(len(c.cases), MOST_CASES)
     labels = [f"Target {c.cases[i]}" for i in shown]
     body = heading("Pose reached") + _poses(c)

@@ -7,16 +7,7 @@ from markupsafe import Markup
 
 from ropefit.artifacts import Balance, Stepped
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import (
-    MOST_POINTS,
-    NOMINAL,
-    Figure,
-    axis,
-    evenly,
-    line,
-    plane,
-    thinned,
-)
+from ropefit.reporting.figures import Figure, axis, by_frame
 from ropefit.reporting.html import facts, pair, paragraph
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.words import metres, millimetres, number, plural, ranges
@@ -57,77 +48,60 @@ class EquilibriumSection(Section):
 
 
 def metres_or_less(value: float) -> str:
-    """A length that was found, to three digits."""
+    """Return a length that was found, to three digits."""
     return metres(float(f"{value:.3g}"))
 
 
 def _verdict(b: Balance, frames: np.ndarray) -> str:
     if b.converged.all():
-        told = "Every frame is in a stable equilibrium: the shape does not depend on iterations."
+        text = "Every frame is in a stable equilibrium: the shape does not depend on iterations."
     else:
         lost = ~b.converged
-        told = (
+        text = (
             f"{plural(int(lost.sum()), 'frame')} of {len(frames)} reached no equilibrium "
             f"({ranges(frames[lost])}): the rope shown there is where it set out, and says nothing."
         )
     twice = np.isfinite(b.other)
     if not twice.any():
-        return told + " No frame was found to have a second one."
+        return text + " No frame was found to have a second one."
     return (
-        f"{told} In {plural(int(twice.sum()), 'frame')} ({ranges(frames[twice])}) a second stable "
+        f"{text} In {plural(int(twice.sum()), 'frame')} ({ranges(frames[twice])}) a second stable "
         f"equilibrium exists under the same conditions, up to {millimetres(np.nanmax(b.other))} "
         "away: a real rope may jump there."
     )
 
 
 def _stability(b: Balance, frames: np.ndarray) -> Figure:
-    shown = evenly(len(frames), MOST_POINTS)
-    values = b.stability[shown]
-    traces = [line(frames[shown], 1e3 * values, "smallest eigenvalue", NOMINAL)]
-    twice = np.isfinite(b.other[shown])
-    if twice.any():
-        marks = {"color": "soft", "symbol": "diamond-open", "size": 9}
-        traces.append(
-            line(
-                frames[shown][twice], 1e3 * values[twice], "has a second equilibrium", "soft",
-                mode="markers", marker=marks,
-            )
-        )  # fmt: skip
-    known = values[np.isfinite(values) & (values > 0)]
-    wide = known.size > 0 and known.max() > 30 * known.min() and (values[~np.isnan(values)] > 0)
-    scale = {"type": "log"} if np.all(wide) else {"rangemode": "tozero"}
-    return Figure(
+    known = b.stability[np.isfinite(b.stability)]
+    wide = known.size > 0 and known.min() > 0 and known.max() > 30 * known.min()
+    scale = {"type": "log"} if wide else {"rangemode": "tozero"}
+    return by_frame(
         "Stability in every frame",
-        traces,
-        plane(axis("frame"), axis("smallest eigenvalue (mN)", **scale)),
+        frames,
+        1e3 * b.stability,
+        "smallest eigenvalue",
+        axis("smallest eigenvalue (mN)", **scale),
         "Smallest stiffness of the rope against turning its segments, per length. Positive: "
-        "stable; near zero: about to jump." + thinned(len(frames), MOST_POINTS),
+        "stable; near zero: about to jump.",
+        (np.isfinite(b.other), "has a second equilibrium", "diamond-open"),
     )
 
 
 def _effort(b: Balance, frames: np.ndarray) -> Figure:
-    shown = evenly(len(frames), MOST_POINTS)
-    traces = [line(frames[shown], b.newton[shown], "iterations", NOMINAL, mode="lines+markers")]
-    lost = ~b.converged[shown]
-    if lost.any():
-        marks = {"color": "soft", "symbol": "x", "size": 9}
-        traces.append(
-            line(
-                frames[shown][lost], b.newton[shown][lost], "not converged", "soft",
-                mode="markers", marker=marks,
-            )
-        )  # fmt: skip
-    return Figure(
+    return by_frame(
         "Newton iterations in every frame",
-        traces,
-        plane(axis("frame"), axis("Newton iterations", rangemode="tozero")),
-        "From the state that the fit left behind to the one shown."
-        + thinned(len(frames), MOST_POINTS),
+        frames,
+        b.newton,
+        "iterations",
+        axis("Newton iterations", rangemode="tozero"),
+        "From the state that the fit left behind to the one shown.",
+        (~b.converged, "not converged", "x"),
+        mode="lines+markers",
     )
 
 
 def mass_note(b: Balance | Stepped) -> str:
-    """What shapes alone can tell."""
+    """Return what shapes alone can tell."""
     return (
         "The rope’s mass is not known: shapes alone fix only ratios to its weight, so rigidities "
         "are given over the weight per length w (EI/w in m³). The bending length (EI/w)^⅓ is "

@@ -30,7 +30,7 @@ class ExportsSection(Section):
         assert run.exports is not None
         made, length = run.exports.exports, run.exports.length
         body = bullets(
-            f"{target}: {told(target, export, length)}" for target, export in made.items()
+            f"{target}: {summary(target, export, length)}" for target, export in made.items()
         )
         head = ["target", "file", "at rest in", "poses", "largest deviation", "went along"]
         body += table(head, [_row(target, export, length) for target, export in made.items()])
@@ -50,12 +50,12 @@ class ExportsSection(Section):
 
 
 def settled(check: Check) -> np.ndarray:
-    """(pose,) whether the simulator brought the rope to rest."""
+    """Return (pose,) whether the simulator brought the rope to rest."""
     return np.array([not failure for failure in check.failures])
 
 
-def told(target: str, export: Export, length: float) -> str:
-    """How far off the exported rope comes to rest, in one or two sentences."""
+def summary(target: str, export: Export, length: float) -> str:
+    """Return how far off the exported rope comes to rest, in one or two sentences."""
     check = export.check
     if check is None:
         kind = exporters().get(target)
@@ -94,7 +94,7 @@ def told(target: str, export: Export, length: float) -> str:
 
 
 def _reason(export: Export, off: np.ndarray) -> str:
-    """Why more than 1 % is to be expected, as far as that is known."""
+    """Return why more than 1 % is to be expected, as far as that is known."""
     far = off > MOST
     twice = far & np.isfinite(export.other)
     reasons = []

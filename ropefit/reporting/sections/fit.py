@@ -75,15 +75,15 @@ def _facts(group: ParameterGroup) -> dict[str, object]:
 
 
 def heldout_bands(frames: np.ndarray, heldout: np.ndarray) -> list[tuple[float, float]]:
-    """Stretches of the frame axis that were held out."""
+    """Return stretches of the frame axis that were held out."""
     return [(float(frames[a]) - 0.5, float(frames[b]) + 0.5) for a, b in blocks(heldout)]
 
 
 def _by_frame(run: RunContents, f: FittedModel) -> Figure:
-    """Distance of the points from the models; with a cause, of the means along the rope."""
+    """Return distance of the points from the models; with a cause, of the means along the rope."""
     o, d = run.observations, run.diagnosis
     held = bands(heldout_bands(o.frames, f.heldout))
-    told = f"Shaded: {plural(int(f.heldout.sum()), 'frame')} held out of the fit." if held else ""
+    text = f"Shaded: {plural(int(f.heldout.sum()), 'frame')} held out of the fit." if held else ""
     if d is not None and d.causes:
         rms = [1e3 * np.sqrt(np.nanmean(m**2, axis=1)) for m in (d.misfit_before, d.misfit_after)]
         names = (("nominal", NOMINAL), ("with the cause", WITH_CAUSE))
@@ -93,7 +93,7 @@ def _by_frame(run: RunContents, f: FittedModel) -> Figure:
     else:
         shown = evenly(len(o.frames), MOST_POINTS)
         traces = [line(o.frames[shown], 1e3 * f.rms[shown], "nominal", NOMINAL)]
-        what = f"Distance of the observed points from the simulated rope. {told}"
+        what = f"Distance of the observed points from the simulated rope. {text}"
         what, shapes = what + thinned(len(o.frames), MOST_POINTS), held
     return Figure(
         "Error in every frame",
@@ -129,9 +129,9 @@ def _loss(f: FittedModel) -> Figure:
     wide = f.trace.min() > 0 and f.trace.max() > 3 * f.trace.min()
     scale = {"type": "log"} if wide else {}
     y = axis("χ²" if squares else "loss (m)", **scale)
-    told = f"{f.loss} on its way down ({f.search} search), summed over the frames of the fit."
+    text = f"{f.loss} on its way down ({f.search} search), summed over the frames of the fit."
     if squares:
-        told = (
+        text = (
             "Squared residuals over their noise and squared calibration errors over their priors, "
             "summed, in the last fit." + (" First group." if len(f.groups) > 1 else "")
         )
@@ -139,12 +139,12 @@ def _loss(f: FittedModel) -> Figure:
         "Loss during the search",
         [line(step, f.trace, "loss", NOMINAL, mode="lines+markers", marker={"size": 4})],
         plane(axis("step of the search"), y),
-        told,
+        text,
     )
 
 
 def _calibration(b: Balance | Stepped, many: bool) -> Markup:
-    """The errors of the set-up that were fitted along with the rope."""
+    """Return the errors of the set-up that were fitted along with the rope."""
     rows = []
     for name, item in b.calibration.items():
         factor, unit = READABLE.get(item.unit, (1.0, unit_text(item.unit)))

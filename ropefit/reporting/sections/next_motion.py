@@ -36,20 +36,20 @@ class NextMotionSection(Section):
         if not d.motion:
             equal = any(c.equivalent_to for c in d.causes.values())
             return paragraph(UNTOLD if equal else _nothing(d))
-        told = paragraph(
+        text = paragraph(
             Markup("To tell {} apart, {}.").format(
                 listed(name.replace("_", " ") for name in d.separates), d.motion
             )
         )
         if d.motion_x is None:
-            return told
+            return text
         apart = float(np.sqrt(((d.motion_x[0] - d.motion_x[1]) ** 2).sum(-1).mean()))
         if apart < SEEN * d.noise_white:
-            told = paragraph(
+            text = paragraph(
                 f"{UNTOLD} The best motion would make them differ by {millimetres(apart)}, where "
                 f"noise is {millimetres(d.noise_white)}."
             )
-        return told + plot(_figure(run, d, d.motion_x))
+        return text + plot(_figure(run, d, d.motion_x))
 
 
 def _nothing(d: Diagnosis) -> str:
@@ -87,5 +87,5 @@ def _figure(run: RunContents, d: Diagnosis, x: np.ndarray) -> Figure:
 
 
 def _ways(x: np.ndarray) -> np.ndarray:
-    """(P, 3) the ways that both ends go."""
+    """Return (P, 3) the ways that both ends go."""
     return np.concatenate([x[:, 0], np.full((1, 3), np.nan), x[:, -1]])

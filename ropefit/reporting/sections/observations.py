@@ -63,7 +63,8 @@ def _facts(o: Observations) -> dict[str, object]:
 
 
 def _shared_noise(o: Observations) -> dict[str, object]:
-    """What is known of the noise along the rope, of the length and of the frames' quality."""
+    """Return what is known of the noise along the rope, of the length and of the frames'
+    quality."""
     out: dict[str, object] = {}
     if o.noise_correlated is not None and o.noise_length is not None and o.noise_white is not None:
         white = o.noise_white[np.isfinite(o.noise_white)]
@@ -119,7 +120,7 @@ def _noise(o: Observations) -> Figure:
 
 
 def _dropped(o: Observations) -> Markup:
-    """Excluded frames, gathered by reason."""
+    """Return excluded frames, gathered by reason."""
     by_reason: dict[str, list[int]] = {}
     for item in o.dropped:
         by_reason.setdefault(item.reason, []).append(item.frame)

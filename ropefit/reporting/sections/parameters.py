@@ -40,11 +40,11 @@ class ParametersSection(Section):
         head = ["parameter", "nominal", "with the cause", "95 % intervals", "", "meaning"]
         if d is None:
             rows, head = [row[:2] + row[3:] for row in rows], head[:2] + head[3:]
-        told = ". ".join(f"{k.capitalize()}: {v}" for k, v in VERDICTS.items() if k in used)
+        text = ". ".join(f"{k.capitalize()}: {v}" for k, v in VERDICTS.items() if k in used)
         body = _caveat(f) + table(head, rows[:MOST])
         if len(rows) > MOST:
             body += paragraph(f"{MOST} of {len(rows)} parameters are shown.", "note")
-        return body + (paragraph(f"{told}.", "note") if told else Markup(""))
+        return body + (paragraph(f"{text}.", "note") if text else Markup(""))
 
 
 def _caveat(f: FittedModel) -> Markup:
@@ -59,7 +59,7 @@ def _caveat(f: FittedModel) -> Markup:
 
 
 def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[str]]:
-    """The rows, and the verdicts in them."""
+    """Return the rows, and the verdicts in them."""
     rows, used = [], set()
     for count, group in enumerate(f.groups.values(), start=1):
         label = f", group {count}" if len(f.groups) > 1 else ""
@@ -69,7 +69,7 @@ def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[
             rows.append(_row(name, label, p, along))
             used.add(p.verdict)
     for cause in d.causes.values() if d else ():
-        for name, size in _told(cause.parameters).items():
+        for name, size in _independent(cause.parameters).items():
             label = Markup("{} of {}").format(name.replace("_", " "), cause.name.replace("_", " "))
             value = _value(*in_use(size.value, size.ci95, size.unit))
             nothing = [label, "–", value]
@@ -77,8 +77,8 @@ def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[
     return rows, used
 
 
-def _told(sizes: dict[str, Size]) -> dict[str, Size]:
-    """Sizes without the components of a vector, and without what another is derived from."""
+def _independent(sizes: dict[str, Size]) -> dict[str, Size]:
+    """Return sizes without the components of a vector, and without what another is derived from."""
 
     def part(name: str) -> bool:
         return any(name.startswith(f"{o}_") or name.endswith(f"_{o}") for o in sizes)
@@ -115,7 +115,7 @@ def _value(value: float, ci95: tuple[float, float] | None, unit: str) -> Markup:
 
 
 def _bars(nominal: Parameter | None, along: Size | None) -> Markup:
-    """Both intervals on one scale, drawn."""
+    """Return both intervals on one scale, drawn."""
     both = [(nominal, NOMINAL), (along, WITH_CAUSE)]
     drawn = [(s.value, s.ci95, colour) for s, colour in both if s is not None and s.ci95]
     if not drawn:

@@ -55,7 +55,7 @@ class PicturesSection(Section):
 
 
 def _simulated(run: RunContents, frame: int) -> Markup:
-    """The nominal model as a line over the picture."""
+    """Return the nominal model as a line over the picture."""
     o, f = run.observations, run.fitted
     at = np.flatnonzero(o.frames == frame)
     if f is None or at.size == 0:

@@ -53,7 +53,7 @@ class RopeSection(Section):
 
 
 def smooth(arc: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(N, P, 3) a smooth curve through nodes x (N, K, 3) at arc (K,)."""
+    """Return (N, P, 3) a smooth curve through nodes x (N, K, 3) at arc (K,)."""
     from scipy.interpolate import CubicSpline
 
     spline: Any = CubicSpline(arc, x, axis=1)
@@ -61,7 +61,7 @@ def smooth(arc: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def finer(arc: np.ndarray) -> np.ndarray:
-    """(P,) the arc lengths at which a smooth rope is drawn."""
+    """Return (P,) the arc lengths at which a smooth rope is drawn."""
     return np.linspace(arc[0], arc[-1], SMOOTH * (len(arc) - 1) + 1)
 
 
@@ -72,7 +72,7 @@ def _label(run: RunContents, t: int) -> str:
 
 
 def _dots(start: np.ndarray, t: int) -> np.ndarray:
-    """Rows of frame t, at most MOST_DOTS."""
+    """Return rows of frame t, at most MOST_DOTS."""
     count = int(start[t + 1] - start[t])
     return start[t] + evenly(count, MOST_DOTS) if count else np.empty(0, dtype=int)
 
@@ -83,7 +83,7 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
     size = 9.0 if len(o.points) < FEW * len(o.frames) else 4.0
     traces, frames = [dots("recorded", RECORDED, size)], [recorded]
     everything = [o.points, o.end_position[shown].reshape(-1, 3)]
-    enlarged, told = None, "Drag to turn it, double-click to turn it back."
+    enlarged, words = None, "Drag to turn it, double-click to turn it back."
     if c is not None:
         arc = o.node_arc
         ropes = [smooth(arc, x[c.shown]) for x in (c.nominal, c.with_cause) if x is not None]
@@ -102,7 +102,7 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
                 traces.append(trace)
                 frames.append(steps)
                 everything += steps
-        told = _told(c, d, o) + told
+        words = _text(c, d, o) + words
     else:
         eye, up = broadside(o, o.points)
     traces.append(dots("ends", "ink", 9, symbol="diamond"))
@@ -112,7 +112,7 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
         "The rope as recorded and as simulated, with what is missing",
         traces,
         space(np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0), eye, up),
-        told + thinned(len(o.frames), len(shown)),
+        words + thinned(len(o.frames), len(shown)),
         height=540,
         steps=[[at(frame[t]) for frame in frames] for t in range(len(shown))],
         enlarged=enlarged,
@@ -120,25 +120,25 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
 
 
 def _factor(gap: np.ndarray, length: float) -> int:
-    """How many times the models' difference is drawn to be seen."""
+    """Return how many times the models' difference is drawn to be seen."""
     largest = float(np.linalg.norm(gap, axis=-1).max())
     return next((k for k in FACTORS if k * largest >= VISIBLE * length), FACTORS[-1])
 
 
-def _told(c: Compared, d: Diagnosis | None, o: Observations) -> str:
-    """What the picture shows, as far as that is not plain."""
-    told = f"Frame {o.frames[c.at[c.worst]]} is where the nominal model is farthest off. "
+def _text(c: Compared, d: Diagnosis | None, o: Observations) -> str:
+    """Return what the picture shows, as far as that is not plain."""
+    words = f"Frame {o.frames[c.at[c.worst]]} is where the nominal model is farthest off. "
     if d is None:
-        return told
+        return words
     if d.causes:
-        told += "Drawn in purple: what is missing"
+        words += "Drawn in purple: what is missing"
         if any("arc_length" in k.value_names for k in d.causes.values()):
-            told += "; the broad line is its 95 % interval along the rope"
-        told += ". "
+            words += "; the broad line is its 95 % interval along the rope"
+        words += ". "
     if forced(d):
-        told += (
+        words += (
             f"Arrows: the force per length that would explain what is left, at most "
             f"{number(float(np.linalg.norm(d.force, axis=-1).max()))} N/m; drawn where it is "
             "beyond its standard error. "
         )
-    return told
+    return words

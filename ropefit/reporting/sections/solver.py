@@ -7,16 +7,7 @@ from markupsafe import Markup
 
 from ropefit.artifacts import FittedModel, Iterated
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import (
-    MOST_POINTS,
-    NOMINAL,
-    Figure,
-    axis,
-    evenly,
-    line,
-    plane,
-    thinned,
-)
+from ropefit.reporting.figures import NOMINAL, Figure, axis, by_frame, line, plane
 from ropefit.reporting.html import facts, pair, paragraph
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.words import given, millimetres, number, percent
@@ -58,19 +49,19 @@ class SolverSection(Section):
 def _verdict(f: FittedModel, it: Iterated, length: float) -> str:
     total = it.steps * it.iterations
     drift = float(np.median(it.drift))
-    told = (
+    text = (
         f"with {2 * total} iterations instead of {total} the rope would move by {percent(drift)} "
         f"of its length in the median frame ({millimetres(drift * length)}) and by "
         f"{percent(float(it.drift.max()))} in the worst"
     )
     if f.solver_converged:
-        return f"Converged: {told}."
+        return f"Converged: {text}."
     against = drift * length / f.rms_fit if f.rms_fit > 0 else np.inf
     rest = ""
     if against > 1:
         rest = f" That is {number(against, 2)} times what is left between simulation and recording."
     return (
-        f"Not converged: {told}.{rest} The parameters make up for the iterations that are missing: "
+        f"Not converged: {text}.{rest} The parameters make up for the iterations that are missing: "
         "they hold for this count only and are not properties of the rope."
     )
 
@@ -105,22 +96,22 @@ def _length(it: Iterated) -> Figure:
 
 
 def _drift(it: Iterated, frames: np.ndarray) -> Figure:
-    shown = evenly(len(frames), MOST_POINTS)
-    return Figure(
+    return by_frame(
         "Move of the rope if iterated twice as long, in every frame",
-        [line(frames[shown], 100 * it.drift[shown], "drift", NOMINAL)],
-        plane(axis("frame"), axis("drift (% of length)", rangemode="tozero")),
-        "Largest move of any particle if iterated twice as long."
-        + thinned(len(frames), MOST_POINTS),
+        frames,
+        100 * it.drift,
+        "drift",
+        axis("drift (% of length)", rangemode="tozero"),
+        "Largest move of any particle if iterated twice as long.",
     )
 
 
 def _length_by_frame(it: Iterated, frames: np.ndarray) -> Figure:
-    shown = evenly(len(frames), MOST_POINTS)
-    return Figure(
+    return by_frame(
         "Error of the rope length in every frame",
-        [line(frames[shown], 100 * it.length_error[shown, -1], "error of length", NOMINAL)],
-        plane(axis("frame"), axis("length beyond rest length (%)")),
-        "Error of the simulated rope’s length at the last iteration."
-        + thinned(len(frames), MOST_POINTS),
+        frames,
+        100 * it.length_error[:, -1],
+        "error of length",
+        axis("length beyond rest length (%)"),
+        "Error of the simulated rope’s length at the last iteration.",
     )

@@ -6,16 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.figures import (
-    MOST_POINTS,
-    NOMINAL,
-    Figure,
-    axis,
-    evenly,
-    line,
-    plane,
-    thinned,
-)
+from ropefit.reporting.figures import axis, by_frame
 from ropefit.reporting.html import facts, paragraph, plot
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.equilibrium import metres_or_less
@@ -36,12 +27,12 @@ class SteppingSection(Section):
         assert f is not None
         assert f.stepped is not None
         s, left = f.stepped, f.stepped.clip < 0
-        told = (
+        text = (
             f"The rope was stepped through {plural(s.clips, 'clip')}, each from its first two "
             "frames on without another look at the recording; every step was solved."
         )
         if left.any():
-            told += (
+            text += (
                 f" {plural(int(left.sum()), 'frame')} ({ranges(frames[left])}) "
                 f"{'belongs' if left.sum() == 1 else 'belong'} to no clip that is long enough: "
                 "shown as recorded, and no prediction."
@@ -56,11 +47,12 @@ class SteppingSection(Section):
             else "–",
             "Bending length (EI/w)^⅓": metres_or_less(s.bending_length),
         }
-        shown = evenly(len(frames), MOST_POINTS)
-        figure = Figure(
+        figure = by_frame(
             "Newton iterations of every step",
-            [line(frames[shown], s.newton[shown], "iterations", NOMINAL)],
-            plane(axis("frame"), axis("Newton iterations", rangemode="tozero")),
-            "What each step took to be solved." + thinned(len(frames), MOST_POINTS),
+            frames,
+            s.newton,
+            "iterations",
+            axis("Newton iterations", rangemode="tozero"),
+            "What each step took to be solved.",
         )
-        return paragraph(told) + facts(numbers) + plot(figure)
+        return paragraph(text) + facts(numbers) + plot(figure)

@@ -45,31 +45,31 @@ class SureSection(Section):
 
 
 def _held_out(d: Diagnosis) -> str:
-    told = []
+    text = []
     for c in d.causes.values():
         better, many = int((c.heldout_gain > 0).sum()), len(c.heldout_gain)
         name = f" with {c.name.replace('_', ' ')}" if len(d.causes) > 1 else ""
-        told.append(
-            f"In {better} of {many} blocks of the recording that were left out of the fit, the "
+        text.append(
+            f"In {better} of {many} held-out blocks of the recording, the "
             f"model{name or ' with the cause'} predicts better than the one without."
         )
-    return " ".join(told)
+    return " ".join(text)
 
 
 def _honest(d: Diagnosis) -> str:
     if d.pit is None:
         return ""
     inside = float(np.mean((d.pit > 0.025) & (d.pit < 0.975)))
-    told = f"95 % intervals for data that were left out hold {percent(inside, 3)} of them"
+    text = f"95 % intervals for held-out data hold {percent(inside, 3)} of them"
     if abs(inside - 0.95) <= HONEST:
-        return f"{told}: the uncertainties told here are honest on this recording."
+        return f"{text}: the stated uncertainties are honest on this recording."
     if inside > 0.95:
-        return f"{told}: the uncertainties told here are too wide for this recording."
-    return f"{told}: the uncertainties told here are too narrow for this recording."
+        return f"{text}: the stated uncertainties are too wide for this recording."
+    return f"{text}: the stated uncertainties are too narrow for this recording."
 
 
 def _blocks(d: Diagnosis) -> Figure:
-    """What each cause gains in every held-out block."""
+    """Return what each cause gains in every held-out block."""
     several = len(d.causes) > 1
     traces = [
         {
@@ -91,8 +91,8 @@ def _blocks(d: Diagnosis) -> Figure:
 
 
 def _pit(d: Diagnosis) -> Figure:
-    """The distribution function of the held-out data's places in their predictive distributions,
-    less the uniform one (Säilynoja et al. 2022)."""
+    """Return the distribution function of the held-out data's places in their predictive
+    distributions, less the uniform one (Säilynoja et al. 2022)."""
     assert d.pit is not None
     count = len(d.pit)
     at = np.linspace(0, 1, DRAWN + 1)

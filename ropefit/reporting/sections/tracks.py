@@ -100,7 +100,7 @@ def _held(
 
 
 def _recorded(o: Observations, arc: float) -> np.ndarray:
-    """(F, 3) [m] the marker at an arc length; NaN where it was not seen."""
+    """Return (F, 3) [m] the marker at an arc length; NaN where it was not seen."""
     out = np.full((len(o.frames), 3), np.nan)
     mine = np.flatnonzero(o.point_arc == arc)
     out[np.searchsorted(o.point_start, mine, side="right") - 1] = o.points[mine]
@@ -108,7 +108,7 @@ def _recorded(o: Observations, arc: float) -> np.ndarray:
 
 
 def _at(node_arc: np.ndarray, x: np.ndarray, arc: float) -> np.ndarray:
-    """(F, 3) [m] the rope at an arc length, from its nodes x (F, K, 3)."""
+    """Return (F, 3) [m] the rope at an arc length, from its nodes x (F, K, 3)."""
     from scipy.interpolate import CubicSpline
 
     spline: Any = CubicSpline(node_arc, x, axis=1)

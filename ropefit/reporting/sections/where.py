@@ -31,7 +31,7 @@ class WhereSection(Section):
         top = float(np.quantile(sizes, EXTREME)) if sizes.size else 1.0
         above, below = c.sides
         boxed = " Boxed: beyond noise." if run.diagnosis and run.diagnosis.mismatch else ""
-        told = (
+        text = (
             "How far the recorded rope lies from the simulated one, in multiples of the noise of a "
             f"point. Orange: {above}; blue: {below}; blank: not seen.{boxed} A click on a cell "
             "shows its frame in the picture. s = 0 is the gripper’s end."
@@ -39,7 +39,7 @@ class WhereSection(Section):
         maps = [_map(run.observations, c, c.before, top, run.diagnosis, "nominal", NOMINAL)]
         if c.after is not None:
             maps.append(_map(run.observations, c, c.after, top, None, "with the cause", WITH_CAUSE))
-        return paragraph(told, "note") + pair(*maps)
+        return paragraph(text, "note") + pair(*maps)
 
 
 def _map(

@@ -48,7 +48,7 @@ class WhySection(Section):
             body += _bars(rows, d.threshold)
         elif rows:
             best = rows[0]
-            body += paragraph(f"The best of {len(rows)} is {_name(best.name)}: {_told(best, d)}.")
+            body += paragraph(f"The best of {len(rows)} is {_name(best.name)}: {_text(best, d)}.")
         notes = []
         if any(row.tied for row in rows):
             notes.append(
@@ -101,7 +101,7 @@ def _strength(row: Row, threshold: float) -> str:
     return f"{words}, accepted" if row.accepted else words
 
 
-def _told(row: Row, d: Diagnosis) -> str:
+def _text(row: Row, d: Diagnosis) -> str:
     return f"the evidence is {strength(row.nats, d.threshold)} ({number(row.nats, 2)} nats)"
 
 

@@ -139,7 +139,7 @@ def _factor_near(
 
 
 def _refactor(r: Ropes, h: Hessian, f: Factor, index: Tensor, used: Tensor) -> Tensor:
-    """Factor some of the ropes anew, in place; returns their directions of descent."""
+    """Factor some of the ropes anew, in place; return their directions of descent."""
     again = factor(some(h, index), used[index])
     for old, new in zip(f, again, strict=True):
         old[index] = new

@@ -48,12 +48,12 @@ class Conditions:
 
     @property
     def free(self) -> bool:
-        """Whether nothing holds node 0."""
+        """Return whether nothing holds node 0."""
         return bool(torch.isnan(self.ends[:, 0]).any())
 
     @property
     def far_held(self) -> bool:
-        """Whether the far end's place is given."""
+        """Return whether the far end's place is given."""
         return not bool(torch.isnan(self.ends[:, 1]).any())
 
     @property

@@ -6,6 +6,8 @@ them. The compiled work is in `kernels/`. All arrays float64 on the CPU.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -98,9 +100,12 @@ def _continue(
         """Return equilibria of some frames with their stiffness times factor (n,)."""
         few = Rod(*(t if t.ndim == d else t[index] for t, d in zip(fixed, DIMS, strict=True)))
         times = torch.from_numpy(factor)[:, None, None]
+        held = conditions.frames(index)
+        if held.friction_elements is not None:
+            drag = held.friction_elements.drag * times.numpy()
+            held = replace(held, friction_elements=held.friction_elements._replace(drag=drag))
         return solve(
-            few._replace(stiffness=stiffness[owner[index]] * times),
-            conditions.frames(index), start,
+            few._replace(stiffness=stiffness[owner[index]] * times), held, start,
             turns=None if turns is None else turns[index], tolerance=tolerance, limit=limit,
             continuation=False,
         )  # fmt: skip

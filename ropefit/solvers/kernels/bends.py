@@ -12,7 +12,7 @@ from ropefit.solvers.kernels.jit import helper, inlined
 
 @inlined
 def add_square(a, k, h, x, y, z, bend):
-    """a += Bᵀ diag(k) B - bend, with B = h + [v]x."""
+    """Add Bᵀ diag(k) B - bend to a, with B = h + [v]x."""
     k0, k1, k2 = k[0], k[1], k[2]
     a[0, 0] += k0 * h * h + k1 * z * z + k2 * y * y - bend
     a[1, 1] += k0 * z * z + k1 * h * h + k2 * x * x - bend
@@ -30,7 +30,8 @@ def add_square(a, k, h, x, y, z, bend):
 
 @helper
 def cross_block(p, m, k, out):
-    """out (3, 3) = B1ᵀ diag(k) B2 - M/4, second derivative in the turns before and after."""
+    """Write B1ᵀ diag(k) B2 - M/4 into out (3, 3), second derivative in the turns before and
+    after."""
     h = 0.5 * p[0]
     x, y, z = 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
     k0, k1, k2 = k[0], k[1], k[2]

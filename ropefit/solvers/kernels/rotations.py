@@ -11,7 +11,7 @@ from ropefit.solvers.kernels.jit import exact_helper, helper, inlined
 
 @helper
 def rotation(q, r):
-    """R(q) into r (3, 3)."""
+    """Write R(q) into r (3, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     r[0, 0], r[0, 1], r[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     r[1, 0], r[1, 1], r[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
@@ -20,7 +20,7 @@ def rotation(q, r):
 
 @helper
 def turn_by(q, d, share, out):
-    """out = q exp(share d / 2), normalised."""
+    """Write q exp(share d / 2), normalised, into out."""
     a, b, c = share * d[0], share * d[1], share * d[2]
     angle = math.sqrt(a * a + b * b + c * c)
     f = 0.5 if angle < 1e-8 else math.sin(0.5 * angle) / angle
@@ -35,7 +35,7 @@ def turn_by(q, d, share, out):
 
 @inlined
 def darboux(a, b, rest, p):
-    """p = a* b, of the sign that lies nearer to the rest rotation."""
+    """Write p = a* b, of the sign that lies nearer to the rest rotation."""
     p0 = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     p1 = a[0] * b[1] - b[0] * a[1] - (a[2] * b[3] - a[3] * b[2])
     p2 = a[0] * b[2] - b[0] * a[2] - (a[3] * b[1] - a[1] * b[3])
@@ -48,7 +48,7 @@ def darboux(a, b, rest, p):
 
 @exact_helper
 def smallest_turn(a, b, out):
-    """Quaternion of least angle that turns the unit vector a into b."""
+    """Return the quaternion of least angle that turns the unit vector a into b."""
     real = 1 + a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     if real < 1e-12:  # a half turn: any axis across a
         axis = np.zeros(3)

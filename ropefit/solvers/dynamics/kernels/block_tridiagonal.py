@@ -9,7 +9,7 @@ from ropefit.solvers.kernels.jit import helper
 
 @helper
 def _invert(a):
-    """a (6, 6) becomes its inverse, by Gauss-Jordan with row exchanges."""
+    """Replace a (6, 6) by its inverse, by Gauss-Jordan with row exchanges."""
     order = np.empty(6, np.int64)
     for c in range(6):
         best, row = abs(a[c, c]), c
@@ -65,7 +65,7 @@ def factor(w, half):
 
 @helper
 def solve_system(w, b, t):
-    """b (N, 6) becomes the solution; t (6,) is scratch."""
+    """Replace b (N, 6) by the solution; t (6,) is scratch."""
     n = b.shape[0]
     for i in range(1, n):
         o, v, f = w.off[i - 1], w.pivot[i - 1], w.inverse_mass[i]

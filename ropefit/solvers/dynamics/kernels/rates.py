@@ -10,7 +10,7 @@ from ropefit.solvers.kernels.rotations import darboux, rotation
 
 @helper
 def rates(time, t):
-    """c0, c1, c2 of D at time t."""
+    """Return c0, c1, c2 of D at time t."""
     h = time[t] - time[t - 1]
     if t == 1:
         return 1.0 / h, -1.0 / h, 0.0
@@ -20,7 +20,7 @@ def rates(time, t):
 
 @helper
 def jointed(stiffness, bend_viscosity, j):
-    """Whether there is a bend at node j: not at the ends of a rope that is not clamped."""
+    """Return whether there is a bend at node j: not at the ends of a rope that is not clamped."""
     return (
         stiffness[j, 0] != 0.0
         or stiffness[j, 1] != 0.0
@@ -33,7 +33,7 @@ def jointed(stiffness, bend_viscosity, j):
 
 @helper
 def set_bends(rod, clamp, q, p):
-    """Darboux quaternions p (N+1, 4) of a state."""
+    """Write the Darboux quaternions p (N+1, 4) of a state."""
     n = rod.length.shape[0]
     for j in range(n + 1):
         if jointed(rod.stiffness, rod.bend_viscosity, j):
@@ -44,7 +44,7 @@ def set_bends(rod, clamp, q, p):
 
 @helper
 def set_strains(rod, x, q, r, out):
-    """Γ (N, 3) of a state; r (3, 3) is scratch."""
+    """Write Γ (N, 3) of a state; r (3, 3) is scratch."""
     for i in range(rod.length.shape[0]):
         rotation(q[i], r)
         for a in range(3):
@@ -56,7 +56,7 @@ def set_strains(rod, x, q, r, out):
 
 @helper
 def set_speeds(time, xs, v0, v):
-    """v (T, N+1, 3) of the nodes xs (T, N+1, 3)."""
+    """Write v (T, N+1, 3) of the nodes xs (T, N+1, 3)."""
     v[0] = v0
     for t in range(1, time.shape[0]):
         c0, c1, c2 = rates(time, t)
@@ -69,7 +69,7 @@ def set_speeds(time, xs, v0, v):
 
 @helper
 def set_past(c1, c2, one, two, out):
-    """out = c1 one + c2 two, row by row."""
+    """Write c1 one + c2 two into out, row by row."""
     for k in range(out.shape[0]):
         for a in range(3):
             out[k, a] = c1 * one[k, a] + c2 * two[k, a]
@@ -77,7 +77,8 @@ def set_past(c1, c2, one, two, out):
 
 @helper
 def histories(rod, drive, xs, qs, v0, r):
-    """Speeds (T, N+1, 3), Darboux quaternions (T, N+1, 4) and strains (T, N, 3) of all times."""
+    """Return speeds (T, N+1, 3), Darboux quaternions (T, N+1, 4) and strains (T, N, 3) of all
+    times."""
     steps, n = qs.shape[0], qs.shape[1]
     v, p = np.zeros((steps, n + 1, 3)), np.zeros((steps, n + 1, 4))
     strain = np.zeros((steps, n, 3))
@@ -90,7 +91,8 @@ def histories(rod, drive, xs, qs, v0, r):
 
 @helper
 def across(p, d, sign, out):
-    """out += B d, the change of the Darboux vector by a turn d behind (sign 1) or before (-1)."""
+    """Add B d to out, the change of the Darboux vector by a turn d behind (sign 1) or before
+    (-1)."""
     h, x, y, z = 0.5 * sign * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
     out[0] += h * d[0] - z * d[1] + y * d[2]
     out[1] += z * d[0] + h * d[1] - x * d[2]
@@ -99,7 +101,7 @@ def across(p, d, sign, out):
 
 @helper
 def across_back(p, m, sign, out):
-    """out += Bᵀ m."""
+    """Add Bᵀ m to out."""
     h, x, y, z = 0.5 * sign * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
     out[0] += h * m[0] + z * m[1] - y * m[2]
     out[1] += -z * m[0] + h * m[1] + x * m[2]

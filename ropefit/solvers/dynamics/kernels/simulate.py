@@ -44,7 +44,7 @@ def _predict(qs, forces, t, q, force):
 
 @helper
 def newton_step(rod, drive, t, c0, q, force, w, half, limit):
-    """Newton's method on one step, from q and force on. Returns (status, iterations)."""
+    """Take one step by Newton's method, from q and force on. Returns (status, iterations)."""
     n = rod.length.shape[0]
     free = rod.gauge > 0.0 and not rod.bend_viscosity.any()
     for iteration in range(limit):
@@ -79,8 +79,8 @@ def newton_step(rod, drive, t, c0, q, force, w, half, limit):
 
 @helper
 def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
-    """One clip. xs, qs, forces hold the first state and receive the others. Returns the status and
-    the number of steps done."""
+    """Simulate one clip. xs, qs, forces hold the first state and receive the others. Returns the
+    status and the number of steps done."""
     steps, n = qs.shape[0], qs.shape[1]
     w, half = make_work(n), np.zeros((6, 6))
     v, p, strain = np.zeros((3, n + 1, 3)), np.zeros((3, n + 1, 4)), np.zeros((3, n, 3))

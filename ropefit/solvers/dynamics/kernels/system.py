@@ -11,7 +11,7 @@ from ropefit.solvers.kernels.rotations import rotation
 
 @helper
 def prepare(rod, drive, t, c0, w):
-    """What stays the same in the iterations of a step."""
+    """Write what stays the same in the iterations of a step."""
     n = rod.length.shape[0]
     for k in range(n + 1):
         end = 0 if k == 0 else 1
@@ -134,7 +134,8 @@ def _add_bends(rod, c0, w):
 
 @helper
 def settled(rod, drive, t, qs, xs, forces, v, p, strain, half, w):
-    """Factored system and work of the step that ended at time t, from histories of all times."""
+    """Return the factored system and work of the step that ended at time t, from histories of all
+    times."""
     c0, c1, c2 = rates(drive.time, t)
     two = max(t - 2, 0)
     set_past(c1, c2, xs[t - 1], xs[two], w.old_x)

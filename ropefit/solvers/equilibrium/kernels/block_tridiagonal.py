@@ -29,7 +29,7 @@ def factor(w, shift, mass, length):
 
 @inlined
 def _eliminate(o, v, m):
-    """m -= oᵀ v o, all (3, 3)."""
+    """Subtract oᵀ v o from m, all (3, 3)."""
     # t = v o
     t00 = v[0, 0] * o[0, 0] + v[0, 1] * o[1, 0] + v[0, 2] * o[2, 0]
     t01 = v[0, 0] * o[0, 1] + v[0, 1] * o[1, 1] + v[0, 2] * o[2, 1]
@@ -53,7 +53,7 @@ def _eliminate(o, v, m):
 
 @inlined
 def _invert(m):
-    """m (3, 3) becomes its inverse; returns how many negative signs its leading minors have."""
+    """Replace m (3, 3) by its inverse; returns how many negative signs its leading minors have."""
     m00, m01, m02 = m[0, 0], m[0, 1], m[0, 2]
     m10, m11, m12 = m[1, 0], m[1, 1], m[1, 2]
     m20, m21, m22 = m[2, 0], m[2, 1], m[2, 2]
@@ -85,7 +85,7 @@ def _invert(m):
 
 @helper
 def solve_columns(w, columns, transposed):
-    """solved[..., :columns] = A⁻¹ border[..., :columns] (or A⁻ᵀ), with the factors in `inverse`."""
+    """Write A⁻¹ border[..., :columns] (or A⁻ᵀ) into solved, with the factors in `inverse`."""
     n = w.diagonal.shape[0]
     z, b = w.solved, w.border
     for i in range(n):
@@ -110,7 +110,7 @@ def solve_columns(w, columns, transposed):
 
 @inlined
 def _apply(v, r0, r1, r2, z, i, c, transposed, sign):
-    """z[i, :, c] = v r for sign 1, z[i, :, c] -= v r for sign -1 (v transposed if asked)."""
+    """Write v r into z[i, :, c] for sign 1, subtract it for sign -1 (v transposed if asked)."""
     if transposed:
         s0 = v[0, 0] * r0 + v[1, 0] * r1 + v[2, 0] * r2
         s1 = v[0, 1] * r0 + v[1, 1] * r1 + v[2, 1] * r2
@@ -129,7 +129,7 @@ def _apply(v, r0, r1, r2, z, i, c, transposed, sign):
 
 @helper
 def set_schur(w, count, out):
-    """out = corner - borderᵀ A⁻¹ border for the first `count` columns, already solved."""
+    """Write corner - borderᵀ A⁻¹ border into out for the first `count` columns, already solved."""
     n = w.diagonal.shape[0]
     size = count + 3
     for s in range(size):
@@ -162,7 +162,7 @@ def solve_border(matrix, right):
 
 @helper
 def _unstable_directions(w, held, negative, schur):
-    """How many directions allowed by the supports lower the energy.
+    """Return how many directions allowed by the supports lower the energy.
 
     A saddle's Hessian has as many negative signs as supports that bear on the rope (c >= 0); each
     more is a direction of descent.
@@ -197,7 +197,7 @@ def _unstable_directions(w, held, negative, schur):
 
 @helper
 def factor_system(rod, held, w, shift, mass, schur):
-    """Factor, solve all support columns and the residual's; returns the descent directions."""
+    """Factor, solve all support columns and the residual's; return the descent directions."""
     count = held.node.shape[0]
     negative = factor(w, shift, mass, rod.length)
     solve_columns(w, count + 1, False)

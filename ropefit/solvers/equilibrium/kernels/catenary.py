@@ -69,7 +69,7 @@ def _catenary(arc, down, ends, shape):
 
 @exact_helper
 def _inverse_sinhc(goal):
-    """u > 0 with log(sinh(u) / u) = goal > 0, by Newton's method between bounds."""
+    """Return u > 0 with log(sinh(u) / u) = goal > 0, by Newton's method between bounds."""
     low, high = 1e-8, 2 * goal + 40.0
     u = math.sqrt(6 * goal) if goal < 1 else goal + math.log(2 * goal + 2)
     for _ in range(100):
@@ -90,8 +90,8 @@ def _inverse_sinhc(goal):
 
 @exact_helper
 def frames_of(shape, arc, clamp, turns, q):
-    """Frames along a shape, from the first clamp without twist; what then is missing to the second
-    clamp (and `turns` whole turns) is spread evenly over the arc length."""
+    """Return frames along a shape, from the first clamp without twist; what then is missing to the
+    second clamp (and `turns` whole turns) is spread evenly over the arc length."""
     n = shape.shape[0] - 1
     tangent, before, turn = np.empty(3), np.array([0.0, 0.0, 1.0]), np.empty(4)
     frame = np.array([1.0, 0.0, 0.0, 0.0])

@@ -142,7 +142,7 @@ def _add_end_moments(rod, held, w):
 
 @helper
 def couple(c, p, before, after, out):
-    """out += Bᵀ C B for the stiffness c between the first two directions of bending; before and
+    """Add Bᵀ C B to out for the stiffness c between the first two directions of bending; before and
     after: -1 for B1, 1 for B2."""
     if c == 0.0:
         return
@@ -156,14 +156,14 @@ def couple(c, p, before, after, out):
 
 @helper
 def cross(w, j, out):
-    """out (3, 3): second derivative in the turns before and after bend element j."""
+    """Write into out (3, 3) the second derivative in the turns before and after bend element j."""
     cross_block(w.p[j], w.m[j], w.k[j], out)
     couple(w.coupling[j], w.p[j], -1.0, 1.0, out)
 
 
 @helper
 def set_corner(rod, held, w):
-    """Second derivative of L in (λ, x_0), without the border's share."""
+    """Write the second derivative of L in (λ, x_0), without the border's share."""
     count = held.node.shape[0]
     c = w.corner
     c[:] = 0.0

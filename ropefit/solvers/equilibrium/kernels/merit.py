@@ -21,9 +21,9 @@ def merit(held, energy, curvature, whole, right, gaps, w):
 
 @helper
 def _at_forces(held, w, energy, right, gaps):
-    """L, and the square of the supports' conditions [m²], where only the forces have taken their
-    step; energy: L before. `w` is of that state, its `rest` the conditions, `corner` L's second
-    derivative."""
+    """Return L, and the square of the supports' conditions [m²], where only the forces have taken
+    their step; energy: L before. `w` is of that state, its `rest` the conditions, `corner` L's
+    second derivative."""
     count = held.node.shape[0]
     square = 0.0
     for s in range(count):
@@ -39,7 +39,8 @@ def _at_forces(held, w, energy, right, gaps):
 
 @helper
 def _tension(held, w, right):
-    """[N] the largest component of the force in the rope once the supports' forces have stepped."""
+    """Return [N] the largest component of the force in the rope once the supports' forces have
+    stepped."""
     count = held.node.shape[0]
     largest = 0.0
     for a in range(3):
@@ -66,7 +67,7 @@ def end_work(rod, turn, w):
 
 @helper
 def curvature_along(w, turn, shift):
-    """δᵀ (A + shift) δ."""
+    """Return δᵀ (A + shift) δ."""
     total = 0.0
     n = turn.shape[0]
     for i in range(n):

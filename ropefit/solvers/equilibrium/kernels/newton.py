@@ -30,7 +30,7 @@ NEAR = 1e-3  # of the largest moment: a residual below it may be that of such a 
 
 @helper
 def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
-    """Newton from q, λ, x_0 (changed in place).
+    """Solve by Newton from q, λ, x_0 (changed in place).
 
     Returns status, iterations, residual. The step is that of sequential quadratic programming: the
     Hessian is shifted until the energy is convex along the supports, and the step shortened until

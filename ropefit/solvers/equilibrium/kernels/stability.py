@@ -12,8 +12,8 @@ from ropefit.solvers.kernels.jit import helper
 
 @helper
 def smallest_eigenvalue(rod, held, q, lam, x0, w, schur):
-    """Smallest eigenvalue [N] of the energy's second derivative in the turns, weighted by length,
-    along the supports: by bisection on the number of descent directions."""
+    """Return smallest eigenvalue [N] of the energy's second derivative in the turns, weighted by
+    length, along the supports: by bisection on the number of descent directions."""
     n = rod.length.shape[0]
     set_state(rod, held, q, lam, x0, w)
     assemble(rod, held, lam, w)
@@ -40,7 +40,7 @@ def smallest_eigenvalue(rod, held, q, lam, x0, w, schur):
 
 @helper
 def _bisect(rod, held, w, schur, low, high, sign):
-    """The mass at which a direction of descent appears (sign 1) or is gone (sign -1)."""
+    """Return the mass at which a direction of descent appears (sign 1) or is gone (sign -1)."""
     for _ in range(24):
         middle = math.sqrt(low * high)
         descends = factor_system(rod, held, w, 0.0, -sign * middle, schur) > 0

@@ -111,7 +111,7 @@ def _add_friction(held, b, j, w):
 
 @helper
 def violations(rod, held, lam, w, out):
-    """Derivative of L in λ and x_0 into out; returns its square in the supports [m²]."""
+    """Write the derivative of L in λ and x_0 into out; return its square in the supports [m²]."""
     square = 0.0
     count = held.node.shape[0]
     for s in range(count):

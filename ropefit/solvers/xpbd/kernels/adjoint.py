@@ -94,7 +94,8 @@ def project_bend_adjoint(g, rod, options, weights, before, change, work):
 
 @exact_helper
 def project_distance_adjoint(g, rod, options, weights, before, change, work):
-    """The system is symmetric: its adjoint is a = A⁻¹ g_change, the derivative by A is -a c^T."""
+    """Apply the adjoint: the system is symmetric, a = A⁻¹ g_change, the derivative by A is -a
+    c^T."""
     dot_x = 0.0
     measure_edges(before, options, work)
     for i in range(len(g) - 1):
@@ -134,7 +135,7 @@ def begin_step_adjoint(g, g_gravity, rod):
 
 @exact_helper
 def iterate_adjoint(g, rod, options, weights, before, after, change, work, dots):
-    """g, the adjoint of the state after, becomes that of the state before."""
+    """Turn g, the adjoint of the state after, into that of the state before."""
     for i in range(len(g)):
         put3(work, i, PULL_X, v3(g, i, X))
     for i in range(len(g) - 1):

@@ -29,14 +29,14 @@ from ropefit.solvers.xpbd.kernels.tables import (
 
 @exact_helper
 def rope_weights(eta):
-    """From the (5,) of one rope: η_x^D, η_x^S, η_q^S, η_q^B, η^SOR."""
+    """Return from the (5,) of one rope: η_x^D, η_x^S, η_q^S, η_q^B, η^SOR."""
     half = 0.5 * eta[4]
     return Weights(half * eta[0], half * eta[1], half * eta[2], half * eta[3])
 
 
 @exact_helper
 def finite(s):
-    """Whether all of x and q is; not the row without a frame."""
+    """Return whether all of x and q is finite; not the row without a frame."""
     total = 0.0
     for i in range(len(s)):
         for k in range(SHEAR if i < len(s) - 1 else Q):
@@ -49,7 +49,7 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
 
     @exact_kernel
     def run_ropes(state, gravity, eta, rod, options):
-        """Algorithm 1 in place on state (B, K, STATE_COLUMNS); gravity (B, K), eta (B, 5)."""
+        """Run Algorithm 1 in place on state (B, K, STATE_COLUMNS); gravity (B, K), eta (B, 5)."""
         assert sources != 0
         nodes = len(rod)
         change, work = np.empty((nodes, CHANGE_COLUMNS)), np.empty((nodes, WORK_COLUMNS))
@@ -64,7 +64,7 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
 
     @exact_kernel
     def pull_ropes(state, gravity, eta, rod, options, block, g_state, g_gravity, g_eta):
-        """Adjoint of run_ropes: g_state, that of its result, becomes that of its start.
+        """Run the adjoint of run_ropes: g_state, that of its result, becomes that of its start.
 
         Every rope runs again: once to keep its state at the start of each block of iterations,
         then, from the last block to the first, to record the block and walk it back.

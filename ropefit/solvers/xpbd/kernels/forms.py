@@ -11,7 +11,7 @@ from ropefit.solvers.kernels.jit import exact_helper
 
 @exact_helper
 def director_product(q, v):
-    """G(q) v, 3 numbers; symmetric in q and v. The third director is G(q) q / 2."""
+    """Return G(q) v, 3 numbers; symmetric in q and v. The third director is G(q) q / 2."""
     return (
         2 * (q[2] * v[0] + q[3] * v[1] + q[0] * v[2] + q[1] * v[3]),
         2 * (-q[1] * v[0] - q[0] * v[1] + q[3] * v[2] + q[2] * v[3]),
@@ -21,7 +21,7 @@ def director_product(q, v):
 
 @exact_helper
 def director_pull(c, q):
-    """G(q)^T c, 4 numbers; a symmetric matrix times q."""
+    """Return G(q)^T c, 4 numbers; a symmetric matrix times q."""
     return (
         2 * (c[0] * q[2] - c[1] * q[1] + c[2] * q[0]),
         2 * (c[0] * q[3] - c[1] * q[0] - c[2] * q[1]),
@@ -32,7 +32,7 @@ def director_pull(c, q):
 
 @exact_helper
 def imaginary(p, r):
-    """Im(p* r), 3 numbers: p^T B_a r."""
+    """Return Im(p* r), 3 numbers: p^T B_a r."""
     return (
         p[0] * r[1] - p[1] * r[0] - p[2] * r[3] + p[3] * r[2],
         p[0] * r[2] - p[2] * r[0] - p[3] * r[1] + p[1] * r[3],
@@ -42,7 +42,8 @@ def imaginary(p, r):
 
 @exact_helper
 def darboux_pull(c, r):
-    """N(c) r, 4 numbers: gradient of c · Im(p* r) with respect to p; -N(c) p is that for r."""
+    """Return N(c) r, 4 numbers: gradient of c · Im(p* r) with respect to p; -N(c) p is that for
+    r."""
     return (
         c[0] * r[1] + c[1] * r[2] + c[2] * r[3],
         -c[0] * r[0] + c[1] * r[3] - c[2] * r[2],

@@ -56,7 +56,7 @@ from ropefit.solvers.xpbd.kernels.tables import (
 
 @exact_helper
 def project_shear(s, rod, options, weights, change, work):
-    """C^S = e / l - G(q) q / 2, eq. (5)."""
+    """Project C^S = e / l - G(q) q / 2, eq. (5)."""
     for i in range(len(s) - 1):
         q, length = v4(s, i, Q), rod[i, LENGTH]
         edge = mix(1.0, v3(s, i + 1, X), -1.0, v3(s, i, X))
@@ -72,7 +72,7 @@ def project_shear(s, rod, options, weights, change, work):
 
 @exact_helper
 def project_bend(s, rod, options, weights, change, work):
-    """C^B = Im(p* r - sign rest) for neighbouring frames p and r, eq. (7)."""
+    """Project C^B = Im(p* r - sign rest) for neighbouring frames p and r, eq. (7)."""
     for i in range(len(s) - 2):
         p, r, bent = v4(s, i, Q), v4(s, i + 1, Q), v3(rod, i, DARBOUX + 1)
         relative = imaginary(p, r)
@@ -88,7 +88,7 @@ def project_bend(s, rod, options, weights, change, work):
 
 @exact_helper
 def measure_edges(s, options, work):
-    """Length and unit vector of every segment, eq. (9)."""
+    """Measure length and unit vector of every segment, eq. (9)."""
     for i in range(len(s) - 1):
         edge = mix(1.0, v3(s, i + 1, X), -1.0, v3(s, i, X))
         work[i, EDGE] = math.sqrt(dot3(edge, edge) + options.tiny)
@@ -97,14 +97,15 @@ def measure_edges(s, options, work):
 
 @exact_helper
 def solve_jacobi(rod, b, column):
-    """b / diagonal in place: every segment alone."""
+    """Solve b / diagonal in place: every segment alone."""
     for i in range(len(b) - 1):
         b[i, column] /= rod[i, DIAGONAL]
 
 
 @exact_helper
 def solve_thomas(rod, work, b, column):
-    """A⁻¹ b in place; A has -w_i d_{i-1} · d_i beside its diagonal; A = L D L^T as LAPACK's dptsv.
+    """Solve A⁻¹ b in place; A has -w_i d_{i-1} · d_i beside its diagonal; A = L D L^T as LAPACK's
+    dptsv.
 
     Where a pivot is not positive, A is not positive definite, and the result is NaN.
     """
@@ -124,7 +125,7 @@ def solve_thomas(rod, work, b, column):
 
 @exact_helper
 def project_distance(s, rod, options, weights, change, work):
-    """C^D = |e| - l, eq. (9), for every segment alone (Jacobi) or all together (Thomas)."""
+    """Project C^D = |e| - l, eq. (9), for every segment alone (Jacobi) or all together (Thomas)."""
     measure_edges(s, options, work)
     for i in range(len(s) - 1):
         value = work[i, EDGE] - rod[i, LENGTH]
@@ -151,7 +152,8 @@ def begin_step(s, gravity, rod):
 
 @exact_helper
 def iterate(s, rod, options, weights, change, work):
-    """One pass of the constraint loop (Algorithm 1, lines 4-9): all projections, then the moves."""
+    """Run one pass of the constraint loop (Algorithm 1, lines 4-9): all projections, then the
+    moves."""
     for i in range(len(s)):
         for k in range(MOVE, EDGE):
             work[i, k] = 0.0

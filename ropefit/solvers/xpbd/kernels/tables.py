@@ -64,7 +64,7 @@ def put3(a, i, j, v):
 
 @exact_helper
 def add3(a, i, j, f, v):
-    """Row i from column j: a += f v."""
+    """Add to row i from column j: a += f v."""
     a[i, j] += f * v[0]
     a[i, j + 1] += f * v[1]
     a[i, j + 2] += f * v[2]
@@ -97,7 +97,7 @@ def scale(f, a):
 
 @exact_helper
 def mix(f, a, g, b):
-    """f a + g b."""
+    """Return f a + g b."""
     return f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2]
 
 

@@ -1,0 +1,218 @@
+"""The user's stopwatch: what a person waits for, every row a whole process.
+
+    python -m benchmarks.felt [--repeats 5] [--only PATTERN] [--write docs/results.md]
+    python -m benchmarks.felt --check     # quick: against the ratios in felt.json
+    python -m benchmarks.felt --record    # writes these ratios anew
+
+Seconds differ between machines. The check compares processor time, best of three, with what an
+import of numpy (rows without computation) or a fixed loop of matrix products takes in the same
+minute, and fails where a row takes twice its recorded multiple of that.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.document import parser, publish
+
+ROOT = Path(__file__).parents[1]
+SAMPLES = ROOT / "sample_data"
+RATIOS = Path(__file__).with_suffix(".json")
+SLOWER = 2.0  # times the recorded ratio: the check fails
+TRIES = 3  # the best of them counts
+FEW = 3  # frames of the recording that shows start-up
+SEED = 101  # of the recording with a weight; no seed of the blind benchmark's tables
+IMPORT = "import numpy"
+PRODUCTS = "import numpy as np; a = np.ones((500, 500)); [a @ a for _ in range(100)]"
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is typed. `bar`: longest time [s] that is wanted; `computes`: compared with the loop of
+    matrix products; `checked`: quick enough for the check."""
+
+    name: str
+    typed: str
+    bar: float | None = None
+    computes: bool = False
+    checked: bool = True
+
+
+ROWS = (
+    Row("help", "--help", 0.2),
+    Row("help of a command", "identify --help", 0.6),
+    Row("a refusal", "identify --run none", 0.6),
+    Row("an answer that is up to date", "identify --run sample", 0.6),
+    Row("inspect a run", "inspect sample", 0.6),
+    Row("preprocess, three frames of markers", "preprocess few --run few_run --force", 1.5, True),
+    Row("identify, three frames of markers", "identify --run few_run --force", None, True),
+    Row("preprocess, the sample", "preprocess --run sample --force", 2.0, True),
+    Row("identify, the sample", "identify --run sample --force", 3.0, True),
+    Row("diagnose, nothing missing", "diagnose --run sample --force", 8.0, True),
+    Row("report, the sample", "report --run sample", None, True),
+    Row("diagnose, one cause", "diagnose --run weight_run --force", 15.0, True, checked=False),
+    Row("run, the sample", "run --run sample --force", 15.0, True, checked=False),
+)
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What one process took: time [s], processor time [s], peak of memory [MB]."""
+
+    seconds: float
+    processor: float
+    memory: float
+
+
+def spent(*command: str, folder: Path) -> Spent:
+    """Run a process to its end. Its exit code is not looked at: some rows are refusals.
+
+    The peak of memory is at least that of this process, which the child begins as.
+    """
+    started = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, *command],
+        cwd=folder, env=_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    _, _, used = os.wait4(process.pid, 0)
+    process.returncode = 0  # it was waited for
+    size = used.ru_maxrss * (1 if sys.platform == "darwin" else 1024)  # bytes
+    return Spent(time.perf_counter() - started, used.ru_utime + used.ru_stime, size / 1e6)
+
+
+def typed(row: Row, folder: Path) -> Spent:
+    return spent("-m", "ropefit", *row.typed.split(), folder=folder)
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def prepare(folder: Path, rows: list[Row]) -> None:
+    """Make the runs that the rows need; what numba compiles is compiled here."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    _few_frames(folder / "few")
+    todo = ["preprocess few --run few_run", "identify --run few_run"]
+    todo += ["preprocess --run sample", "identify --run sample"]
+    if any("weight" in row.typed for row in rows):
+        from benchmarks.discovery.cases import generate, listed  # a light parent: see spent
+
+        case = next(c for c in listed("standard", SEED) if c.effects == ("point_mass",))
+        why = generate(case, folder / "made", folder / "truths")
+        assert why is None, why
+        todo += [f"preprocess made/{case.name} --run weight_run", "identify --run weight_run"]
+    for line in todo:
+        subprocess.run(
+            [sys.executable, "-m", "ropefit", *line.split(), "--quiet"],
+            cwd=folder, env=_environment(), check=True,
+        )  # fmt: skip
+
+
+def _few_frames(folder: Path) -> None:
+    """Copy the first frames of the sample of markers."""
+    folder.mkdir()
+    shutil.copy(SAMPLES / "markers" / "recording.toml", folder)
+    for name in ("markers.csv", "ends.csv"):
+        with (SAMPLES / "markers" / name).open() as file:
+            head, *lines = csv.reader(file)
+        kept = [line for line in lines if int(line[head.index("frame")]) < FEW]
+        with (folder / name).open("w", newline="") as file:
+            csv.writer(file).writerows([head, *kept])
+
+
+def unit(row: Row, folder: Path) -> float:
+    """Return the processor time [s] of what a row is compared with, on one thread."""
+    code = PRODUCTS if row.computes else IMPORT
+    alone = f"import os; os.environ['OPENBLAS_NUM_THREADS'] = '1'; {code}"
+    return min(spent("-c", alone, folder=folder).processor for _ in range(TRIES))
+
+
+def ratio(row: Row, folder: Path, enough: float = 0.0) -> float:
+    """Return the best of three, as a multiple of `unit`; no more tries once it is `enough`."""
+    one, best = unit(row, folder), float("inf")
+    for _ in range(TRIES):
+        best = min(best, typed(row, folder).processor / one)
+        if best <= enough:
+            break
+    return best
+
+
+def check(folder: Path, rows: list[Row]) -> bool:
+    """Print every row's ratio beside the recorded one; whether none is too large."""
+    recorded, good = json.loads(RATIOS.read_text()), True
+    for row in rows:
+        limit = SLOWER * recorded[row.name]
+        found = ratio(row, folder, limit)
+        good = good and found <= limit
+        says = "ok" if found <= limit else f"SLOWER than {SLOWER:g} x"
+        print(f"{row.name}: {found:.1f}, recorded {recorded[row.name]:.1f}: {says}", flush=True)
+    return good
+
+
+def table(folder: Path, rows: list[Row], repeats: int) -> tuple[str, dict[str, Any]]:
+    """Return the table and its numbers: medians of whole processes."""
+    lines, data = [], {}
+    for row in rows:
+        found = [typed(row, folder) for _ in range(repeats)]
+        seconds, processor, memory = (
+            statistics.median(getattr(one, name) for one in found)
+            for name in ("seconds", "processor", "memory")
+        )
+        wanted = "" if row.bar is None else f"{row.bar:g}"
+        lines.append(
+            f"| {row.name} | `ropefit {row.typed}` | {seconds:.2f} | {processor:.2f} | {wanted} | "
+            f"{memory:.0f} |"
+        )
+        data[row.name] = {"seconds": seconds, "processor_s": processor, "memory_mb": memory}
+        print(lines[-1], file=sys.stderr, flush=True)
+    load = os.getloadavg()[0]
+    text = (
+        f"What a person waits for: whole processes, median of {repeats}, compiled code cached, "
+        f"{os.cpu_count()} processors\nof which {load:.1f} were busy at the end (others' work "
+        "counts in the time, hardly in the processor time). Written by `python -m "
+        "benchmarks.felt`.\n\n"
+        "| what | typed | time [s] | processor time [s] | wanted [s] | memory [MB] |\n"
+        "|---|---|---|---|---|---|\n"
+    )
+    return text + "\n".join(lines) + "\n", data
+
+
+def main() -> None:
+    """Prepare the runs, then check, record, or print the table."""
+    p = parser(__doc__)
+    p.add_argument("--repeats", type=int, default=5)
+    p.add_argument("--only", default=".*", metavar="PATTERN", help="names of rows")
+    p.add_argument("--folder", type=Path, default=ROOT / "build" / "felt")
+    p.add_argument("--check", action="store_true", help="fail where a row got slower")
+    p.add_argument("--record", action="store_true", help="write felt.json")
+    options = p.parse_args()
+    quick = options.check or options.record
+    rows = [r for r in ROWS if re.search(options.only, r.name) and (r.checked or not quick)]
+    folder = options.folder.absolute()
+    prepare(folder, rows)
+    if options.check:
+        sys.exit(0 if check(folder, rows) else 1)
+    if options.record:
+        old = json.loads(RATIOS.read_text()) if RATIOS.exists() else {}
+        for row in rows:
+            old[row.name] = round(ratio(row, folder), 2)
+            print(f"{row.name}: {old[row.name]}", flush=True)
+        RATIOS.write_text(json.dumps(old, indent=2) + "\n")
+        return
+    publish(options, "felt", *table(folder, rows, options.repeats))
+
+
+if __name__ == "__main__":
+    main()

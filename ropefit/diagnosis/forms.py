@@ -1,0 +1,187 @@
+"""Which form an accepted law has: its curve with a band, and formulas fitted in its place.
+
+Every formula is fitted through the model like the law itself, and compared by its evidence. It is
+named where the others, the law's free curve among them, are far behind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, occam_factor
+from ropefit.effects.law import Constant, Form, Law
+from ropefit.inference.least_squares import Fit, attempted
+from ropefit.models.terms import Term
+
+LEAST_LEAD = 6.0  # nats over every rival of a form that is named
+POINTS = 61  # of a curve
+DRAWS = 200  # of a band, and of the intervals of constants
+WIDER = 1.5  # times the largest value of the data: where the curve ends
+DEPARTURES = (0.1, 0.2, 0.4, 0.8, 1.6)  # sd of departures from a smooth curve that are tried
+BROAD = 3.0  # usual sizes: sd of the prior of a smooth curve's values
+INSIDE = (0.02, 0.98)  # quantiles of the values of the data: where the curve is visited
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A form in the law's place: evidence [nats] over the law's free curve; constants and their
+    95 % intervals; y (DRAWS, n): its curve at x, the first of which is the best."""
+
+    form: Form
+    evidence: float
+    constants: list[Constant]
+    intervals: list[tuple[float, float]]
+    y: np.ndarray
+
+
+@dataclass(frozen=True)
+class Described:
+    """A law as the data show it: x (n,), y, low and high (n,) in SI; visited: the range of x in the
+    data; forms that remain, best first; named: whether the first is the only one."""
+
+    law: Law
+    x: np.ndarray
+    y: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    visited: tuple[float, float]
+    forms: list[Fitted]
+    named: bool
+
+
+def described(candidate: Candidate, final: Fit) -> Described | None:
+    """Return what is known of an accepted law; None of any other effect.
+
+    final: the fit with all effects. Each form is one more fit.
+    """
+    setup = final.forward.base
+    law = candidate.hypothesis.effect.law(setup)
+    if law is None:
+        return None
+    values = law.visited(final.point.solution.x)
+    least, most = (float(q) for q in np.quantile(values, INSIDE))
+    x = np.concatenate([[0.0], np.geomspace(0.1 * least, WIDER * values.max(), POINTS - 1)])
+    mine = _place(final, candidate.term)
+    mean, covariance = _smooth(final, candidate.term, mine, law)
+    drawn = _draws(final, mean, covariance)
+    y = np.stack([law.curve(final.forward.setup_at(u), x) for u in drawn])
+    spread = max(1.0, final.scale**2)
+    free = -0.5 * final.cost / spread - occam_factor(_last(final, candidate.term), candidate.term)
+    inside = (x >= least) & (x <= most)
+    tried = (_fitted(f, law, candidate.term, final, mean, x, inside) for f in law.forms)
+    found = [replace(f, evidence=f.evidence - free) for f in tried if f is not None]
+    found.sort(key=lambda f: -f.evidence)
+    most_likely = max([0.0, *(f.evidence for f in found)])
+    remaining = [f for f in found if f.evidence > most_likely - LEAST_LEAD]
+    named = len(remaining) == 1
+    y = remaining[0].y if named else y
+    low, high = np.quantile(y, (0.025, 0.975), axis=0)
+    return Described(law, x, y[0], low, high, (least, most), remaining, named)
+
+
+def _place(final: Fit, term: Term) -> np.ndarray:
+    """Return the indices of a term's search variables."""
+    at = 0
+    for one in final.forward.terms:
+        if one is term:
+            break
+        at += one.size
+    return at + np.arange(term.size)
+
+
+def _last(final: Fit, term: Term) -> Fit:
+    """Return the fit with the columns of a term at its end, as `occam_factor` takes them."""
+    mine = _place(final, term)
+    order = np.concatenate([np.setdiff1d(np.arange(len(final.prior)), mine), mine])
+    return replace(final, jacobian=final.jacobian[:, order], prior=final.prior[order])
+
+
+def _smooth(final: Fit, term: Term, mine: np.ndarray, law: Law) -> tuple[np.ndarray, np.ndarray]:
+    """Return the search variables (P,) and their covariance with a prior of smoothness, its
+    strength that of the highest evidence (Laplace's approximation about the fit)."""
+    held = np.isfinite(final.prior)
+    spread = max(1.0, final.scale**2)
+    data = final.jacobian.T @ final.jacobian / spread
+    data += np.diag(np.where(held, 1 / final.prior**2, 1e-9))
+    others = np.setdiff1d(np.arange(len(data)), mine)
+    cross = data[np.ix_(others, mine)]
+    known = np.linalg.pinv(data[np.ix_(others, others)], hermitian=True)
+    own = data[np.ix_(mine, mine)] - cross.T @ known @ cross
+    zero = term.search(np.zeros(term.size))
+    at = final.point.u[mine] - zero
+
+    def precision(departure: float) -> np.ndarray:
+        return np.where(law.smooth, BROAD**-2, (departure / term.scale) ** -2.0)
+
+    def evidence(departure: float) -> float:
+        prior = precision(departure)
+        mean = np.linalg.solve(own + np.diag(prior), own @ at)
+        left = at - mean
+        fit = left @ own @ left + mean @ (prior * mean)
+        size = np.linalg.slogdet(np.eye(len(at)) + own / prior)[1]
+        return -0.5 * float(fit + size)
+
+    prior = precision(max(DEPARTURES, key=evidence))
+    whole = data.copy()
+    whole[mine, mine] += prior
+    pull = np.zeros(len(data))
+    pull[mine] = prior * at
+    covariance = np.linalg.pinv(whole, hermitian=True)
+    return final.point.u - covariance @ pull, covariance
+
+
+def _draws(final: Fit, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return (DRAWS, P) search variables within their bounds, the mean first."""
+    rng = np.random.default_rng(0)
+    low, high = final.forward.bounds()
+    values, vectors = np.linalg.eigh(covariance)
+    steps = rng.normal(size=(DRAWS, len(mean))) * np.sqrt(np.maximum(values, 0.0))
+    steps[0] = 0.0
+    return np.clip(mean + steps @ vectors.T, low, high)
+
+
+def _fitted(
+    form: Form,
+    law: Law,
+    term: Term,
+    final: Fit,
+    mean: np.ndarray,
+    x: np.ndarray,
+    inside: np.ndarray,
+) -> Fitted | None:
+    """Return a form fitted in the law's place, with its own log evidence; None where that fails.
+
+    It begins with those of its tries whose curve is most like that of the law `inside` the data.
+    """
+    model, mine = final.forward, _place(final, term)
+    begin = mean[np.setdiff1d(np.arange(len(mean)), mine)]
+    without = model.with_terms([t for t in model.terms if t is not term])
+    plain, wanted = without.setup_at(begin), law.curve(model.setup_at(mean), x[inside])
+
+    def misfit(values: np.ndarray) -> float:
+        y = law.curve(form.apply(plain, torch.from_numpy(values)), x[inside])
+        return float(np.var(np.log(y / wanted)))
+
+    start, size = min(form.tries, key=misfit), len(form.names)
+    own = Term(
+        form.name, form.names, form.units, form.apply, start, start, form.lower, form.upper,
+        np.full(size, np.inf), log=True,
+    )  # fmt: skip
+    forward = model.with_terms([*without.terms, own], final.point.solution)
+    begin = np.concatenate([begin, np.zeros(size)])
+    fitted = attempted(forward, final.problem, begin, EVALUATIONS, tolerance=1e-5)
+    if fitted is None or not fitted.point.converged.all() or len(fitted.z) != len(final.z):
+        return None
+    spread = max(1.0, final.scale**2)
+    evidence = -0.5 * fitted.cost / spread - occam_factor(fitted, own)
+    drawn = _draws(fitted, fitted.point.u, fitted.covariance)
+    setups = [fitted.forward.setup_at(u) for u in drawn]
+    pairs = list(zip(setups, drawn, strict=True))
+    every = [form.constants(s, own.value(u[-size:])) for s, u in pairs]
+    ends = np.quantile([[c.value for c in row] for row in every], (0.025, 0.975), axis=0).T
+    intervals = [(float(a), float(b)) for a, b in ends]
+    y = np.stack([law.curve(s, x) for s in setups])
+    return Fitted(form, evidence, every[0], intervals, y)

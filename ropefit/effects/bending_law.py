@@ -1,0 +1,176 @@
+"""Bending that is not linear: a moment that grows more, or less, than the curvature does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.law import Constant, Form, Law
+from ropefit.rod.bending import Bending
+from ropefit.rod.setup import Setup
+
+INNER = (2, 4, 8, 16)  # over the length: curvatures at which the slope's logarithm is a value
+LOWEST, HIGHEST = 1.0, 32.0  # over the length: beyond, the slope of M is constant
+OCTAVES, PER_OCTAVE = (-2, 6), 4  # over the length: where M is exact, between which it is linear
+MIDDLE = (LOWEST * HIGHEST) ** 0.5  # over the length: EI is M / κ there
+LEAST_SLOPE = 1e-3  # over EI: a moment that no longer grows leaves equilibria undetermined
+
+Moment = Callable[[Tensor, Tensor], Tensor]  # of curvatures (n,) and a shape (), up to a factor
+
+
+class BendingLaw(Effect):
+    """The slope dM/dκ of the bending moment over the rigidity EI, as a function of the curvature.
+
+    Its logarithm is piecewise linear in that of the curvature: `exponent` n - 1 of M ~ κ^n, and
+    departures from that at four curvatures. EI is M / κ at the middle one. All bending moments of
+    the rope follow the same law.
+    """
+
+    name = "bending_law"
+    in_motion = False
+    quantities = (
+        Quantity("exponent", "1", 0.3, -0.9, 3.0),
+        *(Quantity(f"log_slope_at_{k}", "1", 0.3, -3.0, 3.0) for k in INNER),
+    )
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.bending is None
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        knots = _knots(setup)
+        edges = torch.cat([knots[:1] / 2, knots, knots[-1:] * 2])
+        at = torch.log(edges[1:] * edges[:-1]) / 2 + torch.log(_length(setup))
+        at = at.clamp(np.log(LOWEST), np.log(HIGHEST))
+        apart = np.log(INNER[1] / INNER[0])
+        inner = torch.log(torch.tensor(INNER, dtype=torch.float64))
+        hats = torch.clamp(1 - (at[:, None] - inner).abs() / apart, min=0)
+        return _with_slope(setup, torch.exp(values[0] * (at - np.log(MIDDLE)) + hats @ values[1:]))
+
+    def law(self, setup: Setup) -> Law:
+        return Law(
+            "curvature", "bending moment", "1/m", -1.0, _curve, _curvatures,
+            np.array([True, False, False, False, False]), _forms(setup),
+        )  # fmt: skip
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        at = MIDDLE / float(_length(setup))
+        note = f"bending_law: bending is linear there; EI is that at a curvature of {at:.3g} 1/m"
+        return Exported(beside, note=note)
+
+    def sentence(self, values: dict[str, float]) -> str:
+        way = "softens" if values["exponent"] < 0 else "stiffens"
+        return (
+            f"the rope {way} in bending: its moment grows as curvature^{1 + values['exponent']:.2g}"
+        )
+
+
+def _length(setup: Setup) -> Tensor:
+    return setup.properties.length.sum().detach()
+
+
+def _knots(setup: Setup) -> Tensor:
+    """Return (B-1,) [1/m] the curvatures where M is exact."""
+    low, high = OCTAVES
+    octaves = torch.linspace(low, high, (high - low) * PER_OCTAVE + 1, dtype=torch.float64)
+    return 2**octaves / _length(setup)
+
+
+def _with_slope(setup: Setup, slope: Tensor) -> Setup:
+    """Return the setup with a law of these slopes (B,), up to a factor: M is EI κ in the middle."""
+    knots, middle = _knots(setup), MIDDLE / _length(setup)
+    steps = torch.diff(torch.clamp(knots, max=middle), prepend=middle.new_zeros(1))
+    moment = (slope[:-1] * steps).sum()
+    return setup._replace(bending=Bending(knots, slope * middle / moment))
+
+
+def _with_moment(setup: Setup, moment: Moment, shape: Tensor) -> Setup:
+    """Return the setup with a moment that is a function of the curvature."""
+    knots = _knots(setup)
+    edges = torch.cat([knots.new_zeros(1), knots, knots[-1:] * 1.2])
+    slope = torch.diff(moment(edges, shape)) / torch.diff(edges)
+    middle = MIDDLE / _length(setup)
+    return _with_slope(setup, torch.maximum(slope, LEAST_SLOPE * moment(middle, shape) / middle))
+
+
+def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
+    """Return (n,) moments [N m] at curvatures x (n,) [1/m], of the rope's first segment."""
+    rigidity = float(setup.properties.bend[0])
+    if setup.bending is None:
+        return rigidity * x
+    knots, slope = (t.detach().numpy() for t in setup.bending)
+    edges = np.concatenate([[0.0], knots, [np.inf]])
+    parts = np.clip(x[:, None], edges[:-1], edges[1:]) - edges[:-1]
+    return rigidity * (parts * slope).sum(1)
+
+
+def _curvatures(nodes: np.ndarray) -> np.ndarray:
+    """Return the curvatures [1/m] at the inner nodes (F, N+1, 3) [m]."""
+    step = np.diff(nodes, axis=1)
+    length = np.linalg.norm(step, axis=-1)
+    way = step / length[..., None]
+    turned = np.linalg.norm(np.diff(way, axis=1), axis=-1)
+    return (turned / (0.5 * (length[:, 1:] + length[:, :-1]))).ravel()
+
+
+def _power(x: Tensor, n: Tensor) -> Tensor:
+    return torch.where(x > 0, x, 1.0) ** n * (x > 0)
+
+
+def _rising(x: Tensor, at: Tensor) -> Tensor:
+    return x + x**3 / at**2
+
+
+def _falling(x: Tensor, at: Tensor) -> Tensor:
+    """Return the moment that is highest at the curvature `at`, and level beyond."""
+    x = torch.minimum(x, at)
+    return x - x**3 / (3 * at**2)
+
+
+def _levelling(x: Tensor, at: Tensor) -> Tensor:
+    return torch.tanh(x / at)
+
+
+def _forms(setup: Setup) -> tuple[Form, ...]:
+    length = float(_length(setup))
+    between = np.geomspace(0.5, 100, 24)[:, None] / length
+    exponents = np.linspace(0.2, 3.0, 29)[:, None]
+
+    def form(name: str, shape: str, moment: Moment, constants, tries=between) -> Form:
+        unit = "1" if tries is exponents else "1/m"
+        return Form(
+            name, (shape,), (unit,), tries[0] / 2, tries[-1] * 2, tries,
+            lambda s, v: _with_moment(s, moment, v[0]), constants,
+        )  # fmt: skip
+
+    def power(s: Setup, v: np.ndarray) -> list[Constant]:
+        middle, n = MIDDLE / length, float(v[0])
+        size = float(s.properties.bend[0]) * middle ** (1 - n)
+        return [Constant("a", size, n - 1), Constant("n", n, 0.0, False)]
+
+    def cubic(sign: float) -> Callable[[Setup, np.ndarray], list[Constant]]:
+        def constants(s: Setup, v: np.ndarray) -> list[Constant]:
+            ratio = (MIDDLE / length / float(v[0])) ** 2
+            a = float(s.properties.bend[0]) / (1 + ratio if sign > 0 else max(1 - ratio / 3, 2 / 3))
+            b = a / float(v[0]) ** 2 * (1.0 if sign > 0 else -1 / 3)
+            return [Constant("a", a, 0.0), Constant("b", b, 2.0)]
+
+        return constants
+
+    def tanh(s: Setup, v: np.ndarray) -> list[Constant]:
+        at, middle = float(v[0]), MIDDLE / length
+        size = float(s.properties.bend[0]) * middle / np.tanh(middle / at)
+        return [Constant("M0", size, -1.0), Constant("k0", at, -1.0, False)]
+
+    return (
+        form("M = a k |k|^(n-1)", "exponent", _power, power, exponents),
+        form("M = a k + b k^3, b > 0", "curvature", _rising, cubic(1)),
+        form("M = a k + b k^3, b < 0", "curvature", _falling, cubic(-1)),
+        form("M = M0 tanh(k/k0)", "curvature", _levelling, tanh),
+    )

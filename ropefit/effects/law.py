@@ -1,0 +1,62 @@
+"""What laws have in common: an unknown function of one local variable, and forms that it may have.
+
+A law is an effect of a few values of a curve, linear or absent at zero. Once it is accepted, each
+`Form` is fitted in its place (`diagnosis.forms`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from torch import Tensor
+
+from ropefit.rod.setup import Setup
+
+
+class Constant(NamedTuple):
+    """A constant of a formula: value in SI, of the unit of a rigidity EI (or 1, if not of_ei) times
+    metre to a power."""
+
+    name: str
+    value: float
+    power: float
+    of_ei: bool = True
+
+
+class Form(NamedTuple):
+    """A formula for a law, with its own values (n,): names, units, bounds, and those from which one
+    is chosen to begin a fit with, tries (T, n).
+
+    apply(setup, values (n,)): the setup with the law; constants(setup, values): what the formula
+    calls its constants, in SI, of a setup after `apply`. linear: the values at which the law is
+    none, if it has such.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    tries: np.ndarray
+    apply: Callable[[Setup, Tensor], Setup]
+    constants: Callable[[Setup, np.ndarray], list[Constant]]
+
+
+class Law(NamedTuple):
+    """A function y(x) in SI: names of both, x's unit, and y's as that of EI times metre to a power.
+
+    curve(setup, x (n,)): y (n,) of a setup with the law; visited(nodes (F, N+1, 3) [m]): values of
+    x in the data; smooth (n,) bool: of the effect's values, those that are no departures from a
+    smooth curve; forms: what it may be.
+    """
+
+    x: str
+    y: str
+    unit_x: str
+    power_y: float
+    curve: Callable[[Setup, np.ndarray], np.ndarray]
+    visited: Callable[[np.ndarray], np.ndarray]
+    smooth: np.ndarray
+    forms: tuple[Form, ...]

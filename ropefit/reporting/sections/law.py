@@ -1,0 +1,60 @@
+"""The law that was found: its curve with a band, where the data visit it, and its form."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from ropefit.artifacts.diagnosis import Law
+from ropefit.reporting.contents import RunContents
+from ropefit.reporting.figures import CAUSE, Figure, axis, bands, line, plane
+from ropefit.reporting.html import paragraph, plot
+from ropefit.reporting.sections.base import Section
+from ropefit.reporting.words import number
+
+
+class LawSection(Section):
+    """A figure for each law among the causes."""
+
+    title = "The law"
+
+    def applies(self, run: RunContents) -> bool:
+        d = run.diagnosis
+        return d is not None and any(c.law for c in d.causes.values())
+
+    def render(self, run: RunContents) -> Markup:
+        d = run.diagnosis
+        assert d is not None
+        laws = [c.law for c in d.causes.values() if c.law]
+        return Markup("").join(paragraph(_told(law)) + plot(_figure(law)) for law in laws)
+
+
+def _told(law: Law) -> str:
+    if law.form:
+        return f"{law.form} explains the data as well as the free curve; no other form does."
+    if law.forms:
+        return f"Forms that explain the data about equally: {'; '.join(law.forms)}."
+    return "None of the forms that were tried explains the data as well as this curve."
+
+
+def _figure(law: Law) -> Figure:
+    c = law.curve
+    low, high = c.visited
+    inside = (c.x >= low) & (c.x <= high)
+    outside = [(float(c.x[0]), low), (high, float(c.x[-1]))]
+    edge = {"line": {"width": 1.2, "dash": "dash"}, "showlegend": False}
+    return Figure(
+        f"{c.name_y} over {c.name_x}",
+        [
+            line(c.x, np.where(inside, c.y, np.nan), c.name_y, CAUSE),
+            line(c.x, np.where(inside, np.nan, c.y), "beyond the data", "soft"),
+            line(c.x, c.low, "95 % band", "soft", **edge),
+            line(c.x, c.high, "", "soft", **edge),
+        ],
+        plane(
+            axis(f"{c.name_x} ({c.unit_x})"), axis(f"{c.name_y} ({c.unit_y})"),
+            shapes=bands(outside),
+        ),
+        f"Dashed: the 95 % band. Shaded: values of the {c.name_x} that the data hardly visit (they "
+        f"lie between {number(low)} and {number(high)} {c.unit_x}).",
+    )  # fmt: skip

@@ -1,0 +1,129 @@
+"""Laws beyond the catalogue: exact derivatives, found, named, and not where there is none."""
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.adapters.law_content import times_metre
+from ropefit.diagnosis.forms import described
+from ropefit.diagnosis.rules import Rules
+from ropefit.diagnosis.search import Diagnosis, search
+from ropefit.effects import BendingHysteresis, BendingLaw
+from ropefit.models.equilibrium import Equilibrium
+from ropefit.models.parameters import terms
+from ropefit.models.terms import Term
+from ropefit.rod.setup import Setup
+from tests.concealed import EI, nominal_fit, recorded, rope
+
+SOFTER = [-0.3, 0.2, -0.1, 0.15, -0.2]
+
+
+def form(setup: Setup, name: str, value: float) -> Setup:
+    """The setup whose bending follows a form."""
+    law = BendingLaw().law(setup)
+    one = next(f for f in law.forms if name in f.name)
+    return one.apply(setup, torch.tensor([value], dtype=torch.float64))
+
+
+def by_differences(model: Equilibrium) -> None:
+    point, step = model.at(model.start()), 1e-4
+    found = model.jacobian(point)
+    for k in range(model.size):
+        h = step * np.eye(model.size)[k]
+        wanted = (model.at(h).seen - model.at(-h).seen) / (2 * step)
+        assert np.abs(wanted).max() > 1e-7
+        assert np.abs(found[k] - wanted).max() < 2e-3 * np.abs(wanted).max()
+
+
+def law_term(values: list[float]) -> Term:
+    effect, n, free = BendingLaw(), len(values), np.full(len(values), np.inf)
+    return Term(
+        effect.name, effect.names, ("1",) * n, effect.apply, np.array(values), np.ones(n), -free,
+        free, free,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("hysteresis", [False, True])
+def test_derivatives_beside_a_law_are_exact(hysteresis):
+    """In the law's own values, in rigidity and length; also where the rope remembers, too."""
+    setup = rope(30, 4)
+    if hysteresis:
+        values = torch.tensor([1e-4, 1.0], dtype=torch.float64)
+        setup = BendingHysteresis().apply(setup, values)
+    by_differences(Equilibrium(setup, [law_term(SOFTER), *terms(setup, ("EI", "length"))]))
+
+
+def test_a_law_is_the_derivative_of_the_curve_that_is_told():
+    setup = BendingLaw().apply(rope(30, 2), torch.tensor(SOFTER, dtype=torch.float64))
+    assert setup.bending is not None
+    law = BendingLaw().law(setup)
+    knots = setup.bending.knots.numpy()
+    x = np.sqrt(knots[1:] * knots[:-1])
+    slope = (law.curve(setup, 1.001 * x) - law.curve(setup, x)) / (0.001 * x)
+    np.testing.assert_allclose(slope, EI * setup.bending.slope[1:-1], rtol=1e-9)
+    middle = np.sqrt(32.0)
+    np.testing.assert_allclose(law.curve(setup, np.array([middle])), EI * middle, rtol=1e-6)
+
+
+def test_a_cantilever_of_a_power_law_bends_as_its_moment_says():
+    """With a moment at its free end and no weight: one curvature everywhere, in closed form."""
+    setup = form(rope(200, 1), "(n-1)", 0.6)
+    clamp = setup.clamp.clone()
+    clamp[:, 0] = torch.tensor([0.7071067811865476, 0.0, 0.7071067811865476, 0.0])
+    ends = setup.ends.clone()
+    ends[:, 0], ends[:, 1] = 0.0, torch.nan
+    size = 1.7 * EI
+    moment = torch.tensor([[0.0, 0.0, 0.0], [0.0, size, 0.0]], dtype=torch.float64)
+    setup = setup._replace(
+        clamp=clamp, clamped=(True, False), ends=ends, moment=moment, gravity=0 * setup.gravity
+    )
+    x = Equilibrium(setup, []).at(np.empty(0)).solution.x
+    law = BendingLaw().law(setup)
+    np.testing.assert_allclose(law.visited(x), np.median(law.visited(x)), rtol=1e-6)
+    bent = float(np.median(law.visited(x)))
+    middle = 32**0.5
+    np.testing.assert_allclose(bent, middle * (1.7 / middle) ** (1 / 0.6), rtol=0.01)
+
+
+@pytest.fixture(scope="module")
+def softening():
+    return searched(form(rope(144), "tanh", 6.0), 3)
+
+
+def searched(fine: Setup, seed: int) -> Diagnosis:
+    rules = Rules(effects=("bending_law", "point_mass", "soft_section", "intrinsic_curvature"))
+    return search(nominal_fit(recorded(fine, seed=seed), 48), 0, lambda *_: None, rules)
+
+
+def test_a_law_is_found_and_its_form_named(softening):
+    (one,) = softening.accepted
+    assert one.candidate.hypothesis.name == "bending_law"
+    found = described(one.candidate, softening.final)
+    assert found is not None
+    assert found.named
+    (best,) = found.forms
+    assert "tanh" in best.form.name
+    told = {
+        c.name: (c.value, *ends) for c, ends in zip(best.constants, best.intervals, strict=True)
+    }
+    value, low, high = told["k0"]
+    assert low < value < high
+    assert 5.7 < value < 6.3
+    truth = EI * 32**0.5 / np.tanh(32**0.5 / 6) * np.tanh(found.x / 6)
+    inside = (found.x > found.visited[0]) & (found.x < found.visited[1])
+    assert np.abs(found.y[inside] / truth[inside] - 1).max() < 0.05
+    assert ((found.low <= truth * 1.01) & (truth * 0.99 <= found.high))[inside].all()
+
+
+def test_a_linear_rope_is_no_law_and_how_far_from_it_could_be_is_told():
+    result = searched(rope(144), 5)
+    assert result.verdict == "none"
+    assert 0.005 < result.detectable["bending_law"] < 0.3
+
+
+def test_units_times_metre():
+    assert times_metre("N m^2", -1) == "N m"
+    assert times_metre("m^3", -1) == "m^2"
+    assert times_metre("", -1) == "1/m"
+    assert times_metre("", 0) == "1"
+    assert times_metre("N m^2", -0.4) == "N m^1.6"
