@@ -208,3 +208,20 @@ def test_a_falsehood_changes_one_thing(real, tmp_path):
         change(copy)
         changed = [path.name for path in copy.iterdir() if path.read_bytes() != before[path.name]]
         assert len(changed) == 1
+
+
+@pytest.mark.parametrize(
+    ("sets", "score", "expected"),
+    [
+        ([["weight_error"]], 30.0, ["all", "visible", "named"]),
+        ([["tether", "weight_error"]], 12.0, ["all", "visible", "named"]),
+        ([["tether"]], 30.0, ["all", "visible", "wrong"]),
+        ([], 30.0, ["all", "visible"]),
+        ([["tether"]], 11.0, ["all"]),
+    ],
+)
+def test_only_visible_falsehoods_are_asked_for(sets, score, expected):
+    effects = [{"name": names[0], "equivalent_to": names[1:]} for names in sets]
+    answer = {"effects": effects, "verdict": "found" if effects else "unknown"}
+    assert falsified.outcome({"weight_error"}, score, answer) == expected
+    assert falsified.outcome({"weight_error"}, score, None) == ["all"]

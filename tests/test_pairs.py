@@ -20,7 +20,7 @@ def test_two_weights_are_found_together():
     for weight in WEIGHTS:
         setup = PointMass().apply(setup, torch.tensor(weight, dtype=torch.float64))
     nominal = fitted(recorded(setup, seed=103))
-    found = best_pair(nominal, sensitivities(nominal, [], ("point_mass", "kink")), 0.0, 6.0)
+    found = best_pair(nominal, sensitivities(nominal, [], ("point_mass", "kink")), None, 6.0)
     assert found is not None
     pair, both = found
     for (candidate, without), weight in zip(pair, WEIGHTS, strict=True):
@@ -37,5 +37,5 @@ def test_two_weights_are_found_together():
 def test_one_weight_is_no_pair():
     nominal = fitted(recorded(with_effect(PointMass(), [0.004, 0.5]), seed=104))
     known = sensitivities(nominal, [], ("point_mass",))
-    assert best_pair(nominal, known, 0.0, 6.0) is None
+    assert best_pair(nominal, known, None, 6.0) is None
     assert np.isfinite(nominal.cost)

@@ -24,17 +24,18 @@ LEAST_APART = 2  # places of the scan
 
 
 def best_pair(
-    current: Fit, known: list[Sensitivity], single: float, threshold: float
+    current: Fit, known: list[Sensitivity], single: Candidate | None, threshold: float
 ) -> tuple[list[tuple[Candidate, Fit]], Fit] | None:
     """Return two candidates of one effect, each with the model without it, and the fit with both.
 
-    None unless together they are better than the best single candidate, of evidence `single`, and
-    each of them passes every gate beside the other. known: sensitivities of the current model.
+    None unless together they are better than the best single candidate, if any, and each of them
+    passes every gate beside the other. known: sensitivities of the current model.
     """
     found = _scanned(current, known)
-    if found is None:
+    saved = current.cost - single.fit.cost if single else 0.0
+    if found is None or found[0] < saved + 2 * threshold:
         return None
-    hypothesis, starts = found
+    _, hypothesis, starts = found
     setup = current.forward.base
     terms = [hypothesis.term(setup, start) for start in starts]
     model = current.forward.with_terms([*current.forward.terms, *terms], current.point.solution)
@@ -60,13 +61,14 @@ def best_pair(
     spread = max(1.0, both.spread)
     together = 0.5 * (current.cost - both.cost) / spread
     together -= sum(occam_factor(c.fit, c.term) for c, _ in out)
-    return (out, out[1][0].fit) if together > single + TIE_NATS else None
+    alone = single.evidence if single else 0.0
+    return (out, out[1][0].fit) if together > alone + TIE_NATS else None
 
 
 def _scanned(
     current: Fit, known: list[Sensitivity]
-) -> tuple[Hypothesis, tuple[np.ndarray, np.ndarray]] | None:
-    """Return the effect and the values of the pair that lowers χ² most, to first order."""
+) -> tuple[float, Hypothesis, tuple[np.ndarray, np.ndarray]] | None:
+    """Return by how much a pair lowers χ² at most, to first order, its effect and its values."""
     project, best = Projection(current), None
     setup = current.forward.base
     for one in known:
@@ -91,4 +93,4 @@ def _scanned(
                     for part, place in ((sizes[:k], p), (sizes[k:], q))
                 ]
                 best = gain, hypothesis, (values[0], values[1])
-    return None if best is None else best[1:]
+    return best

@@ -11,7 +11,7 @@ import numpy as np
 from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
@@ -30,7 +30,6 @@ from ropefit.inference.noise import Noise
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 BEYOND_SENSOR = 3.0  # times what markers and mesh explain
-CHANCE_SD = 3.0  # standard deviations of χ² that are chance
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -120,9 +119,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
                 continue
         best = rules.selection.acceptable(candidates, limits.threshold, current, refused)
         pair = None
-        if not accepted and most > 1 and _leaves_much(current, candidates, limits.threshold):
-            single = best.evidence if best else 0.0
-            pair = best_pair(current, scan.sensitivities, single, limits.threshold)
+        there = bool(candidates) and candidates[0].evidence >= limits.threshold
+        if there and not accepted and most > 1 and current.forward.instantaneous:
+            pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None:
             for candidate, without in pair[0]:
                 accepted.append(accept(candidate, [candidate], without, len(scan.sensitivities)))
@@ -148,18 +147,6 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded), accepted, nominal, current,
         first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
-
-
-def _leaves_much(current: Fit, candidates: list[Candidate], threshold: float) -> bool:
-    """Return whether something is there that no single effect explains."""
-    there = [c for c in candidates if c.evidence >= threshold]
-    left = min((unexplained(c.fit) for c in there), default=0.0)
-    return bool(there) and current.forward.instantaneous and left > _chance_of_chi2(current)
-
-
-def _chance_of_chi2(fitted: Fit) -> float:
-    """Return by how much χ² may exceed what noise has by chance."""
-    return CHANCE_SD * float(np.sqrt(2 * len(fitted.z)))
 
 
 def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:

@@ -174,7 +174,9 @@ def fit(
     freedom = max(len(z) - int((~held).sum()), 1)
     stations = objective.stations
     elsewhere = forward.instantaneous and problem.noise.repeats > 1  # of a motion: measured here
-    spread = inflation(stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere)
+    spread = inflation(
+        objective.stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere
+    )
     # What the model misses scales the data's share of the information, not the priors'.
     scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
     current = replace(stations, residual=aligned(now, stations, now.residual))
