@@ -4,7 +4,8 @@
                                            [--write docs/results.md]
 
 Every seed draws a rope, its motion and what is concealed (`CAUSES` in turn, among them nothing).
-The ends are pinned: MuJoCo's rope does not twist, and between clamps it moves otherwise.
+The ends are pinned: between clamps clean ropes of ropefit and MuJoCo were 3 to 7 mm (rms) apart,
+for a reason that is not known (MuJoCo's rope does not twist).
 What is told is diagnosed by `ropefit run --solver dynamics`. Finished seeds are kept in DIR.
 """
 
