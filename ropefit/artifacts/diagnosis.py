@@ -116,7 +116,7 @@ class Diagnosis(Artifact):
     """Verdict, causes and evidence."""
 
     schema_name: ClassVar[str] = "ropefit-diagnosis"
-    schema_version: ClassVar[int] = 3
+    schema_version: ClassVar[int] = 4
     file_name: ClassVar[str] = "diagnosis.h5"
 
     recording: str

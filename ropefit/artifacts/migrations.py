@@ -30,12 +30,12 @@ def _model_1(tree: Tree) -> Tree:
 
 
 def _as_it_is(tree: Tree) -> Tree:
-    """Return the next version only has more entries, which have defaults."""
+    """Return the same: the next version only has more entries, which have defaults."""
     return tree
 
 
 def _diagnosis_2(tree: Tree) -> Tree:
-    """Return a clamp's stiffness and direction were one vector, and a kink had no width."""
+    """Split a clamp's stiffness and direction, which were one vector; give a kink a width."""
     for cause in tree.get("causes", {}).values():
         names, values = list(cause["value_names"]), np.asarray(cause["values"], dtype=float)
         if names == ["stiffness_x", "stiffness_y", "stiffness_z"]:
@@ -62,9 +62,11 @@ def _checkpoint_1(tree: Tree) -> Tree:
 STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
     ("ropefit-observations", 1): _as_it_is,
     ("ropefit-observations", 2): _as_it_is,
+    ("ropefit-observations", 3): _as_it_is,
     ("ropefit-model", 1): _model_1,
     ("ropefit-diagnosis", 1): _as_it_is,
     ("ropefit-diagnosis", 2): _diagnosis_2,
+    ("ropefit-diagnosis", 3): _as_it_is,
     ("ropefit-checkpoint", 1): _checkpoint_1,
 }
 

@@ -57,7 +57,7 @@ class Observations(Artifact):
     """Ordered points, segments, plane, ends and noise of every usable frame."""
 
     schema_name: ClassVar[str] = "ropefit-observations"
-    schema_version: ClassVar[int] = 3
+    schema_version: ClassVar[int] = 4
     file_name: ClassVar[str] = "observations.h5"
 
     recording: str
