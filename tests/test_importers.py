@@ -250,7 +250,11 @@ def test_what_the_user_knows_arrives(tmp_path: Path) -> None:
     about = About('a "rope"\n', (0.0, -9.81, 0.0), 1.1, 0.007, 0.04)
     recording = brought(sources.wide_csv(tmp_path / "a.csv"), "mocap", about)
     assert recording.name == 'a "rope"\n'
-    assert recording.manifest.rope.model_dump() == {"length": 1.1, "diameter": 0.007, "mass": 0.04}
+    assert recording.manifest.rope.model_dump(exclude_none=True) == {
+        "length": 1.1,
+        "diameter": 0.007,
+        "mass": 0.04,
+    }
     np.testing.assert_array_equal(recording.gravity, [0, -9.81, 0])
 
 

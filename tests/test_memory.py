@@ -134,7 +134,7 @@ def test_a_cantilever_bent_too_far_keeps_the_set_of_beam_theory():
         with_effect(cantilever(np.array([load, 0.0]), np.arange(2.0)), PlasticSet(), [share, most])
     )
     step = point.steps[1]
-    left = vectors(step.solution)
+    (left,) = vectors(step.solution)
     size = 2 * np.linalg.norm(left, axis=1)[1:-1] * 60  # 1/m
     arm = 1 - point.setup.arc.numpy()[1:-1]
     # EI = 1: (1 - h) k + h k_y = M beyond the yield curvature k_y, and k = h (k - k_y) once free.

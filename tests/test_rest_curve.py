@@ -43,7 +43,7 @@ def setup_of(curvature: float = 0.0, segments: int = 40, frames: int = 9):
 def test_places_add_up_to_a_uniform_curvature():
     one = torch.ones(1, dtype=torch.float64)
     varied = setup_of()
-    for name in rest_curve.VARYING[: len(rest_curve.PLACES)]:
+    for name in rest_curve.VARYING[: len(rest_curve.QUARTERS)]:
         varied = rest_curve.apply(name)(varied, CURVATURE * one)
     same = rest_curve.apply("curvature_1")(setup_of(), CURVATURE * one)
     np.testing.assert_allclose(varied.properties.curvature, same.properties.curvature, atol=1e-12)

@@ -145,7 +145,7 @@ def test_a_sentence_like_an_import_is_no_import() -> None:
 @pytest.mark.parametrize("fit", FITS)
 def test_recorded_settings_are_those_that_the_fit_asks_for(fit: str, run: Path) -> None:
     o, _ = read(run / Observations.file_name, Observations)
-    o = o.model_copy(update={"time": 0.02 * np.arange(len(o.frames))})
+    o = o.model_copy(update={"time": 0.05 * np.arange(len(o.frames))})
     settings = Watched(**FITS[fit])
     used = set(settings.used())
     asked.clear()
