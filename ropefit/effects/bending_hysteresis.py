@@ -25,6 +25,7 @@ class BendingHysteresis(Effect):
         Quantity("range", "1/m", 1.0, 1e-3, 1e3, by_length=-1.0),
     )
     linear = False
+    path_dependent = True
     shaping = 1
     looks_like_noise = True
     tries = (0.3, 2.0)

@@ -93,6 +93,7 @@ class _Objective:
         self.stations, self.whitener = stations, Whitener.of(stations, problem.noise)
         self.trace: list[float] = []
         self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
+        self._slopes: tuple[Point, np.ndarray] | None = None
 
     def at(self, u: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
         """Return the point at u (P,), its stations, and the whitened residual (M D,)."""
@@ -113,7 +114,10 @@ class _Objective:
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         """Return (M D, P) whitened derivatives of the prediction."""
         point, now, _ = self.at(u)
-        return sensitivity(self.forward.jacobian(point), now, self.stations, self.whitener)
+        if self._slopes is None or self._slopes[0] is not point:
+            slopes = self.forward.jacobian(point)
+            self._slopes = point, sensitivity(slopes, now, self.stations, self.whitener)
+        return self._slopes[1]
 
     def rows(self, u: np.ndarray) -> np.ndarray:
         """Return residual rows, those of the priors last."""
