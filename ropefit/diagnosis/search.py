@@ -12,7 +12,7 @@ from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.candidates import fit_candidates, unexplained
+from ropefit.diagnosis.candidates import completed, fit_candidates, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.latent_force import LatentForce, latent_force
@@ -117,7 +117,12 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             if again is not None:
                 current = again
                 continue
-        best = rules.selection.acceptable(candidates, limits.threshold, current, refused)
+        refusals: list[str] = []
+        best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+        if refusals and any(c.fit.stopped for c in candidates):  # the leader no longer counts
+            candidates, refusals = completed(current, candidates), []
+            best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+        refused += refusals
         pair = None
         there = bool(candidates) and candidates[0].evidence >= limits.threshold
         if there and not accepted and most > 1 and current.forward.instantaneous:
