@@ -57,7 +57,7 @@ def axis(
     return _axis(np.ascontiguousarray(values), station, count, inner, radius)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy")
 def _off_surface(values, station, radius, place, off, slope):
     """Write how far points (N, 2) are off (N, 2) the surface, and how fast it falls there (N,)."""
     least, rim = (1 - OUTMOST**2) * radius**2, RIM * radius
@@ -71,7 +71,7 @@ def _off_surface(values, station, radius, place, off, slope):
         off[i, 0], off[i, 1] = side, values[i, 1] + high - place[station[i], 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy")
 def _medians(values, station, count):
     """Return (M,) of the values (N,) of every station."""
     start = np.cumsum(count) - count
@@ -86,7 +86,7 @@ def _medians(values, station, count):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy")
 def _pooled(off, weight, spare, inner, out):
     """Write (2,) [m²] variance of points off by (N, 2), of which a share (N, 2) is spared by the
     fit."""
