@@ -70,6 +70,13 @@ def test_adding_an_importer(tmp_path: Path) -> None:
     wrong = python(tmp_path, *arguments[:-1], "other", "--set", "size=2")
     assert wrong.returncode == 2
     assert "scale" in wrong.stderr
+    (tmp_path / "rope.txt").write_text("\n\n".join(blocks))
+    module = tmp_path / "ropefit_lines.py"
+    module.write_text(module.read_text().replace("points * options.scale", "points * options.size"))
+    broken = python(tmp_path, *arguments[:-1], "other")
+    assert broken.returncode == 1
+    assert broken.stderr.count("\n") == 1
+    assert re.match(r"ropefit: ropefit_lines.py:\d+: an add-on that fails \(Attr", broken.stderr)
 
 
 def test_adding_an_exporter(tmp_path: Path) -> None:
