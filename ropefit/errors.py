@@ -8,7 +8,7 @@ from __future__ import annotations
 
 
 class RopefitError(Exception):
-    """Base of all failures that are told in one line; `exit_code` is the process's."""
+    """Base of all failures that are reported in one line; `exit_code` is the process's."""
 
     exit_code = 1
 

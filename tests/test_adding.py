@@ -204,9 +204,9 @@ found = fit_candidates(nominal, [], [], slow, 6.0, ("post",))
 best = first_acceptable(found, 6.0, nominal, [])
 assert by_stretches(best.fit) and not by_stretches(nominal)
 values = best.values()
-told = dict(zip(post.names, values))
-(record,) = post.exported(told, leaning, 11, ()).beside
-print(best.hypothesis.name, best.evidence, values[2] - values[0], record.radius - told["radius"])
+summary = dict(zip(post.names, values))
+(record,) = post.exported(summary, leaning, 11, ()).beside
+print(best.hypothesis.name, best.evidence, values[2] - values[0], record.radius - summary["radius"])
 """
 
 
