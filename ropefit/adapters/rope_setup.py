@@ -59,7 +59,8 @@ def base_setup(o: Observations, segments: int) -> Setup:
         origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
     )
     setup = setup._replace(
-        seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time),
+        seen=seen, motion=motion_of(o, setup.arc.numpy()),
+        time=None if o.time is None else torch.tensor(o.time),
         end_path=end_path(o.time, o.frames, o.end_position, o.end_orientation, o.length),
     )  # fmt: skip
     setup = with_fittings(setup, o)

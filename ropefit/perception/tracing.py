@@ -236,7 +236,7 @@ class Tracer:
         if given is not None:
             self.noise, self.noise_source = given, "[priors] marker_noise"
             return
-        time = np.array([self.recording.source.time[frame] for frame in self.recording.frames])
+        time = self.recording.times(self.recording.frames)
         self.noise, self.noise_source, self.noise_known = marker_noise(positions, time, self.arc)
 
 

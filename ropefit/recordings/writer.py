@@ -85,12 +85,15 @@ class RecordingWriter:
             lines.append(f"camera_pose = [{rows}]")
         self._tables.append("\n".join(lines))
 
-    def write_markers(self, positions: np.ndarray, time: np.ndarray, held: str | None) -> None:
-        """Write markers.npz: positions (F, M, 3) [m], NaN = not seen; time (F,) [s].
+    def write_markers(
+        self, positions: np.ndarray, time: np.ndarray | None, held: str | None
+    ) -> None:
+        """Write markers.npz: positions (F, M, 3) [m], NaN = not seen; time (F,) [s], if known.
 
         held: which markers the ends hold, `[[0], [12]]`, or None.
         """
-        np.savez(self.directory / "markers.npz", positions=positions, time=time)
+        arrays = {"positions": positions} | ({} if time is None else {"time": time})
+        np.savez(self.directory / "markers.npz", **arrays)  # type: ignore[arg-type]
         self._tables.append('[markers]\nfile = "markers.npz"')
         self._held = f"markers = {held}" if held else ""
 

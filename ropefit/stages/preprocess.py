@@ -87,7 +87,7 @@ def compute(
         },
         "priors": recording.manifest.priors.model_dump(exclude={"marker_noise"}),
         "frames": np.array(frames),
-        "time": np.array([recording.source.time[frame] for frame in frames]),
+        "time": recording.times(frames),
         "dropped": dropped,
         "end_kind": tracer.end_kind,
         "ends_assumed": recording.ends is None,
