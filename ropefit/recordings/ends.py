@@ -37,7 +37,8 @@ def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> t
     if markers is None:
         raise BadInput(f"{directory}: [ends] markers needs a [markers] table")
     held0, held1 = manifest.ends.markers
-    return _from_markers(markers, held0, 0), _from_markers(markers, held1, 1)
+    inner = manifest.ends.arc_length is not None
+    return _from_markers(markers, held0, 0, inner), _from_markers(markers, held1, 1, inner)
 
 
 def end_times(path: Path) -> dict[int, float]:
@@ -133,8 +134,9 @@ def _end(
     return End("clamped", positions, turned, roll_known)
 
 
-def _from_markers(markers: Markers, held: list[int], end: int) -> End:
-    """Return an end that one held marker pins, or two clamp along the line between them."""
+def _from_markers(markers: Markers, held: list[int], end: int, inner: bool) -> End:
+    """Return an end that one held marker pins, or two clamp along the line between them. inner:
+    there may be rope, and markers, beyond it."""
     if not held:
         return End.free()
     count = markers.positions.shape[1]
@@ -142,8 +144,12 @@ def _from_markers(markers: Markers, held: list[int], end: int) -> End:
         raise BadInput(f"{markers.path}: [ends] markers {held} but there are {count} markers")
     indices = sorted(index % count for index in held)
     outer = indices[0] if end == 0 else indices[-1]
-    if len(set(indices)) < len(indices) or outer != (0 if end == 0 else count - 1):
-        raise BadInput(f"{markers.path}: end {end} must hold the outermost marker; got {held}")
+    outermost = inner or outer == (0 if end == 0 else count - 1)
+    if len(set(indices)) < len(indices) or not outermost:
+        raise BadInput(
+            f"{markers.path}: end {end} must hold the outermost marker, got {held}; if there is "
+            "rope beyond it, give [ends] arc_length"
+        )
     seen = np.isfinite(markers.positions[:, indices]).all(axis=(1, 2))
     rows = np.flatnonzero(seen)
     frames = [markers.frames[row] for row in rows]
