@@ -23,10 +23,10 @@ LEAST_FORCE = 1e-3  # of its weight: accelerations that matter to a rope
 def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
     """Return motion of the nodes at rest arc length arc (N+1,) [m] of the rod, in all frames.
 
-    None where frames have no times or lie too far apart in them, where a centreline has gaps, or
-    where the rope hardly accelerates.
+    None where frames have no times or lie too far apart in them, where a centreline has gaps or
+    was not measured in depth, or where the rope hardly accelerates.
     """
-    if o.time is None:
+    if o.time is None or not o.depth_measured:
         return None
     clips = clips_of(o.time)
     if min(len(c) for c in clips) < 2 * WINDOW + 1:

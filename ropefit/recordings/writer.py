@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from ropefit.errors import BadInput
 from ropefit.recordings.manifest import FORMAT
 
 CLOUDS = "clouds/{frame:06d}.ply"
@@ -125,6 +127,13 @@ class RecordingWriter:
             self._clamped = True
             row += "".join(f",{v:.12g}" for v in orientation)
         self._ends.append(row)
+
+    def ends_of(self, table: Path) -> None:
+        """Take the poses of the ends from a table as ends.csv is."""
+        if not table.is_file():
+            raise BadInput(f"{table}: no such file; correct its name")
+        shutil.copyfile(table, self.directory / "ends.csv")
+        self._held = 'file = "ends.csv"'
 
     def finish(self) -> None:
         """Write recording.toml and ends.csv."""
