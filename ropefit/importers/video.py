@@ -19,6 +19,8 @@ from ropefit.recordings.manifest import read_toml
 
 SMALL = 96  # pixels across, in which motion is looked for
 MOST_PIXELS = 20000
+RESTS = 2.0  # times the usual difference of two frames: with more the rope is on its way
+NEAR = 0.25  # of the motion for each frame wanted: frames with less between them are alike
 APART = 1.5  # times the usual difference of two frames: less is noise
 FULL_FRAME = 36.0  # mm: width of the film that focal lengths "of 35 mm film" are told for
 FOCAL = "focal_length.35mm_equivalent"  # in the names of cameras' metadata
@@ -81,8 +83,13 @@ def stillest(small: np.ndarray, wanted: int) -> np.ndarray:
     if path[-1] == 0:  # as much from frame to frame all along, or nothing
         path = np.arange(len(small), dtype=float)
     taken: list[int] = []
-    for frame in np.argsort(np.maximum(np.r_[moved, 0.0], np.r_[0.0, moved]), kind="stable"):
-        if np.abs(path[taken] - path[frame]).min(initial=np.inf) > path[-1] / (2 * wanted):
+    unrest = np.maximum(np.r_[moved, 0.0], np.r_[0.0, moved])
+    for frame in np.argsort(unrest, kind="stable"):
+        rests = unrest[frame] <= RESTS * np.median(unrest)
+        if (
+            rests
+            and np.abs(path[taken] - path[frame]).min(initial=np.inf) > path[-1] * NEAR / wanted
+        ):
             taken.append(int(frame))
     return np.sort(taken[:wanted])
 
