@@ -85,17 +85,23 @@ class Limits:
     units: dict[str, str]
 
 
+def _share(rounds: float) -> float:
+    """Return the share that is told done after some rounds: each is taken to be as long as all that
+    may follow it, as nothing says how many there are."""
+    return 1 - 0.9 * 0.5**rounds
+
+
 def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) -> Diagnosis:
     """Diagnose a recording, from a nominal fit with white noise."""
     rng = np.random.default_rng(seed)
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
-    progress(0.1, "scan")
+    progress(0.05, "noise")
     nominal, known = _with_noise(nominal, rules)
     current, accepted, refused = nominal, [], []
     first, limits, crowded, most = None, None, False, rules.most_effects
     for round_ in range(rules.most_effects + MORE_ROUNDS):
-        progress(0.2 + 0.16 * round_, "scan")
+        progress(_share(round_), f"round {round_ + 1}: scan")
         scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
         known = []  # of the nominal model
         if first is None or limits is None:
@@ -107,7 +113,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             highest = scan.scores[0].log_factor / (CROWDED_FACTOR * limits.threshold)
             crowded = min(highest, latent.evidence / limits.latent) > 1
             break
-        progress(0.24 + 0.16 * round_, "fits of the leaders")
+        progress(_share(round_ + 0.2), f"round {round_ + 1}: fits of the leading candidates")
         candidates = rules.selection.candidates(
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
             scan.contact(rules), limits.threshold, rules.effects,
