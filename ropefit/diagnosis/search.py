@@ -17,7 +17,7 @@ from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.latent_force import LatentForce, latent_force
 from ropefit.diagnosis.noise_measurement import measured_noise
-from ropefit.diagnosis.pairs import best_pair
+from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
 from ropefit.diagnosis.proposals import Start, proposals, uneven
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
@@ -123,9 +123,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None:
-            for candidate, without in pair[0]:
-                accepted.append(accept(candidate, [candidate], without, len(scan.sensitivities)))
-            current = pair[1]
+            accepted, current = accepted_pair(pair, len(scan.sensitivities)), pair[1]
             continue
         if best is None:
             break
@@ -141,6 +139,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         forward = best.fit.forward.starting_from(best.fit.point.solution)
         current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
+        current, accepted = as_points(current, accepted, limits.threshold)
     assert first is not None
     assert limits is not None
     return Diagnosis(
