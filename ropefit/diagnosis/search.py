@@ -23,7 +23,12 @@ from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
-from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise, with_what_is_missed_alike
+from ropefit.diagnosis.wander import (
+    MESH_ERROR,
+    no_larger_than_left,
+    wandering_noise,
+    with_what_is_missed_alike,
+)
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
@@ -135,7 +140,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if not current.forward.instantaneous:  # less is left, and what is left wanders less
             problem = problem.under(wandering_noise(best.fit, scan.sensitivities))
         else:
-            problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
+            noise = no_larger_than_left(problem.noise, best.fit, [])
+            problem = problem.under(with_what_is_missed_alike(noise, best.fit, []))
         forward = best.fit.forward.starting_from(best.fit.point.solution)
         current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
@@ -159,6 +165,7 @@ def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
     noise, known = _noise(nominal, rules)
     if nominal.forward.instantaneous and known:
         noise = with_what_is_missed_alike(noise, nominal, known)
+        noise = no_larger_than_left(noise, nominal, known)
     forward = nominal.forward.starting_from(nominal.point.solution)
     again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
     return again, known
