@@ -210,9 +210,10 @@ def _refitted_beside(smaller: Fit, seen: np.ndarray) -> np.ndarray:
     return np.clip(u + step, low, high)
 
 
-def occam_factor(fitted: Fit, term: Term) -> float:
-    """Return half the log of how much the data narrow the term's values, from broad priors."""
-    k = term.size
+def occam_factor(fitted: Fit, *terms: Term) -> float:
+    """Return half the log of how much the data narrow the values of the last terms, from broad
+    priors."""
+    k = sum(term.size for term in terms)
     held = np.isfinite(fitted.prior)
     information = fitted.jacobian.T @ fitted.jacobian + np.diag(
         np.where(held, 1 / fitted.prior**2, 1e-12)
@@ -221,10 +222,12 @@ def occam_factor(fitted: Fit, term: Term) -> float:
     cross = information[:-k, -k:]
     own = information[-k:, -k:] - cross.T @ np.linalg.pinv(others, hermitian=True) @ cross
     length = float(fitted.forward.base.properties.length.sum())
-    places = term.effect.place_names if term.effect else ()
     prior = np.array(
         [
-            PLACE_PRIOR_SD * length / s if name in places else SIZE_PRIOR_SD
+            PLACE_PRIOR_SD * length / s
+            if term.effect and name in term.effect.place_names
+            else SIZE_PRIOR_SD
+            for term in terms
             for name, s in zip(term.names, term.scale, strict=True)
         ]
     )

@@ -33,7 +33,8 @@ class Fit:
     problem: what the model was fitted to; z (M D,): whitened residual; jacobian (M D, P) of the
     model in the search variables, whitened;
     covariance (P, P) of the search variables; cost: χ² with the priors' share; scale: sd of z;
-    spread: by how much the variance of estimates exceeds that by the noise alone.
+    spread: by how much the variance of estimates exceeds that by the noise alone; independent: the
+    degrees of freedom with which that variance is known.
     """
 
     forward: Model
@@ -48,6 +49,7 @@ class Fit:
     cost: float
     spread: float
     freedom: int
+    independent: float
     converged: bool
     evaluations: int
     trace: list[float]
@@ -62,7 +64,7 @@ class Fit:
     @property
     def quantile(self) -> float:
         """Return Student's t for 95 %."""
-        return float(stdtrit(self.freedom, 0.975))
+        return float(stdtrit(self.independent, 0.975))
 
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
@@ -209,19 +211,21 @@ def fit(
     point, now, z = objective.at(best["u"])
     cost, status, nfev = best["told"]
     jacobian, prior, held = objective.jacobian(best["u"]), objective.prior, objective.held
-    freedom = max(len(z) - int((~held).sum()), 1)
+    free = int((~held).sum())
+    freedom = max(len(z) - free, 1)
     stations = objective.stations
     elsewhere = forward.instantaneous and problem.noise.repeats > 1  # of a motion: measured here
-    spread = inflation(
+    spread, share = inflation(
         objective.stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere
     )
+    independent = max(share * len(z) / problem.noise.repeats - free, 1.0)
     # What the model misses scales the data's share of the information, not the priors'.
     scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
     current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
         forward, problem, point, current, objective.whitener, z, jacobian, prior,
-        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), spread, freedom, bool(status > 0),
-        int(nfev), best["trace"].tolist(), bool(status == STOPPED),
+        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), spread, freedom, independent,
+        bool(status > 0), int(nfev), best["trace"].tolist(), bool(status == STOPPED),
     )  # fmt: skip
 
 
