@@ -105,11 +105,13 @@ class Candidate:
 
 
 def fit_candidate(
-    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf
-) -> Candidate | None:
+    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf,
+    needed: float = np.inf,
+) -> Candidate | None:  # fmt: skip
     """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle.
 
     lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
+    needed: cost that makes a difference; a fit without prospect of it is stopped.
     """
     setup, slow = smaller.forward.base, hypothesis.effect.slow
     origin = calm(smaller) if slow else smaller
@@ -129,7 +131,8 @@ def fit_candidate(
     if slow and np.allclose(first.seen, origin.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there is no gradient
     most = SLOW_EVALUATIONS if slow else EVALUATIONS
-    fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5)
+    needed = np.inf if slow else needed  # contact has no linear steps
+    fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5, needed=needed)
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = _continued(smaller.cost, fitted, lowest)
     if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.converged.all():

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.adapters.frozen import frozen_values
+from ropefit.adapters.motion_of import times_of
 from ropefit.adapters.motion_setup import Span, span_of
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS
@@ -38,17 +39,17 @@ def nominal_in_motion(
     most = max(1, most_frames * OF_MOTION // max(len(c) for c in clips))
     spread = np.linspace(0, len(clips) - 1, min(most, len(clips))).round().astype(int)
     clips = [clips[k] for k in spread]
-    span = replace(span, lines=_begun_smoothly(o.time, span.lines, clips))
+    span = replace(span, lines=_begun_smoothly(times_of(o), span.lines, clips))
     forward, start = model_of(o, model.nominal, span, clips)
     if known:
         forward, start = _known_rope(o, forward, start, known)
     if calibration:
         errors = set_up_errors(span.setup, o, None)
-        told = [new for old, new in zip(errors, calibrated(errors, calibration), strict=True)
+        loosened = [new for old, new in zip(errors, calibrated(errors, calibration), strict=True)
                 if new is not old]  # fmt: skip
-        forward = forward.with_terms([*forward.terms, *told])
-        start = np.concatenate([start, *(np.zeros(term.size) for term in told)])
-    step = float(np.median(np.diff(o.time[clips[0]])))
+        forward = forward.with_terms([*forward.terms, *loosened])
+        start = np.concatenate([start, *(np.zeros(term.size) for term in loosened)])
+    step = float(np.median(np.diff(times_of(o)[clips[0]])))
     compared = np.zeros(len(o.frames), dtype=bool)
     for clip in clips:
         compared[clip[:: max(1, round(SAMPLE / step))]] = True
@@ -75,8 +76,8 @@ def _known_rope(
     for name in (n for n in IN_MOTION if n in rope or n in values):
         term = rope.get(name)
         if name in values:
-            told = PARAMETERS[name].term(forward.base, values[name] / stated[name].factor)
-            term = as_known(told, group.parameters[name])
+            fitted = PARAMETERS[name].term(forward.base, values[name] / stated[name].factor)
+            term = as_known(fitted, group.parameters[name])
         terms.append(term)
         begin.append(np.zeros(1) if name in values else own[name])
     errors = [t for t in forward.terms if t.nuisance]

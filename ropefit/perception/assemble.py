@@ -170,8 +170,8 @@ def _length(tracer: Tracer, traces: list[Trace], position: np.ndarray) -> tuple[
     if not tracer.measures_depth and tracer.length is None and tracer.recording.ends is None:
         return visible, "assumed"
     hidden = tracer.recording.ends is None and visible < ALL_SEEN * (tracer.length or 0.0)
-    if tracer.length and not hidden:
-        return tracer.length, "recording"
+    if tracer.span and not hidden:
+        return tracer.span, "recording"
     apart = np.linalg.norm(position[:, 1] - position[:, 0], axis=1)
     farthest = float(np.max(apart[np.isfinite(apart)], initial=0.0))
     return max(visible, farthest * 1.001), "estimated"
@@ -221,10 +221,10 @@ def _whether_to_project(
 ) -> tuple[bool, str]:
     """Return whether to project, and why. noise [m]: None where it is assumed, or an upper bound;
     nothing is flattened on the strength of that."""
-    told = "noise not measured" if noise is None else f"noise {noise * 1e3:.2g} mm"
+    noise_text = "noise not measured" if noise is None else f"noise {noise * 1e3:.2g} mm"
     share = (
         f"the rope leaves the plane of gravity and its ends by {out_of_plane * 1e3:.1f} mm rms "
-        f"({told})"
+        f"({noise_text})"
     )
     if project != "auto":
         return project == "yes", f"asked for; {share}"

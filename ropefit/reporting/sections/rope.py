@@ -32,7 +32,7 @@ from ropefit.reporting.words import number
 MOST_DOTS = 160  # of one frame
 SMOOTH = 6  # points drawn for each of a rope's segments
 FEW = 60  # points a frame: drawn larger than a cloud
-VISIBLE = 0.04  # of the rope's length that the models should differ by to be told apart by eye
+VISIBLE = 0.04  # of the rope's length that the models should differ by to be distinguished by eye
 FACTORS = (2, 5, 10, 20, 50, 100)
 
 
@@ -67,7 +67,7 @@ def finer(arc: np.ndarray) -> np.ndarray:
 
 def _label(run: RunContents, t: int) -> str:
     o, f = run.observations, run.fitted
-    text = f"Frame {o.frames[t]}, {o.time[t]:.2f} s"
+    text = f"Frame {o.frames[t]}" + ("" if o.time is None else f", {o.time[t]:.2f} s")
     return text + (", held out" if f is not None and f.heldout[t] else "")
 
 
