@@ -7,8 +7,10 @@ import pytest
 import torch
 
 from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.proposals import proposals
-from ropefit.effects import Obstacle, SupportPlane
+from ropefit.diagnosis.sensitivities import Sensitivities
+from ropefit.effects import Obstacle, PointMass, SupportPlane
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.least_squares import fit
@@ -83,3 +85,22 @@ def test_bars_are_proposed_beside_planes_only():
     above = np.array([1.0, 0.0, 0.0])
     assert Obstacle().starts_beside(SupportPlane(), above, of(point))
     assert Obstacle().starts_beside(Obstacle(), above, of(point)) == []
+
+
+def test_planes_one_after_the_other_do_not_mix():
+    """A second plane, on the first or in its place, meets states settled with other supports: it
+    once wrote past its arrays (`make bounds`)."""
+    free = rope(288, 6)
+    low = float(Equilibrium(free, []).at(np.empty(0)).seen[..., 2].min())
+    height = low + DEPTH - float(middle_of(free)[2])
+    table = SupportPlane().apply(free, torch.tensor([height, 0.0, 0.0], dtype=torch.float64))
+    nominal = nominal_fit(recorded(table, seed=9), 72)
+    hypothesis = Hypothesis(SupportPlane(), NO_PLACE)
+    first = fit_candidate(nominal, hypothesis, np.array([height, 0.0, 0.0]))
+    assert first is not None
+    for smaller in (nominal, first.fit):
+        for higher in (0.02, 0.1, 0.4):  # up to deep inside most of the rope
+            second = fit_candidate(smaller, hypothesis, np.array([height + higher, 0.1, 0.0]))
+            assert second is None or np.isfinite(second.fit.point.seen).all()
+    mass = Hypothesis(PointMass(), PointMass().scan_places(free))
+    assert np.isfinite(Sensitivities(first.fit).of(mass).values).all()
