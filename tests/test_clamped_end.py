@@ -6,7 +6,7 @@ import torch
 
 from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, hypotheses
 from ropefit.diagnosis.rules import RULES, Selection
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities, loads_to_nodes
@@ -85,3 +85,13 @@ def test_an_infinite_stiffness_is_a_finite_search():
     _, high = Equilibrium(rope(20), [term]).bounds()
     assert np.isfinite(high[0])
     assert np.isfinite(term.value(np.array([high[0], 0, 0, 0]))).all()
+
+
+def test_a_direction_of_any_length_is_a_start():
+    """Only the stiffness saturates: a component of minus its usual size is no infinite value."""
+    setup, effect = rope(20), ClampedEnd(1)
+    usual = np.array([q.size(setup) for q in effect.quantities])
+    start = np.array([2.0, -1.0, 1.0, -1.0]) * usual
+    term = Hypothesis(effect, NO_PLACE).term(setup, start)
+    np.testing.assert_allclose(term.value(np.zeros(4)), start)
+    np.testing.assert_allclose(term.search(start), 0, atol=1e-12)
