@@ -193,12 +193,12 @@ def test_clamped_and_pinned_ends(tmp_path: Path) -> None:
     np.testing.assert_allclose(third_director(ends[0].orientation[1]), [0.96, 0, -0.28], atol=1e-12)
 
 
-def test_without_a_clock_time_is_the_frame(tmp_path: Path) -> None:
+def test_without_a_clock_there_are_no_times(tmp_path: Path) -> None:
     where = image_recording(tmp_path / "r")
     edit(where / "recording.toml", '[ends]\nfile = "ends.csv"\n', "")
     recording = open_recording(where)
     assert recording.ends is None
-    assert recording.source.time == {0: 0.0, 1: 1.0, 2: 2.0}
+    assert recording.times(recording.frames) is None
 
 
 def test_held_markers_clamp_along_the_rope(tmp_path: Path) -> None:

@@ -16,14 +16,18 @@ SAME_TIME = 1e-6  # s
 
 
 def end_path(
-    time: np.ndarray, frames: np.ndarray, ends: np.ndarray, clamp: np.ndarray, length: float
+    time: np.ndarray | None,
+    frames: np.ndarray,
+    ends: np.ndarray,
+    clamp: np.ndarray,
+    length: float,
 ) -> EndPath | None:
     """Return the path through poses of the ends (F, 2, 3) [m] and clamps (F, 2, 4) at times (F,).
 
-    None where frames (F,), their numbers, are the only times there are, as of poses that were held
-    still; where a clip is too short to interpolate; or where no end moves.
+    None where there are no times, or none but frames (F,), their numbers, as of poses that were
+    held still; where a clip is too short to interpolate; or where no end moves.
     """
-    if len(time) < LEAST_POSES or np.abs(time - frames).max() < SAME_TIME:
+    if time is None or len(time) < LEAST_POSES or np.abs(time - frames).max() < SAME_TIME:
         return None
     clips = _clips(time)
     position, turn = np.nan_to_num(ends), np.nan_to_num(continuous(clamp))

@@ -7,6 +7,7 @@ import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.artifacts import Observations
+from ropefit.errors import BadInput
 from ropefit.rod.setup import Motion
 
 WINDOW = 3  # frames on either side that a parabola in time is fitted to
@@ -22,9 +23,11 @@ LEAST_FORCE = 1e-3  # of its weight: accelerations that matter to a rope
 def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
     """Return motion of the nodes at rest arc length arc (N+1,) [m] of the rod, in all frames.
 
-    None where frames lie too far apart in time, where a centreline has gaps, or where the rope
-    hardly accelerates.
+    None where frames have no times or lie too far apart in them, where a centreline has gaps or
+    was not measured in depth, or where the rope hardly accelerates.
     """
+    if o.time is None or not o.depth_measured:
+        return None
     clips = clips_of(o.time)
     if min(len(c) for c in clips) < 2 * WINDOW + 1:
         return None
@@ -72,6 +75,16 @@ def _seen_of(o: Observations, t: int) -> tuple[np.ndarray, np.ndarray]:
             at, points = np.append(at, place), np.vstack([points, o.end_position[t, end]])
     order = np.argsort(at)
     return at[order], points[order]
+
+
+def times_of(o: Observations) -> np.ndarray:
+    """Return (F,) [s] the times of the frames. Raises BadInput where the recording has none."""
+    if o.time is None:
+        raise BadInput(
+            "the recording has no times, and a motion is made of them; give them in the column "
+            "time, or use --solver equilibrium for shapes at rest"
+        )
+    return o.time
 
 
 def clips_of(time: np.ndarray) -> list[np.ndarray]:

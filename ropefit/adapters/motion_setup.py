@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ropefit.adapters.end_path import end_path
-from ropefit.adapters.motion_of import centrelines, clips_of
+from ropefit.adapters.motion_of import centrelines, clips_of, times_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space
 from ropefit.artifacts import Observations
 from ropefit.inference.bins import Data
@@ -55,7 +55,7 @@ def span_of(o: Observations) -> Span:
     # Frames in which a grip is not seen tell nothing of the rope.
     part = o.model_copy(update={"length": last - first, "end_position": held})
     setup = base_setup(part, SEGMENTS)
-    clips, clamp = clips_of(o.time), continuous(setup.clamp.numpy())
+    clips, clamp = clips_of(times_of(o)), continuous(setup.clamp.numpy())
     clamp_compliance = setup.clamp_compliance
     if not o.end_twist_known and all(setup.clamped):
         clamp, clamp_compliance = carried(clamp, lines, clips), torch.zeros_like(clamp_compliance)

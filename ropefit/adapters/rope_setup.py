@@ -39,9 +39,15 @@ def base_setup(o: Observations, segments: int) -> Setup:
     """Return the nominal rope in every frame: the weight known or one kilogram a metre, never
     stretching.
 
-    Raises BadInput where no end is held or there is no gravity.
+    Raises BadInput where no end is held, there is no gravity, or pictures tell too little.
     """
     size = float(np.linalg.norm(o.gravity))
+    told = not o.ends_assumed and o.length_source == "recording"
+    if not o.depth_measured and not (told and "free" not in o.end_kind):
+        raise BadInput(
+            "pictures without depth: the equilibrium model needs [rope] length and the poses of "
+            "both ends ([ends]) in the recording"
+        )
     if size == 0:
         raise BadInput("the equilibrium model needs gravity: without it shapes fix no stiffness")
     if all(kind == "free" for kind in o.end_kind):
@@ -59,7 +65,8 @@ def base_setup(o: Observations, segments: int) -> Setup:
         origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
     )
     setup = setup._replace(
-        seen=seen, motion=motion_of(o, setup.arc.numpy()), time=torch.tensor(o.time),
+        seen=seen, motion=motion_of(o, setup.arc.numpy()),
+        time=None if o.time is None else torch.tensor(o.time),
         end_path=end_path(o.time, o.frames, o.end_position, o.end_orientation, o.length),
     )  # fmt: skip
     setup = with_fittings(setup, o)
@@ -96,7 +103,8 @@ def data_in_space(o: Observations) -> Data:
     back = o.point_offset[:, None] * normal if o.projected else 0.0
     points[mask] = o.points + back
     share[mask] = o.point_arc / o.length
-    data = Data(points, share, mask, o.source == "markers", o.view.pose[:3, 3].copy())
+    eye = o.view.pose[:3, 3].copy()
+    data = Data(points, share, mask, o.source == "markers", eye, depth=o.depth_measured)
     if o.point_before is None or not o.diameter:
         return data
     before = np.zeros((frames, most))

@@ -79,7 +79,8 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     if len(failed) == len(some):
         raise BadInput(f"{path}: no rope in any of frames {', '.join(traced)}: {failed[0]}")
     warnings = [*tracer.warnings, *failed, *_unsaid(recording), *_frames_without_poses(recording)]
-    time = np.array([recording.source.time[frame] for frame in frames])
+    time = recording.times(frames)
+    clock = "no times" if time is None else f"{np.nanmin(time):g} to {np.nanmax(time):g} s"
     rope = recording.manifest.rope
     given = [
         ("long", rope.length, "m"), ("thick", rope.diameter, "m"), ("heavy", rope.mass, "kg"),
@@ -87,7 +88,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     ]  # fmt: skip
     known = [f"{value:g} {unit} {what}" for what, value, unit in given if value is not None]
     summary = [
-        ("frames", f"{len(frames)} ({frames[0]}..{frames[-1]}), {time[0]:g} to {time[-1]:g} s"),
+        ("frames", f"{len(frames)} ({frames[0]}..{frames[-1]}), {clock}"),
         ("data", _data(recording)),
         ("ends", "not given: those seen are taken as pinned" if recording.ends is None
          else ", ".join(f"end {k} {kind}" for k, kind in enumerate(tracer.end_kind))),

@@ -57,7 +57,7 @@ class Observations(Artifact):
     """Ordered points, segments, plane, ends and noise of every usable frame."""
 
     schema_name: ClassVar[str] = "ropefit-observations"
-    schema_version: ClassVar[int] = 4
+    schema_version: ClassVar[int] = 5
     file_name: ClassVar[str] = "observations.h5"
 
     recording: str
@@ -75,7 +75,8 @@ class Observations(Artifact):
     fittings: dict[str, Fitting] = Field(default_factory=dict)
 
     frames: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]
-    time: Annotated[np.ndarray, ArraySpec(("frame",), "s")]
+    # None: the recording has no times, as single poses at rest have none.
+    time: Annotated[np.ndarray, ArraySpec(("frame",), "s")] | None = None
     dropped: list[DroppedFrame] = Field(default_factory=list)
 
     end_kind: tuple[EndKind, EndKind]

@@ -54,13 +54,13 @@ class Session:
         """Provide a progress function (share, text) for a stage; drawn on terminals only."""
         if self.quiet or not self.errors.is_terminal:
             return lambda share, text: None
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         self.finish()
         self._progress = Progress(
             TextColumn(label),
             BarColumn(),
-            TimeRemainingColumn(),
+            TimeElapsedColumn(),  # what remains is not known: fits take as many steps as they need
             TextColumn("{task.description}"),
             console=self.errors,
             transient=True,

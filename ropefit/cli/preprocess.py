@@ -95,7 +95,8 @@ def show_observations(
         session.say("no [ends] in the recording: the ends seen in the data are taken as pinned")
     if not o.depth_measured:
         session.say(
-            "no depth in the recording: points lie on an assumed plane; only OBJ2, OBJ5 and OBJ8, "
-            "which compare pictures, can be fitted"
+            "no depth in the recording: points lie on an assumed plane. OBJ2, OBJ5 and OBJ8 "
+            "compare pictures; --solver equilibrium compares the rope across in the picture, if "
+            "[rope] length and [ends] are given"
         )
     return data

@@ -12,18 +12,23 @@ from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.candidates import fit_candidates, unexplained
+from ropefit.diagnosis.candidates import completed, fit_candidates, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.latent_force import LatentForce, latent_force
 from ropefit.diagnosis.noise_measurement import measured_noise
-from ropefit.diagnosis.pairs import best_pair
+from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
 from ropefit.diagnosis.proposals import Start, proposals, uneven
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
-from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise, with_what_is_missed_alike
+from ropefit.diagnosis.wander import (
+    MESH_ERROR,
+    no_larger_than_left,
+    wandering_noise,
+    with_what_is_missed_alike,
+)
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
@@ -85,17 +90,23 @@ class Limits:
     units: dict[str, str]
 
 
+def _share(rounds: float) -> float:
+    """Return the share that is told done after some rounds: each is taken to be as long as all that
+    may follow it, as nothing says how many there are."""
+    return 1 - 0.9 * 0.5**rounds
+
+
 def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) -> Diagnosis:
     """Diagnose a recording, from a nominal fit with white noise."""
     rng = np.random.default_rng(seed)
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
-    progress(0.1, "scan")
+    progress(0.05, "noise")
     nominal, known = _with_noise(nominal, rules)
     current, accepted, refused = nominal, [], []
     first, limits, crowded, most = None, None, False, rules.most_effects
     for round_ in range(rules.most_effects + MORE_ROUNDS):
-        progress(0.2 + 0.16 * round_, "scan")
+        progress(_share(round_), f"round {round_ + 1}: scan")
         scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
         known = []  # of the nominal model
         if first is None or limits is None:
@@ -107,7 +118,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             highest = scan.scores[0].log_factor / (CROWDED_FACTOR * limits.threshold)
             crowded = min(highest, latent.evidence / limits.latent) > 1
             break
-        progress(0.24 + 0.16 * round_, "fits of the leaders")
+        progress(_share(round_ + 0.2), f"round {round_ + 1}: fits of the leading candidates")
         candidates = rules.selection.candidates(
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
             scan.contact(rules), limits.threshold, rules.effects,
@@ -117,15 +128,18 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             if again is not None:
                 current = again
                 continue
-        best = rules.selection.acceptable(candidates, limits.threshold, current, refused)
+        refusals: list[str] = []
+        best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+        if refusals and any(c.fit.stopped for c in candidates):  # the leader no longer counts
+            candidates, refusals = completed(current, candidates), []
+            best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+        refused += refusals
         pair = None
         there = bool(candidates) and candidates[0].evidence >= limits.threshold
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None:
-            for candidate, without in pair[0]:
-                accepted.append(accept(candidate, [candidate], without, len(scan.sensitivities)))
-            current = pair[1]
+            accepted, current = accepted_pair(pair, len(scan.sensitivities)), pair[1]
             continue
         if best is None:
             break
@@ -137,10 +151,12 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if not current.forward.instantaneous:  # less is left, and what is left wanders less
             problem = problem.under(wandering_noise(best.fit, scan.sensitivities))
         else:
-            problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
+            noise = no_larger_than_left(problem.noise, best.fit, [])
+            problem = problem.under(with_what_is_missed_alike(noise, best.fit, []))
         forward = best.fit.forward.starting_from(best.fit.point.solution)
         current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
+        current, accepted = as_points(current, accepted, limits.threshold)
     assert first is not None
     assert limits is not None
     return Diagnosis(
@@ -160,6 +176,7 @@ def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
     noise, known = _noise(nominal, rules)
     if nominal.forward.instantaneous and known:
         noise = with_what_is_missed_alike(noise, nominal, known)
+        noise = no_larger_than_left(noise, nominal, known)
     forward = nominal.forward.starting_from(nominal.point.solution)
     again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
     return again, known

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ropefit.adapters.motion_model import motion_model
-from ropefit.adapters.motion_of import clips_of
+from ropefit.adapters.motion_of import clips_of, times_of
 from ropefit.adapters.motion_setup import EVERY, Span, span_of
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.units import stated_units
@@ -54,7 +54,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     train = train[: max(1, settings.most_frames * OF_MOTION // len(train[0]))]
     forward = _forward(o, span, terms, train)
     # What a motion misses wanders for a swing or so: of its many samples, few are news.
-    noise, step = Noise(marker=LEAST_NOISE), float(np.median(np.diff(o.time)))
+    noise, step = Noise(marker=LEAST_NOISE), float(np.median(np.diff(times_of(o))))
     context.progress(0.1, "least squares")
     _check(forward.at(forward.start()), train)
     start = forward.start()
@@ -71,7 +71,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     whole = _forward(o, span, terms, clips)
     point, first = whole.at(found.point.u), whole.at(forward.start())
     _check(point, clips)
-    estimates = block_estimates(found, train, o.time)
+    estimates = block_estimates(found, train, times_of(o))
     model = motion_model(
         o, span, settings.loss, node, clips, out, found, estimates, point, first,
         np.concatenate(train),
@@ -114,7 +114,7 @@ def model_of(
 
 def long_clips(o: Observations) -> list[np.ndarray]:
     """Return indices of the frames of each clip. Raises BadInput."""
-    clips = [c for c in clips_of(o.time) if len(c) >= SHORTEST]
+    clips = [c for c in clips_of(times_of(o)) if len(c) >= SHORTEST]
     if not clips:
         raise BadInput(
             f"no {SHORTEST} frames follow each other without a gap in time; "
@@ -160,7 +160,9 @@ def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
 
 
 def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]) -> Dynamics:
-    return Dynamics(span.setup, terms, time=o.time, clips=clips, observed=span.lines, every=EVERY)
+    return Dynamics(
+        span.setup, terms, time=times_of(o), clips=clips, observed=span.lines, every=EVERY
+    )
 
 
 def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:

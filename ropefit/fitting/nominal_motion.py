@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.adapters.frozen import frozen_values
+from ropefit.adapters.motion_of import times_of
 from ropefit.adapters.motion_setup import Span, span_of
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS
@@ -38,7 +39,7 @@ def nominal_in_motion(
     most = max(1, most_frames * OF_MOTION // max(len(c) for c in clips))
     spread = np.linspace(0, len(clips) - 1, min(most, len(clips))).round().astype(int)
     clips = [clips[k] for k in spread]
-    span = replace(span, lines=_begun_smoothly(o.time, span.lines, clips))
+    span = replace(span, lines=_begun_smoothly(times_of(o), span.lines, clips))
     forward, start = model_of(o, model.nominal, span, clips)
     if known:
         forward, start = _known_rope(o, forward, start, known)
@@ -48,7 +49,7 @@ def nominal_in_motion(
                 if new is not old]  # fmt: skip
         forward = forward.with_terms([*forward.terms, *loosened])
         start = np.concatenate([start, *(np.zeros(term.size) for term in loosened)])
-    step = float(np.median(np.diff(o.time[clips[0]])))
+    step = float(np.median(np.diff(times_of(o)[clips[0]])))
     compared = np.zeros(len(o.frames), dtype=bool)
     for clip in clips:
         compared[clip[:: max(1, round(SAMPLE / step))]] = True

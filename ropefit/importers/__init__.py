@@ -12,12 +12,13 @@ from ropefit.importers.mocap import Mocap
 from ropefit.importers.realsense import RealSense
 from ropefit.importers.ros import Ros
 from ropefit.importers.tum import Tum
+from ropefit.importers.video import Video
 from ropefit.plugins import IMPORTERS, concrete
 from ropefit.recordings.writer import About
 
 __all__ = [
     "About", "C3d", "Clouds", "Draft", "Entry", "Importer", "Kinect", "Mocap", "Options",
-    "RealSense", "Ros", "Tum", "importer", "importers", "parse_options",
+    "RealSense", "Ros", "Tum", "Video", "importer", "importers", "parse_options",
 ]  # fmt: skip
 
 

@@ -61,9 +61,9 @@ class Draft(RecordingWriter):
         self.frames += 1
 
     def markers(
-        self, positions: np.ndarray, time: np.ndarray, source: Path, held: str | None
+        self, positions: np.ndarray, time: np.ndarray | None, source: Path, held: str | None
     ) -> None:
-        """Add positions (F, M, 3) [m], NaN = not seen; time (F,) [s].
+        """Add positions (F, M, 3) [m], NaN = not seen; time (F,) [s], if known.
 
         held: which markers the ends hold, `[[0], [12]]`, or None.
         """

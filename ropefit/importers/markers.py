@@ -43,13 +43,13 @@ def deliver(
     options: MarkerOptions,
     draft: Draft,
     names: list[str],
-    time: np.ndarray,
+    time: np.ndarray | None,
     positions: np.ndarray,
     scale: float,
     up: str = "z",
 ) -> None:
     """Put chosen markers of (F, M, 3) positions into the draft; `scale` and `up` if the options
-    have none. With Y up, (x, y, z) becomes (x, -z, y)."""
+    have none; time (F,) [s], if known. With Y up, (x, y, z) becomes (x, -z, y)."""
     if positions.shape[1] > MOST_MARKERS:
         raise BadInput(f"{source}: {positions.shape[1]} markers; at most {MOST_MARKERS} are read")
     chosen = _split(options.markers) or names
@@ -63,22 +63,28 @@ def deliver(
             f"markers are taken in the file's order, {chosen[0]} at end 0 to {chosen[-1]} at end "
             "1; give --set markers=... in the order along the rope if it is another"
         )
-    rows = np.array(thinned(list(range(len(time))), options, source), dtype=int)
+    rows = np.array(thinned(list(range(len(positions))), options, source), dtype=int)
     columns = [names.index(name) for name in chosen]
     picked = positions[rows][:, columns] * (options.scale or scale)
     if (options.up or up) == "y":
         picked = np.stack([picked[..., 0], -picked[..., 2], picked[..., 1]], axis=-1)
         draft.note("Y points up in the file: turned so that Z does; if it is wrong, --set up=z")
-    if np.isinf(picked).any() or not np.isfinite(time[rows]).all():
+    own = None if time is None else time[rows]
+    if np.isinf(picked).any() or not (own is None or np.isfinite(own).all()):
         raise BadInput(f"{source}: infinite positions or times that are no numbers")
     if not np.isfinite(picked).any():
         raise BadInput(f"{source}: no position of the chosen markers is a number")
-    if (np.diff(time[rows]) <= 0).any():
+    if own is not None and (np.diff(own) <= 0).any():
         raise BadInput(f"{source}: time does not increase from frame to frame")
+    if own is None:
+        draft.note(
+            "the file has no times: its frames are taken for single shapes at rest; if they were "
+            "filmed, give --set rate=... in frames a second"
+        )
     held = _held(options, chosen)
     if held is None:
         draft.note("no held marker given (--set held0=, held1=): the outermost count as pinned")
-    draft.markers(picked, time[rows], source, held)
+    draft.markers(picked, own, source, held)
 
 
 def _held(options: MarkerOptions, chosen: list[str]) -> str | None:

@@ -131,14 +131,16 @@ def _long(source: Path, low: list[str], table: np.ndarray, clock: np.ndarray | N
     return Capture(labels, time, positions)
 
 
-def _clock(source: Path, time: np.ndarray | None, count: int, rate: float | None) -> np.ndarray:
-    """Return (F,) seconds: the file's, or frames at the rate given."""
+def _clock(
+    source: Path, time: np.ndarray | None, count: int, rate: float | None
+) -> np.ndarray | None:
+    """Return (F,) seconds: the file's, or frames at the rate given; None where there is neither."""
     if count == 0:
         raise BadInput(f"{source}: has no frames")
     if rate is not None:
         return np.arange(count) / rate
     if time is None:
-        raise BadInput(f"{source}: has no time; give --set rate=... in frames a second")
+        return None
     if time.shape != (count,) or time.dtype.kind not in "fiu":
         raise BadInput(f"{source}: time has shape {time.shape}, not ({count},)")
     return time.astype(float)

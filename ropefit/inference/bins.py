@@ -3,7 +3,8 @@
 A cloud's points have no counterpart on the rope: only their offset across the curve counts. The
 points that fall to the same short stretch make one station, robustly, with the white noise that
 they show (round_surface.py); nothing is lost, since no shape changes within a stretch.
-Markers are stations as they are, in three dimensions.
+Markers are stations as they are, in three dimensions. Of pictures without depth only the offset to
+the side of the ray counts.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ropefit.inference.round_surface import axis, information
 
 WINDOW = 0.08  # of the length: how far a point may lie from where preprocess put it
 FINE = 4  # points of the curve for every segment
+STRIDE = 4  # segments of the curve that are passed over at once
 FEWEST = 3  # points of a station that say anything
 
 
@@ -28,7 +30,8 @@ class Data:
     material: the shares are known (markers), so that all three components count. eye (3,) [m]:
     where the sensor is. firm: every masked point counts, whatever the curve; fits that are compared
     need the same points. before (F, P) [m]: how far the points were moved onto the axis from the
-    surface of a rope of `radius` [m]; 0 where no surface was seen.
+    surface of a rope of `radius` [m]; 0 where no surface was seen. depth: False where points are
+    pixels, which tell their rays only.
     """
 
     points: np.ndarray
@@ -39,12 +42,26 @@ class Data:
     firm: bool = False
     before: np.ndarray | None = None
     radius: float = 0.0
+    depth: bool = True
 
     def frames(self, index: np.ndarray) -> Data:
         return replace(
             self, points=self.points[index], share=self.share[index], mask=self.mask[index],
             before=None if self.before is None else self.before[index],
         )  # fmt: skip
+
+    def as_deep_as(self, x: np.ndarray) -> Data:
+        """Return the points carried along their rays to the depth of the curve through nodes x
+        (F, K, 3), where they tell no depth of their own."""
+        if self.depth:
+            return self
+        frame, slot = np.nonzero(self.mask)
+        ray = self.points[frame, slot] - self.eye
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        far = ((_on_curve(x, frame, self.share[frame, slot])[3] - self.eye) * ray).sum(1)
+        points = self.points.copy()
+        points[frame, slot] = self.eye + far[:, None] * ray
+        return replace(self, points=points)
 
     def settled(self, x: np.ndarray) -> Data:
         """Return only the points that count against the curve through nodes x (F, K, 3), from now
@@ -57,7 +74,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Stations:
-    """M stations against a model's curve; D = 2 components across it, or 3 for markers.
+    """M stations against a model's curve; D = 2 components across it, 3 for markers, 1 for pixels.
 
     frame, bin (M,); share (M,) of the length; count (M,) points; residual (M, D) [m] data minus
     model; basis (M, D, 3); segment (M,), weight (M, 4): the station's place is
@@ -78,8 +95,9 @@ class Stations:
 
     def white(self) -> np.ndarray:
         """Return (M, D, D) [m²] white covariance of the stations' residuals."""
-        if self.scatter.shape[1] == 3:
-            return np.einsum("md,de->mde", self.scatter, np.eye(3)) / self.count[:, None, None]
+        dims = self.scatter.shape[1]
+        if dims != 2:
+            return np.einsum("md,de->mde", self.scatter, np.eye(dims)) / self.count[:, None, None]
         side, both, deep = information(self.count, self.fall, self.scatter)
         share = side * deep - both**2
         rows = np.stack([deep, -both, -both, side], axis=1) / share[:, None]
@@ -102,7 +120,7 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     """Return stations of data against the curve through nodes x (F, K, 3), `bins` a frame."""
     if data.material:
         return _markers(data, x)
-    frames = len(x)
+    data, frames = data.as_deep_as(x), len(x)
     fine = _refine(x)
     share, offset, good = _feet(data.points, data.share, data.mask, fine, WINDOW)
     good = data.mask if data.firm else good
@@ -125,9 +143,11 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     if data.before is not None:
         values[:, 1] -= data.before[good][kept]
     residual, effective, scatter, fall = axis(values, station, len(used), data.radius)
+    scatter = np.broadcast_to(scatter, residual.shape).copy()
+    dims = 2 if data.depth else 1
     return Stations(
-        frame, bin_, mean_share, effective, residual, basis, segment, weight,
-        np.broadcast_to(scatter, residual.shape).copy(), fall,
+        frame, bin_, mean_share, effective, residual[:, :dims], basis[:, :dims], segment, weight,
+        scatter[:, :dims], fall,
     )  # fmt: skip
 
 
@@ -151,6 +171,7 @@ def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         out = np.zeros_like(data.points)
         out[frame, slot] = data.points[frame, slot] - place
         return out, data.mask
+    data = data.as_deep_as(x)
     _, offset, good = _feet(data.points, data.share, data.mask, _refine(x), WINDOW)
     return offset, data.mask if data.firm else good
 
@@ -234,6 +255,11 @@ def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
     return np.stack([side, np.cross(side, tangent)], axis=1)
 
 
+@njit(error_model="numpy")
+def _square(a, b):
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _feet(points, guess, mask, curve, window):
     """Find the nearest points of curves (F, M, 3) to points (F, P, 3) within `window` of their
@@ -248,13 +274,23 @@ def _feet(points, guess, mask, curve, window):
     offset = np.zeros((frames, count, 3))
     good = np.zeros((frames, count), dtype=np.bool_)
     for f in range(frames):
+        reach = 0.0  # of the curve from a place, over the next STRIDE segments
+        for k in range(last):
+            reach = max(reach, STRIDE * math.sqrt(_square(curve[f, k], curve[f, k + 1])))
         for p in range(count):
             if not mask[f, p]:
                 continue
             low = max(0, math.floor((guess[f, p] - window) * last))
             high = min(last, math.ceil((guess[f, p] + window) * last))
-            best = np.inf
+            # The foot is no further than the curve is where it was guessed.
+            near = min(max(math.floor(guess[f, p] * last), low), high)
+            furthest = (math.sqrt(_square(points[f, p], curve[f, near])) + reach) ** 2
+            best, close = np.inf, False
             for k in range(low, high):
+                if (k - low) % STRIDE == 0:
+                    close = _square(points[f, p], curve[f, k]) <= furthest
+                if not close:
+                    continue
                 e0 = curve[f, k + 1, 0] - curve[f, k, 0]
                 e1 = curve[f, k + 1, 1] - curve[f, k, 1]
                 e2 = curve[f, k + 1, 2] - curve[f, k, 2]

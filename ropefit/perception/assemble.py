@@ -170,8 +170,8 @@ def _length(tracer: Tracer, traces: list[Trace], position: np.ndarray) -> tuple[
     if not tracer.measures_depth and tracer.length is None and tracer.recording.ends is None:
         return visible, "assumed"
     hidden = tracer.recording.ends is None and visible < ALL_SEEN * (tracer.length or 0.0)
-    if tracer.length and not hidden:
-        return tracer.length, "recording"
+    if tracer.span and not hidden:
+        return tracer.span, "recording"
     apart = np.linalg.norm(position[:, 1] - position[:, 0], axis=1)
     farthest = float(np.max(apart[np.isfinite(apart)], initial=0.0))
     return max(visible, farthest * 1.001), "estimated"

@@ -102,20 +102,20 @@ def trace_markers(
 
 
 def marker_noise(
-    positions: np.ndarray, time: np.ndarray, arc: np.ndarray
+    positions: np.ndarray, time: np.ndarray | None, arc: np.ndarray
 ) -> tuple[float, str, bool]:
     """Return the sd [m] per coordinate, how it was found, and whether it was measured.
 
-    Markers (F, M, 3) at time (F,) [s] and arc (M,) [m]. What is rough in time where the sampling is
-    fast measures it (third differences of a smooth motion vanish). All others are upper bounds:
-    differences between the slowest consecutive frames (motion counts, too), roughness along the
-    rope, and what smooth curves along it leave (curvature counts, too). The smallest is taken.
+    Markers (F, M, 3) at time (F,) [s], if known, and arc (M,) [m]. What is rough in time where the
+    sampling is fast measures it (third differences of a smooth motion vanish). All others are upper
+    bounds: differences between the slowest consecutive frames (motion counts, too), roughness along
+    the rope, and what smooth curves along it leave (curvature counts, too). The smallest is taken.
     """
     found = []
-    if len(time) >= 8 and np.median(np.diff(time)) < 0.05:
+    if time is not None and len(time) >= 8 and np.median(np.diff(time)) < 0.05:
         rough = np.diff(positions, n=3, axis=0) / np.sqrt(20.0)
         found.append((_robust(rough), "roughness in time", True))
-    if len(time) >= LEAST_REPEATED:
+    if len(positions) >= LEAST_REPEATED:
         still = [_robust(pair) / np.sqrt(2.0) for pair in np.diff(positions, axis=0)]
         slow = float(np.nanquantile(still, SLOWEST)) if np.isfinite(still).any() else np.nan
         found.append((slow, "slowest consecutive frames (upper bound)", False))

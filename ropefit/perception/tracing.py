@@ -11,6 +11,7 @@ from ropefit.errors import BadInput
 from ropefit.perception import checks
 from ropefit.perception.camera import Camera, virtual_camera
 from ropefit.perception.cloud import trace_cloud
+from ropefit.perception.grips import Grips
 from ropefit.perception.jumps import jumps
 from ropefit.perception.learning import Picture, best_looks
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
@@ -40,6 +41,7 @@ class Tracer:
         rope = recording.manifest.rope
         self.length = rope.length
         self.radius = rope.diameter / 2 if rope.diameter else None
+        self.grips = self._grips()
         self.end_kind = (
             (recording.ends[0].kind, recording.ends[1].kind)
             if recording.ends
@@ -59,8 +61,13 @@ class Tracer:
         if recording.source.table == "markers":
             self._prepare_markers()
         ends, clamps = self._all_ends()
-        self.warnings += checks.ends_apart(recording.frames, ends, self.length)
+        self.warnings += checks.ends_apart(recording.frames, ends, self.span)
         self.warnings += checks.one_end_pose(ends, clamps)
+
+    @property
+    def span(self) -> float | None:
+        """Return [m] of rope between what is held, if known."""
+        return self.grips.length if self.grips is not None else self.length
 
     def ends(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (2, 3) [m] and orientations (2, 4) of a frame; NaN where not held."""
@@ -76,10 +83,10 @@ class Tracer:
             if rows.kind == "clamped":
                 orientation[end] = rows.orientation[frame]
         apart = np.linalg.norm(position[1] - position[0])
-        if self.length and apart > SLACK * self.length:
+        if self.span and apart > SLACK * self.span:
             raise BadInput(
                 f"{self.recording.path}: frame {frame}: the ends are {apart:.4g} m apart but the "
-                f"rope is {self.length:.4g} m long; correct [rope] length or the ends (metres?)"
+                f"rope is {self.span:.4g} m long; correct [rope] length or the ends (metres?)"
             )
         return position, orientation
 
@@ -87,6 +94,16 @@ class Tracer:
         """Trace one frame; look(frame, color, depth, trace, found) is shown what pictures hold.
         Raises FrameRejected with the reason."""
         position, orientation = self.ends(frame)
+        if self.grips is None:
+            return self._whole(frame, position, orientation, look)
+        own = [self.grips.at_ends(pose) for pose in (position, orientation)]
+        whole = self._whole(frame, own[0], own[1], look)
+        return self.grips.between(whole, position, self.recording.source.table == "markers")
+
+    def _whole(
+        self, frame: int, position: np.ndarray, orientation: np.ndarray, look: Look | None
+    ) -> Trace:
+        """Trace the whole rope, with its own ends (2, 3) [m] and (2, 4), NaN where not held."""
         sight = self.recording.source.sight(frame)
         if sight.ordered:
             assert sight.points is not None
@@ -178,6 +195,27 @@ class Tracer:
         clouds = self.recording.manifest.clouds
         return np.array(clouds.viewpoint) if clouds and clouds.viewpoint else None
 
+    def _grips(self) -> Grips | None:
+        """Return where the rope is held; None where there is no rope beyond. Raises BadInput."""
+        recording, table = self.recording, self.recording.manifest.ends
+        if table is None or table.arc_length is None or self.length is None:
+            return None
+        grips = Grips(*table.arc_length, self.length)
+        if not grips.part_way.any():
+            return None
+        kinds = np.array([end.kind for end in recording.ends or ()])
+        for end in np.flatnonzero(grips.part_way & (kinds != "clamped")):
+            raise BadInput(
+                f"{recording.path}: there is rope beyond end {end}, so the rope's direction there "
+                "must be known: give a tangent, a quaternion or two held markers"
+            )
+        if recording.source.table != "markers" and not (~grips.part_way & (kinds != "free")).any():
+            raise BadInput(
+                f"{recording.path}: both grips have rope beyond them, and no points tell which "
+                "end is end 0; hold an end, or use markers"
+            )
+        return grips
+
     def _camera(self) -> Camera | None:
         rgbd = self.recording.manifest.rgbd
         if rgbd is None:
@@ -211,6 +249,7 @@ class Tracer:
         self.warnings += checks.jumped(frames, positions, masked)
         positions[masked] = np.nan
         ends, _ = self._all_ends()
+        ends = ends if self.grips is None else self.grips.at_ends(ends)
         known = points[0].arc_length
         if known is not None:
             self.arc = known
@@ -236,7 +275,7 @@ class Tracer:
         if given is not None:
             self.noise, self.noise_source = given, "[priors] marker_noise"
             return
-        time = np.array([self.recording.source.time[frame] for frame in self.recording.frames])
+        time = self.recording.times(self.recording.frames)
         self.noise, self.noise_source, self.noise_known = marker_noise(positions, time, self.arc)
 
 

@@ -16,7 +16,8 @@ from ropefit.recordings.tables import read_table, whole
 
 QUATERNION = ["qw", "qx", "qy", "qz"]
 TANGENT = ["tx", "ty", "tz"]
-NEEDED = ["frame", "time", "end", "x", "y", "z"]
+NEEDED = ["frame", "end", "x", "y", "z"]
+OPTIONAL = ["time", *QUATERNION, *TANGENT]
 
 
 def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> tuple[End, End]:
@@ -28,7 +29,7 @@ def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> t
         if markers is None:
             return ends
         first, second = (
-            end if end.kind == "free" else at_times(path, which, end, clock, markers.time)
+            at_times(path, which, end, clock, markers.time) if clock and markers.time else end
             for which, (end, clock) in enumerate(zip(ends, clocks, strict=True))
         )
         return first, second
@@ -36,18 +37,30 @@ def read_ends(directory: Path, manifest: Manifest, markers: Markers | None) -> t
     if markers is None:
         raise BadInput(f"{directory}: [ends] markers needs a [markers] table")
     held0, held1 = manifest.ends.markers
-    return _from_markers(markers, held0, 0), _from_markers(markers, held1, 1)
+    inner = manifest.ends.arc_length is not None
+    return _from_markers(markers, held0, 0, inner), _from_markers(markers, held1, 1, inner)
 
 
 def end_times(path: Path) -> dict[int, float]:
-    """Return {frame: time [s]} of an ends file, for sources that have no clock of their own."""
-    columns = read_table(path, NEEDED, QUATERNION + TANGENT)
-    return dict(zip(whole(path, "frame", columns["frame"]).tolist(), columns["time"], strict=True))
+    """Return {frame: time [s]} of an ends file, for sources that have no clock of their own; empty
+    where the file has no times."""
+    columns = read_table(path, NEEDED, OPTIONAL)
+    return _clock(path, columns, np.arange(len(columns["frame"])))
+
+
+def _clock(path: Path, columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[int, float]:
+    """Return {frame: time [s]} of some rows."""
+    if "time" not in columns:
+        return {}
+    if not np.isfinite(columns["time"]).all():
+        raise BadInput(f"{path}: column time has empty cells; give all times, or no such column")
+    frame = whole(path, "frame", columns["frame"])
+    return dict(zip(frame[rows].tolist(), columns["time"][rows].tolist(), strict=True))
 
 
 def _from_file(path: Path) -> tuple[tuple[End, End], list[dict[int, float]]]:
-    """Return ends 0 and 1 and, of each, the time [s] of every frame."""
-    columns = read_table(path, NEEDED, QUATERNION + TANGENT)
+    """Return ends 0 and 1 and, of each, the time [s] of every frame, if there are times."""
+    columns = read_table(path, NEEDED, OPTIONAL)
     frame = whole(path, "frame", columns["frame"])
     which = whole(path, "end", columns["end"])
     if not np.isin(which, (0, 1)).all():
@@ -63,7 +76,7 @@ def _from_file(path: Path) -> tuple[tuple[End, End], list[dict[int, float]]]:
         ends.append(
             _end(path, end, frame[rows].tolist(), position[rows], quaternion[rows], roll_known)
         )
-        clocks.append(dict(zip(frame[rows].tolist(), columns["time"][rows].tolist(), strict=True)))
+        clocks.append(_clock(path, columns, rows))
     return (ends[0], ends[1]), clocks
 
 
@@ -121,8 +134,9 @@ def _end(
     return End("clamped", positions, turned, roll_known)
 
 
-def _from_markers(markers: Markers, held: list[int], end: int) -> End:
-    """Return an end that one held marker pins, or two clamp along the line between them."""
+def _from_markers(markers: Markers, held: list[int], end: int, inner: bool) -> End:
+    """Return an end that one held marker pins, or two clamp along the line between them. inner:
+    there may be rope, and markers, beyond it."""
     if not held:
         return End.free()
     count = markers.positions.shape[1]
@@ -130,8 +144,12 @@ def _from_markers(markers: Markers, held: list[int], end: int) -> End:
         raise BadInput(f"{markers.path}: [ends] markers {held} but there are {count} markers")
     indices = sorted(index % count for index in held)
     outer = indices[0] if end == 0 else indices[-1]
-    if len(set(indices)) < len(indices) or outer != (0 if end == 0 else count - 1):
-        raise BadInput(f"{markers.path}: end {end} must hold the outermost marker; got {held}")
+    outermost = inner or outer == (0 if end == 0 else count - 1)
+    if len(set(indices)) < len(indices) or not outermost:
+        raise BadInput(
+            f"{markers.path}: end {end} must hold the outermost marker, got {held}; if there is "
+            "rope beyond it, give [ends] arc_length"
+        )
     seen = np.isfinite(markers.positions[:, indices]).all(axis=(1, 2))
     rows = np.flatnonzero(seen)
     frames = [markers.frames[row] for row in rows]

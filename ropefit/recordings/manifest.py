@@ -27,6 +27,7 @@ MOST_FITTINGS = 100
 COARSEST_DEPTH = 0.1  # m per unit of a depth image; above it was given the wrong way round
 MAX_DIAMETER = 1.0  # m; so are thicker ones
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Sigma = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]  # beyond: no prior at all
 
@@ -78,10 +79,14 @@ class RopeTable(_Table):
 
 
 class EndsTable(_Table):
-    """Poses of the ends: a file, or the markers held at each end."""
+    """Poses of the ends: a file, or the markers held at each end.
+
+    arc_length [m]: where on the rope they are held, if there is rope beyond them.
+    """
 
     file: str | None = None
     markers: tuple[list[int], list[int]] | None = None
+    arc_length: tuple[NotNegative, NotNegative] | None = None
 
     @model_validator(mode="after")
     def _one_of(self) -> EndsTable:
@@ -89,6 +94,8 @@ class EndsTable(_Table):
             raise ValueError("give either file or markers")
         if self.markers and any(len(held) > 2 for held in self.markers):
             raise ValueError("at most two held markers an end: the end itself and its neighbour")
+        if self.arc_length and self.arc_length[0] >= self.arc_length[1]:
+            raise ValueError("arc_length must increase from end 0 to end 1")
         return self
 
 
@@ -203,6 +210,9 @@ class Manifest(_Table):
         if any(f.mass for f in self.fittings) and not self.rope.mass_known:
             raise ValueError("the mass of [[fittings]] needs that of the rope ([rope] mass)")
         length = self.rope.length
+        held = self.ends and self.ends.arc_length
+        if held and (length is None or held[1] > 1.001 * length):
+            raise ValueError("[ends] arc_length needs [rope] length, and lies on the rope")
         if length and any(f.arc_length + 0.5 * f.length > 1.001 * length for f in self.fittings):
             raise ValueError(f"[[fittings]] reach beyond the rope's end at {length:g} m")
         return self

@@ -27,7 +27,8 @@ class Markers(Source):
         self.path = inside(directory, manifest.markers.file)
         read = _read_npz if self.path.suffix == ".npz" else _read_csv
         self.frames, time, self.positions, arc = read(self.path)
-        self.time = dict(zip(self.frames, time.tolist(), strict=True))
+        if time is not None:
+            self.time = dict(zip(self.frames, time.tolist(), strict=True))
         count = self.positions.shape[1]
         if count < 2:
             raise BadInput(f"{self.path}: {count} marker; at least 2 are needed along the rope")
@@ -50,11 +51,11 @@ class Markers(Source):
         return [self.path]
 
 
-Raw = tuple[list[int], np.ndarray, np.ndarray, np.ndarray | None]
+Raw = tuple[list[int], np.ndarray | None, np.ndarray, np.ndarray | None]
 
 
 def _read_csv(path: Path) -> Raw:
-    columns = read_table(path, ["frame", "time", "marker", "x", "y", "z"], nan=True)
+    columns = read_table(path, ["frame", "marker", "x", "y", "z"], ["time"], nan=True)
     frame = whole(path, "frame", columns["frame"])
     marker = whole(path, "marker", columns["marker"])
     if marker.min() < 0 or marker.max() > 100_000:
@@ -67,13 +68,15 @@ def _read_csv(path: Path) -> Raw:
         raise BadInput(f"{path}: marker numbers up to {count - 1} in {marker.size} rows; renumber")
     if np.unique(row * count + marker).size != marker.size:
         raise BadInput(f"{path}: a marker occurs twice in one frame")
-    if not np.isfinite(columns["time"]).all():
+    if "time" in columns and not np.isfinite(columns["time"]).all():
         raise BadInput(f"{path}: column time holds NaN")
     positions = np.full((frames.size, count, 3), np.nan)
     positions[row, marker] = np.stack([columns[axis] for axis in "xyz"], axis=1)
     check_metres(path, positions)
-    time = np.full(frames.size, np.nan)
-    time[row] = columns["time"]
+    time = None
+    if "time" in columns:
+        time = np.full(frames.size, np.nan)
+        time[row] = columns["time"]
     return frames.tolist(), time, positions, None
 
 
@@ -99,20 +102,20 @@ def _load_npz(path: Path) -> dict[str, np.ndarray]:
 
 def _read_npz(path: Path) -> Raw:
     arrays = _load_npz(path)
-    if "positions" not in arrays or "time" not in arrays:
-        raise BadInput(f"{path}: needs arrays positions (frames, markers, 3) and time (frames,)")
-    positions, time = arrays["positions"], arrays["time"]
+    if "positions" not in arrays:
+        raise BadInput(f"{path}: needs an array positions (frames, markers, 3)")
+    positions, time = arrays["positions"], arrays.get("time")
     if positions.ndim != 3 or positions.shape[2] != 3 or positions.dtype.kind not in "fiu":
         raise BadInput(f"{path}: positions has shape {positions.shape}, not (frames, markers, 3)")
-    if time.shape != positions.shape[:1] or time.dtype.kind not in "fiu":
+    if time is not None and (time.shape != positions.shape[:1] or time.dtype.kind not in "fiu"):
         raise BadInput(f"{path}: time has shape {time.shape}, not ({positions.shape[0]},)")
     if positions.shape[0] == 0:
         raise BadInput(f"{path}: has no frames")
-    positions, time = positions.astype(float), time.astype(float)
-    if np.isinf(positions).any() or not np.isfinite(time).all():
+    positions, time = positions.astype(float), None if time is None else time.astype(float)
+    if np.isinf(positions).any() or not (time is None or np.isfinite(time).all()):
         raise BadInput(f"{path}: infinite positions or times that are no numbers")
     check_metres(path, positions)
     arc = arrays.get("arc_length")
     if arc is not None and arc.dtype.kind not in "fiu":
         raise BadInput(f"{path}: arc_length holds {arc.dtype}, not numbers")
-    return list(range(len(time))), time, positions, None if arc is None else arc.astype(float)
+    return list(range(len(positions))), time, positions, None if arc is None else arc.astype(float)

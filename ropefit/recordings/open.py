@@ -32,7 +32,6 @@ def open_recording(directory: Path) -> Recording:
         files.append(ends_path)
         clock = end_times(ends_path)
         main.time = main.time or clock
-    main.time = {frame: main.time.get(frame, float(frame)) for frame in main.frames}
     for end, rows in enumerate(ends or ()):
         missing = [frame for frame in main.frames if frame not in rows.position]
         if rows.kind != "free" and len(missing) == len(main.frames):

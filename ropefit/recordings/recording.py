@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -57,3 +57,8 @@ class Recording:
     def frames(self) -> list[int]:
         """Return frame numbers, increasing."""
         return self.source.frames
+
+    def times(self, frames: Sequence[int]) -> np.ndarray | None:
+        """Return (F,) [s] the times of frames, NaN where one has none; None where none has."""
+        time = np.array([self.source.time.get(frame, np.nan) for frame in frames])
+        return time if np.isfinite(time).any() else None

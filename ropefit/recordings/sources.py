@@ -41,7 +41,7 @@ class Source(ABC):
         self.directory = directory
         self.manifest = manifest
         self.frames: list[int] = []
-        self.time: dict[int, float] = {}
+        self.time: dict[int, float] = {}  # {frame: [s]}; empty: it has no clock
 
     @abstractmethod
     def sight(self, frame: int) -> Sight:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from ropefit.errors import BadInput
 from ropefit.recordings.manifest import FORMAT
 
 CLOUDS = "clouds/{frame:06d}.ply"
@@ -85,12 +87,15 @@ class RecordingWriter:
             lines.append(f"camera_pose = [{rows}]")
         self._tables.append("\n".join(lines))
 
-    def write_markers(self, positions: np.ndarray, time: np.ndarray, held: str | None) -> None:
-        """Write markers.npz: positions (F, M, 3) [m], NaN = not seen; time (F,) [s].
+    def write_markers(
+        self, positions: np.ndarray, time: np.ndarray | None, held: str | None
+    ) -> None:
+        """Write markers.npz: positions (F, M, 3) [m], NaN = not seen; time (F,) [s], if known.
 
         held: which markers the ends hold, `[[0], [12]]`, or None.
         """
-        np.savez(self.directory / "markers.npz", positions=positions, time=time)
+        arrays = {"positions": positions} | ({} if time is None else {"time": time})
+        np.savez(self.directory / "markers.npz", **arrays)  # type: ignore[arg-type]
         self._tables.append('[markers]\nfile = "markers.npz"')
         self._held = f"markers = {held}" if held else ""
 
@@ -122,6 +127,13 @@ class RecordingWriter:
             self._clamped = True
             row += "".join(f",{v:.12g}" for v in orientation)
         self._ends.append(row)
+
+    def ends_of(self, table: Path) -> None:
+        """Take the poses of the ends from a table as ends.csv is."""
+        if not table.is_file():
+            raise BadInput(f"{table}: no such file; correct its name")
+        shutil.copyfile(table, self.directory / "ends.csv")
+        self._held = 'file = "ends.csv"'
 
     def finish(self) -> None:
         """Write recording.toml and ends.csv."""

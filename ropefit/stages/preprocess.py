@@ -73,21 +73,31 @@ def compute(
             f"the recording says {rope.length:g} m of rope, {content['length']:.4g} m are seen "
             "between the assumed ends: these count; give [ends] to use the whole rope"
         )
+    grips, pieces = tracer.grips, recording.manifest.fittings
+    mass = rope.whole_mass(content["length"])
+    if grips is not None:
+        mass = mass and (mass if rope.mass_per_length else mass * grips.length / grips.whole)
+        pieces = [
+            piece.model_copy(update={"arc_length": piece.arc_length - grips.first})
+            for piece in pieces
+            if grips.first <= piece.arc_length <= grips.last
+        ]
+        context.say(
+            f"only the rope between the grips, {grips.first:g} to {grips.last:g} m, is used: what "
+            "hangs beyond a grip does not change it; arc lengths count from the grip of end 0"
+        )
     return {
         "recording": recording.name,
         "recording_path": str(Path(recording.path).resolve()),
         "source": recording.source.table,
         "gravity": recording.gravity,
         "diameter": rope.diameter,
-        "mass": recording.manifest.rope.whole_mass(content["length"]),
+        "mass": mass,
         "marker_offset": (recording.manifest.markers and recording.manifest.markers.offset) or 0.0,
-        "fittings": {
-            f"fitting_{k}": Fitting(**one.model_dump())
-            for k, one in enumerate(recording.manifest.fittings)
-        },
+        "fittings": {f"fitting_{k}": Fitting(**one.model_dump()) for k, one in enumerate(pieces)},
         "priors": recording.manifest.priors.model_dump(exclude={"marker_noise"}),
         "frames": np.array(frames),
-        "time": np.array([recording.source.time[frame] for frame in frames]),
+        "time": recording.times(frames),
         "dropped": dropped,
         "end_kind": tracer.end_kind,
         "ends_assumed": recording.ends is None,

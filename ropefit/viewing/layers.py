@@ -27,8 +27,8 @@ class Layer:
 
 
 def frames(run: RunContents) -> Iterator[tuple[int, float, list[Layer]]]:
-    """Return (frame number, time [s], layers) of every frame; a layer without points is there,
-    empty."""
+    """Return (frame number, time [s], layers) of every frame; without times, the number stands for
+    it. A layer without points is there, empty."""
     o, f, d = run.observations, run.fitted, run.diagnosis
     thick = 0.5 * (o.diameter or 0.004)
     dot = 0.3 * thick
@@ -48,4 +48,4 @@ def frames(run: RunContents) -> Iterator[tuple[int, float, list[Layer]]]:
         ends = o.end_position[t]
         held = ends[np.isfinite(ends).all(axis=1)]
         layers.append(Layer("ends", held, False, ENDS, 2 * thick))
-        yield int(frame), float(o.time[t]), layers
+        yield int(frame), float(frame if o.time is None else o.time[t]), layers

@@ -67,7 +67,7 @@ def finer(arc: np.ndarray) -> np.ndarray:
 
 def _label(run: RunContents, t: int) -> str:
     o, f = run.observations, run.fitted
-    text = f"Frame {o.frames[t]}, {o.time[t]:.2f} s"
+    text = f"Frame {o.frames[t]}" + ("" if o.time is None else f", {o.time[t]:.2f} s")
     return text + (", held out" if f is not None and f.heldout[t] else "")
 
 

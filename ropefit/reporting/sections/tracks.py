@@ -49,8 +49,9 @@ def _tracks(o: Observations, f: FittedModel, d: Diagnosis | None) -> Figure:
     arcs = np.unique(o.point_arc)
     inner = arcs[1:-1] if len(arcs) > TRACKED else arcs
     chosen = inner[evenly(len(inner), TRACKED + 2)[1:-1]] if len(inner) > TRACKED else inner
-    moving = bool(np.median(np.diff(o.time)) < FAST) if len(o.time) > 1 else False
-    along = o.time if moving else o.frames.astype(float)
+    along, moving = o.frames.astype(float), False
+    if o.time is not None and len(o.time) > 1 and np.median(np.diff(o.time)) < FAST:
+        along, moving = o.time, True
     up = upwards(o)
     shown, dotted = (evenly(len(o.frames), most) for most in (MOST_POINTS // 2, MOST_DOTS))
     traces, off = [], []
