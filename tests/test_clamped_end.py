@@ -6,7 +6,7 @@ import torch
 
 from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, hypotheses
 from ropefit.diagnosis.rules import RULES, Rules, Selection
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.search import search
@@ -107,3 +107,13 @@ def test_ends_that_are_seen_are_no_clamps(tilted):
     found = search(nominal, 0, lambda share, text: None, Rules(effects=("clamped_end",)))
     named = [one.candidate.hypothesis.name for one in found.accepted]
     assert named == (["clamped_end"] if tilted else [])
+
+
+def test_a_direction_of_any_length_is_a_start():
+    """Only the stiffness saturates: a component of minus its usual size is no infinite value."""
+    setup, effect = rope(20), ClampedEnd(1)
+    usual = np.array([q.size(setup) for q in effect.quantities])
+    start = np.array([2.0, -1.0, 1.0, -1.0]) * usual
+    term = Hypothesis(effect, NO_PLACE).term(setup, start)
+    np.testing.assert_allclose(term.value(np.zeros(4)), start)
+    np.testing.assert_allclose(term.search(start), 0, atol=1e-12)

@@ -99,3 +99,36 @@ def test_noise_is_not_above_what_is_left(mass: float, stated: float) -> None:
         assert found is not None
         capped = no_larger_than_left(Noise(marker=capped), found.fit, []).marker
     assert capped == pytest.approx(min(stated, NOISE), rel=0.25)
+
+
+def weighted(where: Path, markers: int) -> Path:
+    """A recording of static poses of a rope with a weight, in any order."""
+    where.mkdir()
+    write_manifest(where, '[markers]\nfile = "m.npz"', "length = 1.0\nmass = 0.06")
+    rng, fine = np.random.default_rng(3), rope(192)
+    setup = PointMass().apply(fine, torch.tensor([0.006, 0.4], dtype=torch.float64))
+    order = rng.permutation(len(setup.ends))
+    at = np.round(192 * np.linspace(0.08, 0.92, markers)).astype(int)
+    seen = Equilibrium(setup, []).at(np.empty(0)).seen[order][:, at]
+    seen = seen + NOISE * rng.normal(size=seen.shape)
+    np.savez(where / "m.npz", positions=seen, time=2.0 * np.arange(len(seen)), arc_length=at / 192)
+    rows = ["frame,time,end,x,y,z"]
+    for frame, ends in enumerate(setup.ends[order].tolist()):
+        rows += [f"{frame},{2 * frame},{k}," + ",".join(map(str, ends[k])) for k in (0, 1)]
+    (where / "ends.csv").write_text("\n".join(rows) + "\n")
+    return where
+
+
+@pytest.mark.parametrize("markers", [7, 12])
+def test_the_noise_is_no_larger_than_what_is_left(markers: int, tmp_path: Path) -> None:
+    """Through all stages. Few markers bound it badly: the bends between them count as well. The
+    diagnosis says it as it is, whatever the bound and although the nominal rope misses the weight.
+    """
+    observations = ropefit.preprocess(weighted(tmp_path / "r", markers), nodes=12)
+    bound = float(np.median(observations.noise))
+    assert bound > 1.5 * NOISE
+    found = ropefit.diagnose(observations, ropefit.fit(observations))
+    assert [cause.name for cause in found.causes.values()] == ["point_mass"]
+    assert found.rms_before > 5 * found.rms_after
+    assert found.noise_white <= found.rms_after
+    assert found.noise_white == pytest.approx(3**0.5 * NOISE, rel=0.15)

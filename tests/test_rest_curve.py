@@ -9,13 +9,23 @@ import pytest
 import torch
 
 from ropefit.adapters.frames import calmest
+from ropefit.diagnosis.accepted import accept
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.effects import IntrinsicCurvature, RestShape
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 from ropefit.models import rest_curve
+from ropefit.models.equilibrium import Equilibrium
+from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import director, multiply
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve
+from tests.concealed import BINS, recorded
 
 LENGTH, EI, MASS, CURVATURE = 0.6, 0.1, 0.6, 1.5
 DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
@@ -51,6 +61,32 @@ def test_places_add_up_to_a_uniform_curvature():
     assert float(at.max()) == pytest.approx(1, abs=0.06)
     assert float(at[:10].abs().max()) == float(at[30:].abs().max()) == 0
     assert rest_curve.spelled_out(["EI", "rest_curve"]) == ["EI", *rest_curve.VARYING]
+
+
+def test_a_uniform_curvature_is_named_before_a_curve_that_varies():
+    """Both explain it; the one with fewer values is named, whichever is fitted better by chance.
+    The uniform one begins with all of the rope."""
+    truth = [0.2, 0.1]
+    values = torch.tensor([*truth, LENGTH / 2, 1.2 * LENGTH], dtype=torch.float64)
+    data = recorded(IntrinsicCurvature().apply(setup_of(segments=240), values), seed=134, sd=0.003)
+    bend = PARAMETERS["EI"].within(Range(EI, EI / 100, EI * 100))
+    start = fit(Equilibrium(setup_of(segments=120), [bend]), FitProblem(data, Noise(), BINS))
+    problem = FitProblem(data.settled(start.point.seen), Noise(), BINS)
+    nominal = fit(start.forward, problem, start.point.u)
+    uniform, varying = (
+        fit_candidate(nominal, Hypothesis(effect, NO_PLACE), np.array(begin))
+        for effect, begin in (
+            (IntrinsicCurvature(), [0.1, 0.1, LENGTH / 2, 1.15 * LENGTH]),
+            (RestShape(), np.repeat([0.1, 0.1], len(rest_curve.QUARTERS))),
+        )
+    )
+    assert uniform is not None
+    assert varying is not None
+    assert max(uniform.fit.cost, varying.fit.cost) < 0.01 * nominal.cost
+    best, *others = sorted([uniform, varying], key=lambda c: -c.evidence)
+    named = accept(best, [best, *others], nominal, 20)
+    assert named.candidate is uniform
+    np.testing.assert_allclose(uniform.values()[:2], truth, rtol=0.1)
 
 
 def test_identify_finds_a_rest_curvature(ropefit, tmp_path):

@@ -71,8 +71,8 @@ class Term:
         return np.where(self.saturating, self._share(value) - self._share(self.start), u)
 
     def _share(self, value: np.ndarray) -> np.ndarray:
-        """Return (n,) value / (value + scale), 1 at infinity."""
-        return 1 - self.scale / (value + self.scale)
+        """Return (n,) value / (value + scale), 1 at infinity, of what saturates; else 0."""
+        return 1 - self.scale / (np.where(self.saturating, value, 0.0) + self.scale)
 
     def slope(self, u: np.ndarray) -> np.ndarray:
         """Return (n,) derivative of the values in the search variables."""
