@@ -71,4 +71,13 @@ class EndTwist:
     angle: float
 
 
-Effect = PointMass | Plane | Sphere | Cylinder | Tether | EndTwist
+@dataclass(frozen=True)
+class BendingFriction:
+    """Friction that resists every change of bending: at most `moment` [N m], built up over a change
+    of curvature by `range` [1/m]; none in a pose that is given."""
+
+    moment: float
+    range: float
+
+
+Effect = PointMass | Plane | Sphere | Cylinder | Tether | EndTwist | BendingFriction

@@ -136,9 +136,9 @@ class Rope:
             if len(shape) > 2 or (len(shape) == 2 and shape[0] not in (1, frames)):
                 raise RuntimeError
         except RuntimeError:
-            told = ", ".join(str(tuple(v.shape)) for v in [*values[1:], rest])
+            shapes = ", ".join(str(tuple(v.shape)) for v in [*values[1:], rest])
             raise WrongUsage(
-                f"EA, EI, GJ, mass, curvature of shapes {told} do not spread over "
+                f"EA, EI, GJ, mass, curvature of shapes {shapes} do not spread over "
                 f"({frames} frames, {self.segments} segments)"
             )
         length, axial, bend, twist, mass = (v.expand(shape) for v in values)

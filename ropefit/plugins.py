@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import traceback
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, TypeVar
 
 from ropefit.errors import StageFailed
@@ -50,3 +53,23 @@ def _loaded(entry: EntryPoint) -> Any:
         return entry.load()
     except Exception as error:  # another package's import may raise anything
         raise StageFailed(f"{entry.value}: an add-on that does not import ({error}); remove it")
+
+
+def add_ons() -> set[Path]:
+    """Return the files of the modules that other packages declare as entry points of ours."""
+    found = set()
+    for entry in (entry for group in GROUPS for entry in entry_points(group=group)):
+        try:
+            spec = find_spec(entry.module)
+        except (ImportError, ValueError):  # whoever needs it says that it does not import
+            continue
+        if spec is not None and spec.origin is not None:
+            found.add(Path(spec.origin))
+    return found
+
+
+def add_on_line(error: BaseException) -> str:
+    """Return the innermost line of an add-on in the traceback of an exception, or ""."""
+    files = {str(path) for path in add_ons()}
+    lines = [f for f in traceback.extract_tb(error.__traceback__) if f.filename in files]
+    return f"{Path(lines[-1].filename).name}:{lines[-1].lineno}" if lines else ""

@@ -70,6 +70,13 @@ def test_adding_an_importer(tmp_path: Path) -> None:
     wrong = python(tmp_path, *arguments[:-1], "other", "--set", "size=2")
     assert wrong.returncode == 2
     assert "scale" in wrong.stderr
+    (tmp_path / "rope.txt").write_text("\n\n".join(blocks))
+    module = tmp_path / "ropefit_lines.py"
+    module.write_text(module.read_text().replace("points * options.scale", "points * options.size"))
+    broken = python(tmp_path, *arguments[:-1], "other")
+    assert broken.returncode == 1
+    assert broken.stderr.count("\n") == 1
+    assert re.match(r"ropefit: ropefit_lines.py:\d+: an add-on that fails \(Attr", broken.stderr)
 
 
 def test_adding_an_exporter(tmp_path: Path) -> None:
@@ -224,9 +231,9 @@ found = fit_candidates(nominal, [], [], slow, 6.0, ("post",))
 best = first_acceptable(found, 6.0, nominal, [])
 assert by_stretches(best.fit) and not by_stretches(nominal)
 values = best.values()
-told = dict(zip(post.names, values))
-(record,) = post.exported(told, leaning, 11, ()).beside
-print(best.hypothesis.name, best.evidence, values[2] - values[0], record.radius - told["radius"])
+summary = dict(zip(post.names, values))
+(record,) = post.exported(summary, leaning, 11, ()).beside
+print(best.hypothesis.name, best.evidence, values[2] - values[0], record.radius - summary["radius"])
 """
 
 

@@ -32,6 +32,7 @@ FLOORS = [
     {"recordings"},
     {"runs"},
     {"artifacts"},
+    {"failures"},
     {"plugins", "attachments"},
     {"errors"},
     {"system"},

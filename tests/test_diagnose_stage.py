@@ -31,12 +31,12 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
         assert done.returncode == 0, done.stderr
     done = ropefit("diagnose", "--run", str(run), "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["verdict"] == "none"
-    assert told["effects"] == []
-    assert told["heldout"]["rms_after_m"] < 1.1 * told["heldout"]["noise_m"]
-    assert 0 < told["detectable"]["point_mass"]["value"] < 0.005
-    assert {"mismatch", "next_motion"} <= set(told)
+    summary = json.loads(done.stdout)
+    assert summary["verdict"] == "none"
+    assert summary["effects"] == []
+    assert summary["heldout"]["rms_after_m"] < 1.1 * summary["heldout"]["noise_m"]
+    assert 0 < summary["detectable"]["point_mass"]["value"] < 0.005
+    assert {"mismatch", "next_motion"} <= set(summary)
     again = json.loads(ropefit("diagnose", "--run", str(run), "--json").stdout)
     assert not again["computed"]
     done = ropefit("report", "--run", str(run))
@@ -65,24 +65,26 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     again = ropefit("report", "--run", str(run))  # the export was of the rope before
     assert "exports.h5 is of an earlier rope" in again.stderr
     assert "At rest in mujoco 4" not in (run / "report.html").read_text()
-    told = json.loads(ropefit("diagnose", "--run", str(run), "--most-frames", "8", "--json").stdout)
-    simulation = told["simulation"]
+    summary = json.loads(
+        ropefit("diagnose", "--run", str(run), "--most-frames", "8", "--json").stdout
+    )
+    simulation = summary["simulation"]
     assert simulation["name"] == "the fitted thomas simulation"
-    assert told["heldout"]["rms_before_m"] == simulation["rms_m"]
+    assert summary["heldout"]["rms_before_m"] == simulation["rms_m"]
     assert simulation["rms_explained_m"] <= simulation["rms_of_rope_m"]
-    assert simulation["missing"] == [effect["name"] for effect in told["effects"]]
+    assert simulation["missing"] == [effect["name"] for effect in summary["effects"]]
 
 
 def test_what_another_runs_rope_misses_is_noise_here():
-    def told(source: str, recording: str, rms: float, sd: float = 1e-3) -> float:
+    def summary(source: str, recording: str, rms: float, sd: float = 1e-3) -> float:
         o = SimpleNamespace(source=source, recording=recording)
         run = SimpleNamespace(recording="was", nominal=SimpleNamespace(rms_fit=rms))
         return with_what_is_missed(Noise(marker=sd), run, o).marker  # pyright: ignore[reportArgumentType]
 
-    assert told("markers", "changed", 0.03) == pytest.approx(0.03 / 3**0.5)
-    assert told("markers", "changed", 0.001) == 1e-3
-    assert told("markers", "was", 0.03) == 1e-3  # its own misfit is what is to be explained
-    assert told("cloud", "changed", 0.03) == 1e-3
+    assert summary("markers", "changed", 0.03) == pytest.approx(0.03 / 3**0.5)
+    assert summary("markers", "changed", 0.001) == 1e-3
+    assert summary("markers", "was", 0.03) == 1e-3  # its own misfit is what is to be explained
+    assert summary("cloud", "changed", 0.03) == 1e-3
 
 
 def candidate_of(effect, value):

@@ -124,12 +124,12 @@ def test_an_error_of_the_set_up_is_named_before_physics():
     assert d.accepted[0].candidate.hypothesis.effect.kind == "measurement"
 
 
-def test_gravity_told_along_another_axis_is_found():
+def test_gravity_stated_along_another_axis_is_found():
     """As of clouds in a camera's axes, y down, taken as z up; no force, no contact is named."""
     setup = rope(96, 8)
-    told = setup.gravity[[0, 2, 1]]  # 90 degrees away
+    stated = setup.gravity[[0, 2, 1]]  # 90 degrees away
     data = recorded(setup)
-    coarse = rope(48, 8)._replace(gravity=told)
+    coarse = rope(48, 8)._replace(gravity=stated)
     terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))]
     forward = Equilibrium(coarse, [*terms, *calibration(coarse, Priors(), False)])
     d = search(fit(forward, FitProblem(data, Noise(), BINS)), 0, lambda share, text: None)

@@ -17,9 +17,10 @@ def stations() -> Stations:
     return Stations(**{**empty, "frame": frame, "bin": bin_, "residual": residual})
 
 
-def inflated(z: np.ndarray, known: bool = False) -> float:
+def inflated(z: np.ndarray, known: bool = False, share: bool = False) -> float:
     seen = np.arange(FRAMES)[ORDER, None, None] * np.ones((1, 3, 3))
-    return inflation(stations(), z.ravel(), float(np.sqrt((z**2).mean())), seen, known)
+    scale = float(np.sqrt((z**2).mean()))
+    return inflation(stations(), z.ravel(), scale, seen, known)[int(share)]
 
 
 def test_white_noise_that_is_larger_than_told_is_just_larger():
@@ -41,3 +42,13 @@ def test_noise_that_was_taken_as_too_large_narrows_unless_it_is_known():
     z = 0.5 * np.random.default_rng(2).normal(size=(FRAMES, BINS, DIMS))
     assert inflated(z) == pytest.approx(0.25, rel=0.1)
     assert inflated(z, known=True) == 1.0
+
+
+def test_few_samples_tell_little_of_their_variance():
+    """White noise counts in full, a shape that all frames share as about one frame."""
+    rng = np.random.default_rng(4)
+    white = rng.normal(size=(FRAMES, BINS, DIMS))
+    shape = rng.normal(size=(1, BINS, DIMS)) * 5
+    assert inflated(white, share=True) > 0.9
+    assert inflated(2 * white, share=True) > 0.4
+    assert 0.2 < inflated(white + shape, share=True) * FRAMES * BINS * DIMS < 20

@@ -8,14 +8,26 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.accuracy.exporters import NotInstalled, deviation, python_for, settle
 from reference_simulators.as_ropefit import describe
-from ropefit.attachments import Cylinder, EndTwist, Plane, PointMass, Sphere, Tether
+from ropefit.attachments import (
+    BendingFriction,
+    Cylinder,
+    EndTwist,
+    Plane,
+    PointMass,
+    Sphere,
+    Tether,
+)
+from ropefit.effects import BendingHysteresis
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.exporters import export, exporters
 from ropefit.exporters.layout import lay_out
 from ropefit.exporters.rotation import from_vector, multiply, rotate
+from ropefit.rod import memory
+from tests import concealed
 
 FAST = ("mujoco", "mujoco3")
 MOST = 0.01  # of the rope's length
@@ -236,6 +248,64 @@ def test_newton_carries_usd() -> None:
     usd = export(describe("pinned", 1e-3, 11), "newton").files["rope.usda"]
     assert "curveVertexCounts = [11]" in usd
     assert "physics:restShapePoints" in usd
+
+
+def lost_in_a_cycle(turns: np.ndarray, moments: np.ndarray) -> float:
+    """The area [J] of the loop of a moment over the last cycle of turns (T,) [rad]."""
+    mean, steps = 0.5 * (moments[1:] + moments[:-1]), np.diff(turns)
+    return float((mean * steps)[len(steps) // 2 :].sum())
+
+
+def dahl_moments(turns: np.ndarray, largest: float, decay: float) -> np.ndarray:
+    """Dahl's friction, dM/dθ = (largest - sign M) / decay, stepped as SolverVBD does."""
+    out = np.zeros_like(turns)
+    for k, step in enumerate(np.diff(turns)):
+        way, kept = np.sign(step), np.exp(-abs(step) / decay)
+        out[k + 1] = way * largest * (1 - kept) + out[k] * kept
+    return out
+
+
+def lost_here(turns: np.ndarray, friction: BendingFriction) -> np.ndarray:
+    """The same loss (J,) [J] at the inner nodes of a rope of ropefit, which all turn alike."""
+    values = torch.tensor([friction.moment, friction.range], dtype=torch.float64)
+    setup = BendingHysteresis().apply(concealed.rope(10, 1), values)
+    time = torch.arange(len(turns), dtype=torch.float64)
+    law = memory.laws(setup.memory, setup.rod(), setup.properties.bend, time)
+    vector = np.zeros((len(turns), 11, 2))
+    vector[..., 0] = np.sin(turns / 2)[:, None]
+    state, force = memory.unloaded(vector[0], 1), np.zeros((len(turns), 9))
+    for t in range(len(turns)):
+        state = memory.after(law, t, t == 0, state, vector[t])
+        force[t] = (law.drag[..., None] * state.strain)[0, 1:-1, 0]
+    return np.array([lost_in_a_cycle(vector[:, 0, 0], column) for column in force.T])
+
+
+@pytest.mark.parametrize("amplitude", [2.0, 4.0])  # of the curvature, in ranges
+def test_bending_friction_in_newton_loses_what_it_does_here(amplitude: float) -> None:
+    friction = BendingFriction(2e-4, 1.5)
+    rope = describe("pinned", 1e-3, 11, effects=(friction,))
+    result = export(rope, "newton")
+    numbers = {
+        node.targets[0].id: np.array(ast.literal_eval(node.value.args[0]))
+        for node in ast.parse(result.text).body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+        and isinstance(node.value, ast.Call) and ast.unparse(node.value.func) == "np.array"
+    }  # fmt: skip
+    reach = lay_out(rope).voronoi
+    turns = amplitude * friction.range * 0.1 * np.sin(np.linspace(0, 4 * np.pi, 2001))
+    np.testing.assert_allclose(reach, 0.1)
+    for joint, ours in enumerate(lost_here(turns, friction)):
+        largest = numbers["BEND"][joint] * numbers["DAHL_EPS_MAX"][joint]
+        theirs = lost_in_a_cycle(turns, dahl_moments(turns, largest, numbers["DAHL_TAU"][joint]))
+        assert ours > 0
+        assert abs(theirs / ours - 1) < 0.1
+    assert any("friction" in sentence for sentence in result.not_expressed)
+    usd = result.files["rope.usda"]
+    (line,) = [row for row in usd.splitlines() if "isaaclab:cable:dahlDecay" in row]
+    decay = ast.literal_eval(line.split(" = ")[1])
+    np.testing.assert_allclose(decay, friction.range * 0.1, rtol=1e-6)
+    for target in ("mujoco", "mujoco3", "pyelastica"):
+        assert any("friction" in sentence for sentence in export(rope, target).not_expressed)
 
 
 def test_newton_reads_the_usd(tmp_path) -> None:

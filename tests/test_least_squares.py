@@ -338,3 +338,20 @@ def test_a_second_equilibrium_is_found_where_there_is_one(arch):
         assert 0.1 < apart[0] < 1.0
     else:
         assert np.isnan(apart[0])
+
+
+def test_a_fit_without_prospect_of_what_is_needed_is_stopped():
+    """One that reaches it takes the same steps as without."""
+    data = markers(setup(60, ends()))
+    model = Equilibrium(setup(30, ends()), [free("EI", 3e-4)])
+    problem = FitProblem(data, Noise(marker=SD), BINS)
+    whole = fit(model, problem)
+    assert not whole.stopped
+    stopped = fit(model, problem, needed=0.5 * whole.cost)
+    assert stopped.stopped
+    assert not stopped.converged
+    assert stopped.evaluations < whole.evaluations
+    assert stopped.cost == pytest.approx(stopped.z @ stopped.z)
+    reached = fit(model, problem, needed=1.01 * whole.cost)
+    assert not reached.stopped
+    assert reached.cost == pytest.approx(whole.cost, rel=1e-9)

@@ -6,10 +6,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import ropefit
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.search import sensitivities
+from ropefit.diagnosis.wander import no_larger_than_left
+from ropefit.effects import PointMass
 from ropefit.errors import BadInput
+from ropefit.inference.bins import Data
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
+from ropefit.models.equilibrium import Equilibrium
+from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.perception.markers import marker_noise
+from tests.concealed import BINS, EYE, rope
 from tests.factories import edit, write_manifest
 
 ARC = np.linspace(0, 1, 13)
@@ -64,3 +77,25 @@ def test_a_prior_counts_and_real_depth_stays(tmp_path: Path) -> None:
     edit(where / "recording.toml", "0.0004", "-1.0")
     with pytest.raises(BadInput, match="marker_noise"):
         ropefit.preprocess(where)
+
+
+@pytest.mark.parametrize(("mass", "stated"), [(0.0, 1.7e-3), (0.004, 3e-3), (0.0, 2e-4)])
+def test_noise_is_not_above_what_is_left(mass: float, stated: float) -> None:
+    """Of what preprocess states as an upper bound; a true one stays."""
+    setup = PointMass().apply(rope(288), torch.tensor([mass, 0.4], dtype=torch.float64))
+    seen = Equilibrium(setup, []).at(np.empty(0)).seen[:, ::24]
+    seen = seen + np.random.default_rng(8).normal(0, NOISE, seen.shape)
+    share = np.broadcast_to(ARC, seen.shape[:2])
+    data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
+    coarse = rope(144, bend=3e-4)
+    forward = Equilibrium(coarse, [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))])
+    nominal = fit(forward, FitProblem(data, Noise(marker=stated), BINS))
+    scanned = sensitivities(nominal, [], ("point_mass", "stiff_section"))
+    capped = no_larger_than_left(nominal.problem.noise, nominal, scanned).marker
+    if mass:  # the scan is of first order; what is accepted is fitted in full
+        assert capped < stated
+        hypothesis = Hypothesis(PointMass(), NO_PLACE)
+        found = fit_candidate(nominal, hypothesis, np.array([0.003, 0.42]))
+        assert found is not None
+        capped = no_larger_than_left(Noise(marker=capped), found.fit, []).marker
+    assert capped == pytest.approx(min(stated, NOISE), rel=0.25)

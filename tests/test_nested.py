@@ -9,6 +9,7 @@ from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NARROWEST, NO_PLACE, Hypothesis
 from ropefit.diagnosis.nested import is_special_case
 from ropefit.diagnosis.reassessment import reassessed
+from ropefit.diagnosis.rules import Selection
 from ropefit.effects import (
     CATALOGUE,
     FreeCurvature,
@@ -18,8 +19,11 @@ from ropefit.effects import (
     MassSection,
     PointForce,
     PointMass,
+    StiffSection,
+    SupportPlane,
     Tether,
 )
+from ropefit.effects.place import middle_of
 from ropefit.models.equilibrium import Equilibrium
 from tests.concealed import recorded, rope, with_effect
 from tests.test_clamped_end import compared
@@ -136,3 +140,32 @@ def test_two_heavier_sections_are_two_weights():
     assert all("mass_section" in [c.hypothesis.name for c in one.equivalent] for one in named)
     found = [one.candidate.values() for one in named]
     np.testing.assert_allclose(np.array(found), [[0.004, 0.3], [0.003, 0.65]], rtol=0.1)
+
+
+def test_a_uniform_rope_has_no_section():
+    """What the whole rope has is its own rigidity and weight, which every fit allows for."""
+    nominal = compared(recorded(rope(288), seed=105))
+    for effect, start in (
+        (StiffSection(), [0.3, 0.5, 1.1]),
+        (MassSection(), [0.006, 0.5, 1.1]),
+        (FreeCurvature(), [0.3, 0.5, 1.1]),
+    ):
+        found = fit_candidate(nominal, Hypothesis(effect, NO_PLACE), np.array(start))
+        assert found is None or Selection().acceptable([found], 6.0, nominal, []) is None
+
+
+def test_a_level_plane_has_no_slope():
+    """Beside one that has."""
+    setup = rope(288)
+    lowest = np.sort(Equilibrium(setup, []).at(np.empty(0)).seen[..., 2].min(axis=1))
+    height = lowest[3] - float(middle_of(setup)[2])
+    hypothesis = Hypothesis(SupportPlane(), NO_PLACE)
+    for slope in (0.0, 0.12):
+        truth = [height, slope, 0.0]
+        nominal = compared(recorded(with_effect(SupportPlane(), truth), seed=106))
+        found = fit_candidate(nominal, hypothesis, np.array([height, 0.0, 0.0]))
+        assert found is not None
+        assert found.evidence > 20
+        assert found.values() == pytest.approx(truth, abs=0.01)
+        significant = np.abs(found.values()[1]) > 6 * found.sd()[1]
+        assert significant == bool(slope)

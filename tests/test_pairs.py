@@ -6,24 +6,48 @@ import numpy as np
 import pytest
 import torch
 
-from ropefit.diagnosis.pairs import best_pair
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair, fitted_pair
 from ropefit.diagnosis.search import sensitivities
-from ropefit.effects import PointMass
+from ropefit.effects import MassSection, PointMass
 from tests.concealed import recorded, rope, with_effect
 from tests.test_calm import fitted
 
 WEIGHTS = ((0.003, 0.31), (0.004, 0.66))
 
 
-def test_two_weights_are_found_together():
+def carrying(effect, values, seed):
+    """The nominal fit to a rope with an effect of each of some values."""
     setup = rope(288)
-    for weight in WEIGHTS:
-        setup = PointMass().apply(setup, torch.tensor(weight, dtype=torch.float64))
-    nominal = fitted(recorded(setup, seed=103))
-    found = best_pair(nominal, sensitivities(nominal, [], ("point_mass", "kink")), None, 6.0)
+    for one in values:
+        setup = effect.apply(setup, torch.tensor(one, dtype=torch.float64))
+    return fitted(recorded(setup, seed=seed))
+
+
+@pytest.fixture(scope="module")
+def two():
+    return carrying(PointMass(), WEIGHTS, 103)
+
+
+def sections(nominal, *starts):
+    """The fit with sections, one after the other, and these as accepted."""
+    out, current = [], nominal
+    for start in starts:
+        found = fit_candidate(current, Hypothesis(MassSection(), NO_PLACE), np.array(start))
+        assert found is not None
+        out.append(Accepted(found, [], found.evidence, 0.0))
+        current = found.fit
+    return current, out
+
+
+def test_two_weights_are_found_together(two):
+    """Not two tethers, which contain them; and that each could be a section is told."""
+    known = sensitivities(two, [], ("point_mass", "kink", "tether"))
+    found = best_pair(two, known, None, 6.0)
     assert found is not None
-    pair, both = found
-    for (candidate, without), weight in zip(pair, WEIGHTS, strict=True):
+    for (candidate, without), weight in zip(found[0], WEIGHTS, strict=True):
         assert candidate.hypothesis.name == "point_mass"
         low, high = candidate.interval(3.0)
         assert (low <= weight).all()
@@ -31,7 +55,31 @@ def test_two_weights_are_found_together():
         assert candidate.values()[0] == pytest.approx(weight[0], rel=0.15)
         assert candidate.values()[1] == pytest.approx(weight[1], abs=0.02)
         assert candidate.evidence > 20
-        assert without.cost > both.cost + 40
+        assert without.cost > found[1].cost + 40
+    for one in accepted_pair(found, 50):
+        assert one.candidate.hypothesis.name == "point_mass"
+        assert [c.hypothesis.name for c in one.equivalent] == ["mass_section"]
+
+
+def test_two_overlapping_sections_are_two_weights(two):
+    """A heavy one with a light one inside weighs at its edges: neither is a weight by itself."""
+    current, accepted = sections(two, (0.012, 0.48, 0.5), (-0.006, 0.48, 0.3))
+    both, named = as_points(current, accepted, 6.0)
+    assert [one.candidate.hypothesis.name for one in named] == ["point_mass", "point_mass"]
+    assert all({c.hypothesis.name for c in one.equivalent} == {"mass_section"} for one in named)
+    found = np.array([one.candidate.values() for one in named])
+    np.testing.assert_allclose(found, WEIGHTS, rtol=0.1)
+    assert both is named[1].candidate.fit
+
+
+def test_two_wide_sections_stay_sections():
+    truth = ((0.006, 0.25, 0.3), (0.008, 0.72, 0.3))
+    nominal = carrying(MassSection(), truth, 109)
+    starts = [np.array(one) for one in truth]
+    found = fitted_pair(nominal, Hypothesis(MassSection(), NO_PLACE), starts, 6.0)
+    assert found is not None
+    accepted = [Accepted(one, [], one.evidence, 0.0) for one, _ in found[0]]
+    assert as_points(found[1], accepted, 6.0) == (found[1], accepted)
 
 
 def test_one_weight_is_no_pair():

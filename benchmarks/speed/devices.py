@@ -1,9 +1,11 @@
-"""Many equilibria at once: the compiled path against the tensors of each device there is.
+"""Many ropes at once: the compiled path against the tensors of each device there is.
 
 The same ropes (36 frames times C candidate bending rigidities), each with its own rod, from a cold
-start to states, and on to the gradient of a loss in every rope's rigidity; answers are compared.
+start to states, and on to the gradient of a loss in every rope's rigidity; and the same clip of a
+motion, of as many candidates; answers are compared.
 
     python -m benchmarks.speed.devices [--write docs/results.md] [--json FILE] [--ropes N ...]
+                                       [--clips N ...]
 """
 
 from __future__ import annotations
@@ -15,11 +17,14 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.accuracy.dynamics import clip, rope
 from benchmarks.document import parser, publish
 from benchmarks.speed.workloads import FRAMES, GRAVITY, apart
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.batched.implicit import settle_batched
 from ropefit.solvers.batched.solve import solve_batched
+from ropefit.solvers.dynamics.derivatives import simulate
+from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import settle
 from ropefit.solvers.equilibrium.solution import Solution
@@ -27,6 +32,8 @@ from ropefit.solvers.equilibrium.solve import solve
 
 ROPES = (36, 1152)
 SEGMENTS = 19
+CLIPS = (16, 1024)
+STEPS = 50  # of 10 ms
 
 
 def ropes(count: int) -> tuple[torch.Tensor, Callable[[torch.Tensor], Rod], Conditions]:
@@ -83,6 +90,28 @@ def measure(device: torch.device | None, count: int) -> dict[str, Any]:
     }
 
 
+def measure_motion(device: torch.device | None, count: int) -> dict[str, float]:
+    """Time [s] one clip of `count` candidates, with the gradient in every bending rigidity."""
+    drive, start = clip(STEPS + 1, held=True)
+    drive = Drive(*(f.expand(count, *f.shape[1:]) for f in drive))
+    start = Start(*(f.expand(count, *f.shape[1:]) for f in start))
+    bend = 1e-3 * torch.logspace(-0.5, 0.5, count, dtype=torch.float64)
+
+    def gradient(by: torch.device | None = device) -> torch.Tensor:
+        leaf = bend.clone().requires_grad_()
+        ropes = rope(leaf, (True, True), 1.0, 13)
+        x = simulate(ropes, drive, start, None, by)[0]
+        return torch.autograd.grad((x**2).sum(), leaf)[0]
+
+    exact, found = gradient(None), gradient()
+    clock = time.process_time if device is None or device.type == "cpu" else time.perf_counter
+    return {
+        "gradient_s": shortest(gradient, clock),
+        "rope_s": count * STEPS * 0.01,
+        "apart": float(((found - exact).abs() / exact.abs().clamp_min(1e-12)).max()),
+    }
+
+
 def devices() -> dict[str, torch.device | None]:
     found: dict[str, torch.device | None] = {
         "compiled, CPU": None,
@@ -108,6 +137,20 @@ def table(data: dict[str, Any]) -> str:
                 f"| {name} | {count} | {1e3 * m['states_s']:.1f} | {1e3 * m['gradient_s']:.1f} "
                 f"| {1e6 * m['states_s'] / int(count):.0f} | {m['apart_m']:.0e} |"
             )
+    lines += [
+        "",
+        f"Clips of {STEPS} steps of 10 ms, 13 nodes, clamped at both ends, with the gradient in",
+        "every rope's bending rigidity.",
+        "",
+        "| path | clips | with gradient [s] | seconds of rope a second | relative difference |",
+        "|---|---|---|---|---|",
+    ]
+    for name, rows in data["motion"].items():
+        for count, m in rows.items():
+            lines.append(
+                f"| {name} | {count} | {m['gradient_s']:.2f} "
+                f"| {m['rope_s'] / m['gradient_s']:.0f} | {m['apart']:.0e} |"
+            )
     if not data["accelerator"]:
         lines += ["", "No accelerator was there to be timed; `--device cuda` uses the tensors."]
     return "\n".join(lines) + "\n"
@@ -117,12 +160,17 @@ def main() -> None:
     """Print the table; write it where asked."""
     arguments = parser(__doc__)
     arguments.add_argument("--ropes", type=int, nargs="+", default=ROPES, help="how many at once")
+    arguments.add_argument("--clips", type=int, nargs="+", default=CLIPS, help="how many at once")
     options = arguments.parse_args()
     torch.set_num_threads(1)
     data = {
         "accelerator": torch.cuda.is_available(),
         "paths": {
             name: {str(count): measure(device, count) for count in options.ropes}
+            for name, device in devices().items()
+        },
+        "motion": {
+            name: {str(count): measure_motion(device, count) for count in options.clips}
             for name, device in devices().items()
         },
     }

@@ -50,8 +50,8 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
     first, last = d.nominal, d.final
     noise_found, bins = first.problem.noise, first.problem.bins
     along = by_stretches(last)
-    before, noise = heldout_rms(first, along)
-    after, _ = heldout_rms(last, along)
+    before, _ = heldout_rms(first, along)
+    after, noise = heldout_rms(last, along)
     frames, shown = layout.frames, layout.shown
     motion, separates, shapes = "", [], None
     for item in d.accepted:

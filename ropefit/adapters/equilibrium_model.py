@@ -87,7 +87,7 @@ def calibration_of(found: Fit) -> dict[str, Calibration]:
 
 
 def calibration_name(term: Term, axis: str) -> str:
-    """Return the name under which one value of a calibration error is told."""
+    """Return the name under which one value of a calibration error is reported."""
     return term.name if term.size == 1 else f"{term.name}_{axis}"
 
 

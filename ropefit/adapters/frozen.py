@@ -14,7 +14,7 @@ PER_WEIGHT = ("EI", "GJ", "EA", "bend_damping", "air_damping")  # in proportion 
 
 
 def frozen_values(model: Model, where: str, o: Observations) -> dict[str, float]:
-    """Return another run's parameters in the units in which those of `o` are told.
+    """Return another run's parameters in the units in which those of `o` are stated.
 
     Ratios to the weight are carried over where one of the two does not know its mass. The length is
     taken only where it was fitted there or is estimated here, and not from a rope in motion, which

@@ -27,8 +27,8 @@ def noise_of(o: Observations, data: Data) -> Noise:
 def priors_of(o: Observations) -> Priors:
     """Return the recording's own priors over the defaults.
 
-    Two markers tell a clamp's direction badly. Ends that are seen, not told, lie where the visible
-    rope ends: as uncertain as its length is from frame to frame, and as a point of it.
+    Two markers determine a clamp's direction badly. Ends that are seen, not recorded, lie where
+    the visible rope ends: as uncertain as its length is from frame to frame, and as a point of it.
     """
     given = {k: v for k, v in o.priors.model_dump().items() if v is not None}
     usual: dict[str, float] = {} if o.end_twist_known else {"end_orientation": PAIR}

@@ -134,7 +134,7 @@ def _unsaid(recording: Recording) -> list[str]:
             "no [rope] length: it is estimated from what is seen, and any error of it goes into EI"
         )
     if not recording.manifest.rope.mass_known:
-        found.append("no [rope] mass: rigidities are told per weight of the rope, not in N m²")
+        found.append("no [rope] mass: rigidities are stated per weight of the rope, not in N m²")
     size = float(np.linalg.norm(recording.gravity))
     if abs(size - EARTH) > FAR_FROM_EARTH * EARTH:
         found.append(

@@ -2,7 +2,7 @@
 
 What comes out is what the command line would write: `save` puts it into a run directory, where
 every command goes on with it. SI units; shapes stand in the schemas (`ropefit.artifacts`). All
-failures are `ropefit.errors.RopefitError`, told in one line.
+failures are `ropefit.errors.RopefitError`, reported in one line.
 """
 
 from __future__ import annotations

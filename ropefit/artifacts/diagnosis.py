@@ -128,7 +128,7 @@ class Diagnosis(Artifact):
     )
     scan: dict[str, Candidate] = Field(default_factory=dict)
     mismatch: list[Region]
-    refused: list[str] = Field(description="what is not believed, or cannot be told, and why")
+    refused: list[str] = Field(description="what is not accepted, or cannot be determined, and why")
     threshold: float = Field(description="nats an effect needs, from this recording's own noise")
     noise_white: float = quantity("m", "of one point, over all components that count")
     noise_correlated: float = quantity("m")
@@ -172,11 +172,11 @@ class Diagnosis(Artifact):
             return ""
         if unseen.value > LEAST_TESTED:
             return (
-                "Whether bending is linear cannot be told: these data visit hardly any range of "
-                "curvature; poses with the ends brought together, and far apart, would show it."
+                "Whether bending is linear cannot be determined: these data visit hardly any range "
+                "of curvature; poses with the ends brought together, and far apart, would show it."
             )
         low, high = max(1 - unseen.value, 0.0), 1 + unseen.value
         return (
             "Bending is linear as far as these data show: a moment that grows as the curvature to "
-            f"a power between {low:.2f} and {high:.2f} could not be told from that."
+            f"a power between {low:.2f} and {high:.2f} could not be distinguished from that."
         )

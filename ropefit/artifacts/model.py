@@ -101,7 +101,7 @@ class Stepped(Part):
     clips: int
     clip: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]  # -1: too short a clip
     newton: Annotated[np.ndarray, ArraySpec(("frame",), dtype="int64")]  # iterations of a step
-    mass_known: bool = Field(description="false: all is told over the weight per length")
+    mass_known: bool = Field(description="false: all is stated over the weight per length")
     bending_length: float = quantity("m", "(EI / weight per length)^(1/3)")
     calibration: dict[str, Calibration] = Field(default_factory=dict)
 

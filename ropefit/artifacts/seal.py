@@ -1,7 +1,7 @@
 """The last bytes of an artifact: what it is, and a hash of every byte before them.
 
 libhdf5 can be busy for ever with a damaged file. A file whose bytes are those that were written is
-not damaged, and that can be told without libhdf5. To HDF5 what follows the end of its data is
+not damaged, and that can be checked without libhdf5. To HDF5 what follows the end of its data is
 nothing: any HDF5 program reads a sealed file, and one that writes to it takes the seal away.
 """
 

@@ -15,7 +15,7 @@ from ropefit.api.pipeline import COMPUTED
 from ropefit.artifacts import Model
 from ropefit.batch.records import Record, State, read_record, write_record
 from ropefit.batch.results import results
-from ropefit.errors import as_failure, one_line
+from ropefit.failures import as_failure, one_line
 from ropefit.runs.code import code_sha256
 from ropefit.runs.loading import load
 from ropefit.runs.lock import Busy, working_on

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ropefit.errors import as_failure, one_line
-
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -41,6 +39,8 @@ class Session:
             return
         if self.debug:
             traceback.print_exception(kind, error, trace)
+        from ropefit.failures import as_failure, one_line
+
         error = as_failure(error)
         self.errors.print(f"ropefit: {one_line(error)}", markup=False, style="bold red")
         raise SystemExit(error.exit_code)

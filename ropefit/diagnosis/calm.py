@@ -39,12 +39,13 @@ def calm(fitted: Fit) -> Fit:
 
 
 def _calm(fitted: Fit) -> Fit:
-    now = fitted
+    now, before = fitted, None
     for _ in range(ROUNDS):
         far = excess(now)
         out = far > max(OUTSTANDING_SD, float(np.quantile(far, 1 - MOST_DROPPED)))
-        if not out.any():
+        if not out.any() or (before is not None and (out == before).all()):
             break
+        before = out
         few = attempted(
             now.forward, fitted.problem.without(out), now.point.u, EVALUATIONS, tolerance=1e-3
         )

@@ -105,11 +105,13 @@ class Candidate:
 
 
 def fit_candidate(
-    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf
-) -> Candidate | None:
+    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf,
+    needed: float = np.inf,
+) -> Candidate | None:  # fmt: skip
     """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle.
 
     lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
+    needed: cost that makes a difference; a fit without prospect of it is stopped.
     """
     setup, slow = smaller.forward.base, hypothesis.effect.slow
     origin = calm(smaller) if slow else smaller
@@ -129,7 +131,8 @@ def fit_candidate(
     if slow and np.allclose(first.seen, origin.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there is no gradient
     most = SLOW_EVALUATIONS if slow else EVALUATIONS
-    fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5)
+    needed = np.inf if slow else needed  # contact has no linear steps
+    fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5, needed=needed)
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = _continued(smaller.cost, fitted, lowest)
     if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.converged.all():
@@ -207,9 +210,10 @@ def _refitted_beside(smaller: Fit, seen: np.ndarray) -> np.ndarray:
     return np.clip(u + step, low, high)
 
 
-def occam_factor(fitted: Fit, term: Term) -> float:
-    """Return half the log of how much the data narrow the term's values, from broad priors."""
-    k = term.size
+def occam_factor(fitted: Fit, *terms: Term) -> float:
+    """Return half the log of how much the data narrow the values of the last terms, from broad
+    priors."""
+    k = sum(term.size for term in terms)
     held = np.isfinite(fitted.prior)
     information = fitted.jacobian.T @ fitted.jacobian + np.diag(
         np.where(held, 1 / fitted.prior**2, 1e-12)
@@ -218,10 +222,12 @@ def occam_factor(fitted: Fit, term: Term) -> float:
     cross = information[:-k, -k:]
     own = information[-k:, -k:] - cross.T @ np.linalg.pinv(others, hermitian=True) @ cross
     length = float(fitted.forward.base.properties.length.sum())
-    places = term.effect.place_names if term.effect else ()
     prior = np.array(
         [
-            PLACE_PRIOR_SD * length / s if name in places else SIZE_PRIOR_SD
+            PLACE_PRIOR_SD * length / s
+            if term.effect and name in term.effect.place_names
+            else SIZE_PRIOR_SD
+            for term in terms
             for name, s in zip(term.names, term.scale, strict=True)
         ]
     )

@@ -6,8 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ropefit.diagnosis.accepted import CLOSE_EVIDENCE
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
@@ -25,6 +28,7 @@ class Fits:
     """Candidates on top of one model, the best of each hypothesis."""
 
     current: Fit
+    threshold: float
     best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
 
     def add(self, choices: list[Start]) -> None:
@@ -42,7 +46,16 @@ class Fits:
 
     def _fitted(self, start: Start) -> Candidate | None:
         best = self.best()
-        return fit_candidate(self.current, *start, best.fit.cost if best else np.inf)
+        lowest = best.fit.cost if best else np.inf
+        return fit_candidate(self.current, *start, lowest, self._needed(start[0]))
+
+    def _needed(self, hypothesis: Hypothesis) -> float:
+        """Return the cost at which a candidate begins to count: it may be accepted, or is close to
+        the best, and better than what is known of the same hypothesis."""
+        best, known = self.best(), self.best_of.get(hypothesis.key)
+        evidence = max(self.threshold - TIE_NATS, CLOSE_EVIDENCE * best.evidence if best else 0.0)
+        cost = self.current.cost - 2 * evidence
+        return cost if known is None else min(cost, known.fit.cost + 2 * TIE_NATS)
 
     def best(self) -> Candidate | None:
         return max(self.best_of.values(), key=lambda c: c.evidence, default=None)
@@ -70,7 +83,7 @@ def fit_candidates(
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
     effects that may be proposed; None: all.
     """
-    fits = Fits(current)
+    fits = Fits(current, threshold)
     for choices in _leaders(scan, threshold) + quick:
         fits.add(choices)
     first = fits.best()
@@ -92,6 +105,15 @@ def fit_candidates(
             for choices in proposals_beside(effect, values, first.fit, names):
                 fits.add(choices)
     return sorted(fits.best_of.values(), key=lambda c: -c.evidence)
+
+
+def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:
+    """Return the candidates, those that were stopped fitted to the end; best first."""
+    every = [
+        (fit_candidate(current, c.hypothesis, c.values()) or c) if c.fit.stopped else c
+        for c in candidates
+    ]
+    return sorted(every, key=lambda c: -c.evidence)
 
 
 def _leaders(scan: list[Score], threshold: float) -> list[list[Start]]:

@@ -30,9 +30,15 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
             continue
         behind = best.evidence - one.evidence
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
-        if behind < TIE_NATS or (share > SAME_SHARE and behind < SAME_NATS):
+        if within_reach(behind, share):
             out.append(one)
     return out
+
+
+def within_reach(behind: float, share: float) -> bool:
+    """Return whether a candidate so far behind the best [nats], which explains such a share of what
+    the best does, is as good."""
+    return behind < TIE_NATS or (share > SAME_SHARE and behind < SAME_NATS)
 
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:

@@ -7,25 +7,38 @@ a pair's score follows from what is known of its places.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from ropefit.diagnosis.acceptance import refusal
-from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, compared, occam_factor
-from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.accepted import Accepted, accept
+from ropefit.diagnosis.candidate import (
+    EVALUATIONS,
+    Candidate,
+    compared,
+    fit_candidate,
+    occam_factor,
+)
+from ropefit.diagnosis.equivalence import TIE_NATS, within_reach
+from ropefit.diagnosis.hypotheses import NARROWEST, NO_PLACE, Hypothesis
+from ropefit.diagnosis.nested import is_special_case
+from ropefit.diagnosis.reassessment import without_effects
 from ropefit.diagnosis.scan import Projection
-from ropefit.diagnosis.sensitivities import Sensitivity
+from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
+from ropefit.effects import CATALOGUE, Effect
 from ropefit.inference.least_squares import Fit, attempted
 
 PRIOR_SIZE = 3.0  # usual sizes: keeps the sizes of two places nearby from running away
 LEAST_APART = 2  # places of the scan
 
+Pair = tuple[list[tuple[Candidate, Fit]], Fit]  # candidates, each with the model without it; both
+
 
 def best_pair(
     current: Fit, known: list[Sensitivity], single: Candidate | None, threshold: float
-) -> tuple[list[tuple[Candidate, Fit]], Fit] | None:
+) -> Pair | None:
     """Return two candidates of one effect, each with the model without it, and the fit with both.
 
     None unless together they are better than the best single candidate, if any, and each of them
@@ -35,7 +48,87 @@ def best_pair(
     saved = current.cost - single.fit.cost if single else 0.0
     if found is None or found[0] < saved + 2 * threshold:
         return None
-    _, hypothesis, starts = found
+    pair = fitted_pair(current, *found[1:], threshold)
+    if pair is None:
+        return None
+    alone = single.evidence if single else 0.0
+    return pair if _together(current, pair[1]) > alone + TIE_NATS else None
+
+
+def as_points(
+    current: Fit, accepted: list[Accepted], threshold: float
+) -> tuple[Fit, list[Accepted]]:
+    """Return two accepted stretches as two points, unless their widths are worth their evidence;
+    the pair that is not named is equivalent where it is within reach.
+
+    Two overlapping sections can be what two weights are: neither is a weight beside the other, so
+    that the pairs are compared as a whole.
+    """
+    if len(accepted) != 2 or not current.forward.instantaneous:
+        return current, accepted
+    one, other = (a.candidate.hypothesis.effect for a in accepted)
+    base = without_effects(current, *(a.candidate for a in accepted))
+    if type(one) is not type(other) or one.locus != "interval" or base is None:
+        return current, accepted
+    setup, responses = base.forward.base, Sensitivities(base)
+    points = [
+        responses.of(Hypothesis(e, e.scan_places(setup)))
+        for e in (kind() for kind in CATALOGUE if is_special_case(kind(), one))
+        if e.locus == "point" and e.applies(setup)
+    ]
+    found = _scanned(base, points)
+    pair = fitted_pair(base, *found[1:], threshold) if found else None
+    if pair is None:
+        return current, accepted
+    behind = _together(base, current) - _together(base, pair[1])
+    share = (base.cost - pair[1].cost) / max(base.cost - current.cost, 1e-9)
+    if not within_reach(behind, share):
+        return current, accepted
+    both = [c for c, _ in pair[0]]
+    if behind > TIE_NATS:
+        return current, [replace(a, equivalent=[*a.equivalent, *both]) for a in accepted]
+    wide = [a.candidate for a in accepted]
+    return pair[1], [
+        Accepted(c, wide, c.evidence, a.p_value) for c, a in zip(both, accepted, strict=True)
+    ]
+
+
+def accepted_pair(pair: Pair, tried: int) -> list[Accepted]:
+    """Return both candidates as accepted, with the stretches that explain as much in their place.
+
+    tried: how many hypotheses were scanned.
+    """
+    return [accept(c, [c, *_spread_out(c, beside)], beside, tried) for c, beside in pair[0]]
+
+
+def _spread_out(point: Candidate, beside: Fit) -> list[Candidate]:
+    """Return fits of effects of the same quantities on a stretch about a point."""
+    effect, values = point.hypothesis.effect, point.values()
+    width = 2 * NARROWEST * float(beside.forward.base.properties.length.sum())
+    wide = (kind() for kind in CATALOGUE if is_special_case(effect, kind()))
+    fits = [
+        fit_candidate(beside, Hypothesis(one, NO_PLACE), np.array([*values, width]))
+        for one in wide
+        if one.locus == "interval" and _units(one) == _units(effect)
+    ]
+    return [one for one in fits if one is not None]
+
+
+def _units(effect: Effect) -> list[str]:
+    return [quantity.unit for quantity in effect.quantities]
+
+
+def _together(base: Fit, both: Fit) -> float:
+    """Return the log evidence of two effects, the last terms, over the model without them."""
+    gain = 0.5 * (base.cost - both.cost) / max(1.0, both.spread)
+    return gain - occam_factor(both, *both.forward.terms[-2:])
+
+
+def fitted_pair(
+    current: Fit, hypothesis: Hypothesis, starts: list[np.ndarray], threshold: float
+) -> Pair | None:
+    """Return an effect fitted at two places; None unless each passes every gate beside the
+    other."""
     setup = current.forward.base
     terms = [hypothesis.term(setup, start) for start in starts]
     model = current.forward.with_terms([*current.forward.terms, *terms], current.point.solution)
@@ -51,25 +144,25 @@ def best_pair(
             forward = current.forward.with_terms(now, both.point.solution)
             u = np.concatenate([parts[id(term)] for term in now])
             fits.append(attempted(forward, current.problem, u, EVALUATIONS, tolerance=1e-5))
-        without, whole = fits
-        if without is None or whole is None or len(without.z) != len(whole.z):
+        beside, whole = fits
+        if beside is None or whole is None or len(beside.z) != len(whole.z):
             return None
-        candidate = compared(hypothesis, mine, without, whole)
-        if candidate.evidence < threshold or refusal(candidate, without):
+        candidate = compared(hypothesis, mine, beside, whole)
+        if candidate.evidence < threshold or refusal(candidate, beside):
             return None
-        out.append((candidate, without))
-    spread = max(1.0, both.spread)
-    together = 0.5 * (current.cost - both.cost) / spread
-    together -= sum(occam_factor(c.fit, c.term) for c, _ in out)
-    alone = single.evidence if single else 0.0
-    return (out, out[1][0].fit) if together > alone + TIE_NATS else None
+        out.append((candidate, beside))
+    return out, out[1][0].fit
 
 
 def _scanned(
     current: Fit, known: list[Sensitivity]
-) -> tuple[float, Hypothesis, tuple[np.ndarray, np.ndarray]] | None:
-    """Return by how much a pair lowers χ² at most, to first order, its effect and its values."""
-    project, best = Projection(current), None
+) -> tuple[float, Hypothesis, list[np.ndarray]] | None:
+    """Return by how much the pair of the highest evidence lowers χ², to first order, its effect and
+    its values.
+
+    By evidence: two tethers always lower it more than the two weights that they contain.
+    """
+    project, best, most = Projection(current), None, -np.inf
     setup = current.forward.base
     for one in known:
         hypothesis = one.hypothesis
@@ -83,14 +176,17 @@ def _scanned(
             if q - p < LEAST_APART:
                 continue
             rows = np.r_[k * p : k * p + k, k * q : k * q + k]
-            sizes = np.linalg.solve(a[np.ix_(rows, rows)] + np.eye(2 * k) / PRIOR_SIZE**2, b[rows])
+            strength = a[np.ix_(rows, rows)]
+            sizes = np.linalg.solve(strength + np.eye(2 * k) / PRIOR_SIZE**2, b[rows])
             gain = float(sizes @ b[rows])
+            cost = np.linalg.slogdet(np.eye(2 * k) + PRIOR_SIZE**2 * strength)[1]
             if hypothesis.positive and sizes.min() < 0:
                 continue
-            if best is None or gain > best[0]:
+            if gain - cost > most:
+                most = gain - cost
                 values = [
                     np.concatenate([scales * part, hypothesis.places[place]])
                     for part, place in ((sizes[:k], p), (sizes[k:], q))
                 ]
-                best = gain, hypothesis, (values[0], values[1])
+                best = gain, hypothesis, values
     return best

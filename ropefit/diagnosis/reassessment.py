@@ -33,7 +33,7 @@ def reassessed(
     for index, one in enumerate(accepted):
         if one is accepted[-1] and not changed:
             break
-        without = _without(current, one.candidate)
+        without = without_effects(current, one.candidate)
         after = [f.candidate for f in accepted[index + 1 :]]
         if without is None or not all(
             c.hypothesis.effect.applies(without.point.setup) for c in after
@@ -87,9 +87,10 @@ def _best_of(fitted: list[Candidate | None]) -> list[Candidate]:
     return list(out.values())
 
 
-def _without(current: Fit, candidate: Candidate) -> Fit | None:
-    """Return the model without an effect."""
-    rest = [part for part in _parts(current) if part[0] is not candidate.term]
+def without_effects(current: Fit, *candidates: Candidate) -> Fit | None:
+    """Return the model without some effects."""
+    theirs = {id(candidate.term) for candidate in candidates}
+    rest = [part for part in _parts(current) if id(part[0]) not in theirs]
     return _refitted(current, rest, current.problem)
 
 

@@ -12,18 +12,23 @@ from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.candidates import fit_candidates, unexplained
+from ropefit.diagnosis.candidates import completed, fit_candidates, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.latent_force import LatentForce, latent_force
 from ropefit.diagnosis.noise_measurement import measured_noise
-from ropefit.diagnosis.pairs import best_pair
+from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
 from ropefit.diagnosis.proposals import Start, proposals, uneven
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
-from ropefit.diagnosis.wander import MESH_ERROR, wandering_noise, with_what_is_missed_alike
+from ropefit.diagnosis.wander import (
+    MESH_ERROR,
+    no_larger_than_left,
+    wandering_noise,
+    with_what_is_missed_alike,
+)
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
@@ -123,15 +128,18 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             if again is not None:
                 current = again
                 continue
-        best = rules.selection.acceptable(candidates, limits.threshold, current, refused)
+        refusals: list[str] = []
+        best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+        if refusals and any(c.fit.stopped for c in candidates):  # the leader no longer counts
+            candidates, refusals = completed(current, candidates), []
+            best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+        refused += refusals
         pair = None
         there = bool(candidates) and candidates[0].evidence >= limits.threshold
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None:
-            for candidate, without in pair[0]:
-                accepted.append(accept(candidate, [candidate], without, len(scan.sensitivities)))
-            current = pair[1]
+            accepted, current = accepted_pair(pair, len(scan.sensitivities)), pair[1]
             continue
         if best is None:
             break
@@ -143,10 +151,12 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if not current.forward.instantaneous:  # less is left, and what is left wanders less
             problem = problem.under(wandering_noise(best.fit, scan.sensitivities))
         else:
-            problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
+            noise = no_larger_than_left(problem.noise, best.fit, [])
+            problem = problem.under(with_what_is_missed_alike(noise, best.fit, []))
         forward = best.fit.forward.starting_from(best.fit.point.solution)
         current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
+        current, accepted = as_points(current, accepted, limits.threshold)
     assert first is not None
     assert limits is not None
     return Diagnosis(
@@ -166,6 +176,7 @@ def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
     noise, known = _noise(nominal, rules)
     if nominal.forward.instantaneous and known:
         noise = with_what_is_missed_alike(noise, nominal, known)
+        noise = no_larger_than_left(noise, nominal, known)
     forward = nominal.forward.starting_from(nominal.point.solution)
     again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
     return again, known

@@ -14,6 +14,7 @@ from ropefit.models.terms import change_by
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 NEAR = 1e-3  # of the length: shapes that differ by less answer alike
+STRAIGHT = 1e-9  # of the rest vectors of bend elements
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
 
 
@@ -68,23 +69,31 @@ class Sensitivities:
         loads = self._loads(hypothesis) if self.fit.forward.instantaneous else None
         if loads is not None:
             return loads_to_nodes(self.point, loads)
+        if hypothesis.effect.turns_rope and self._spins_freely():
+            return self._tangents(hypothesis, turned=True)
         if hypothesis.effect.tangent:
             return self._tangents(hypothesis)
         return self._finite_responses(hypothesis)
 
-    def _tangents(self, hypothesis: Hypothesis) -> np.ndarray:
+    def _spins_freely(self) -> bool:
+        """Return whether the rope may spin at no cost: it is straight without loads, and has no
+        memory."""
+        setup, rod = self.setup, self.point.solution.rod
+        straight = float(rod.rest.abs().max()) < STRAIGHT
+        return self.fit.forward.instantaneous and not setup.remembers and straight
+
+    def _tangents(self, hypothesis: Hypothesis, turned: bool = False) -> np.ndarray:
         zero = np.zeros(hypothesis.size)
         terms = [
             hypothesis.term_at(self.setup, np.concatenate([zero, place]))
             for place in hypothesis.places
         ]
-        point = self.point
         if hypothesis.effect.path_dependent:
             start = np.zeros(sum(term.size for term in terms))
-            point = self.fit.forward.of_setup(self.setup, point.solution, terms).at(start)
-        return point.respond(
-            [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
-        )
+            model = self.fit.forward.of_setup(self.setup, self.point.solution, terms)
+            return model.jacobian(model.at(start))
+        changes = [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
+        return self.point.respond(changes, turned) if turned else self.point.respond(changes)
 
     def _finite_responses(self, hypothesis: Hypothesis) -> np.ndarray:
         scales, out = hypothesis.scales(self.setup), []

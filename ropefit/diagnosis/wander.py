@@ -52,6 +52,15 @@ def with_what_is_missed_alike(noise: Noise, fitted: Fit, sensitivities: list[Sen
     return replace(noise, repeats=1 + share * (many - 1))
 
 
+def no_larger_than_left(noise: Noise, fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
+    """Return the noise of markers, no larger than what the best single effect leaves: preprocess
+    only bounds it from above where frames are few."""
+    if not fitted.problem.data.material or noise.repeats > 1:
+        return noise
+    left = fitted.whitener.undo(_left_by_the_best(fitted, sensitivities))
+    return replace(noise, marker=min(noise.marker, float(np.sqrt(left @ left / fitted.freedom))))
+
+
 def _left_by_the_best(fitted: Fit, sensitivities: list[Sensitivity]) -> np.ndarray:
     """Return (M D,) the whitened residual beside the effect that explains most of it."""
     project = Projection(fitted)

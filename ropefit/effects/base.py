@@ -144,6 +144,8 @@ class Effect(ABC):
     looks_like_noise: ClassVar[bool] = False
     # Its response depends on the frames before even at zero size: the derivative follows the path.
     path_dependent: ClassVar[bool] = False
+    # It is a rest curvature of a rope that is free to spin, which turns until that costs least.
+    turns_rope: ClassVar[bool] = False
     # A simulator may have it unknown to its user: looked for in simulated shapes.
     of_simulators: ClassVar[bool] = False
     # It can be simulated in motion: no potential, no memory, nothing that needs a rope at rest.
@@ -191,7 +193,7 @@ class Effect(ABC):
     def tangent(self) -> bool:
         """Return whether the scan takes the derivative at zero, or the response to a finite
         size."""
-        return self.linear
+        return self.linear or self.path_dependent
 
     @property
     def prior_decides(self) -> bool:

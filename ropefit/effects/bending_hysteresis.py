@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.attachments import BendingFriction
+from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.revisit import revisits
 from ropefit.rod.memory import Branch
 from ropefit.rod.setup import Setup
@@ -25,6 +27,7 @@ class BendingHysteresis(Effect):
         Quantity("range", "1/m", 1.0, 1e-3, 1e3, by_length=-1.0),
     )
     linear = False
+    path_dependent = True
     shaping = 1
     looks_like_noise = True
     tries = (0.3, 2.0)
@@ -36,6 +39,14 @@ class BendingHysteresis(Effect):
         bend = (values[0] / values[1]).expand_as(setup.properties.bend)
         never = torch.tensor(math.inf, dtype=torch.float64)
         return setup._replace(memory=(*setup.memory, Branch(bend, values[1], never, fresh=False)))
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        if values["moment"] <= 0:
+            return Exported(beside, settles=False)
+        friction = BendingFriction(values["moment"], values["range"])
+        return Exported((*beside, friction), settles=False)
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

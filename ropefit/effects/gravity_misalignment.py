@@ -34,9 +34,9 @@ class GravityMisalignment(Effect):
         return setup._replace(gravity=turned(setup.gravity, values))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
-        """Propose the direction in which the recorded rope sags, if it is far from the told one.
+        """Propose the direction in which the recorded rope sags, if it is far from the stated one.
 
-        A scan looks at small tilts; a rope whose gravity is told along another axis fits nothing.
+        A scan looks at small tilts; a rope whose gravity is stated along another axis fits nothing.
         """
         setup = misfit.setup
         length, gravity = float(setup.properties.length.sum()), setup.gravity.detach().numpy()
@@ -48,9 +48,9 @@ class GravityMisalignment(Effect):
         chord /= np.maximum(np.linalg.norm(chord, axis=1), SMALL)[:, None]
         sag = misfit.places + misfit.moves - ends[misfit.frame, 0]
         sag -= (sag * chord).sum(1)[:, None] * chord
-        down, told = (v / np.linalg.norm(v) for v in (sag.mean(0), gravity))
-        axis = np.cross(told, down)
-        size, angle = np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), told @ down)
+        down, stated = (v / np.linalg.norm(v) for v in (sag.mean(0), gravity))
+        axis = np.cross(stated, down)
+        size, angle = np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), stated @ down)
         first, second = (a.numpy() for a in horizontal(setup.gravity))
         axis = axis / size if size > 1e-6 else first
         if not angle > CONFUSED:

@@ -73,6 +73,7 @@ class FreeCurvature(IntrinsicCurvature):
     quantities = (Quantity("curvature", "1/m", 0.3, lower=0.0, by_length=-1.0),)
     special_cases = (SpecialCase(FreeKink, ("width",), sharp_bend),)
     linear = False
+    turns_rope = True
 
     def applies(self, setup: Setup) -> bool:
         return not twist_held(setup)

@@ -72,6 +72,7 @@ class FreeKink(Kink):
     vector = None
     quantities = (Quantity("angle", "rad", 0.15, lower=0.0, inexact=INEXACT), WIDTH)
     linear = False
+    turns_rope = True
 
     def applies(self, setup: Setup) -> bool:
         return not twist_held(setup)

@@ -1,4 +1,4 @@
-"""A rope whose length is not the one told."""
+"""A rope whose length is not the one stated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ropefit.rod.setup import Setup
 
 
 class LengthError(Effect):
-    """The rope between its ends is 1 + `excess` times as long as told, the same everywhere.
+    """The rope between its ends is 1 + `excess` times as long as stated, the same everywhere.
 
     Of a rope in motion only: at rest a scale error, stretch and misplaced ends look alike.
     """
@@ -27,4 +27,4 @@ class LengthError(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         longer = "longer" if values["excess"] > 0 else "shorter"
-        return f"the rope is {100 * abs(values['excess']):.2g} % {longer} than told"
+        return f"the rope is {100 * abs(values['excess']):.2g} % {longer} than stated"

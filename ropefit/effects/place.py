@@ -9,7 +9,7 @@ from torch import Tensor
 from ropefit.rod.setup import Setup
 
 SCAN_POINTS = 25  # places of a point effect along the rope
-QUARTERS = (0, 25, 50, 75, 100)  # % of the length: where what varies along a whole rope is told
+QUARTERS = (0, 25, 50, 75, 100)  # % of the length: where what varies along a whole rope is reported
 SCAN_WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
 
 SPREAD = (torch.arange(16, dtype=torch.float64) + 0.5) / 16 - 0.5  # of a width: where it is summed
@@ -95,7 +95,7 @@ def middle_of(setup: Setup) -> Tensor:
 
 
 def between_quarters(setup: Setup) -> Tensor:
-    """Return (N, 5) how much every segment has of what is told at each of `QUARTERS`."""
+    """Return (N, 5) how much every segment has of what is reported at each of `QUARTERS`."""
     length = setup.properties.length
     share = (setup.arc[1:] - 0.5 * length) / length.sum()
     places = 0.01 * torch.tensor(QUARTERS, dtype=torch.float64)

@@ -25,6 +25,7 @@ class PlasticSet(Effect):
         Quantity("yield_curvature", "1/m", 3.0, 1e-3, 1e3, by_length=-1.0),
     )
     linear = False
+    path_dependent = True
     shaping = 1
     looks_like_noise = True
     tries = (0.4, 1.0, 2.5)

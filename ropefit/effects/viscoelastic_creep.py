@@ -24,6 +24,7 @@ class ViscoelasticCreep(Effect):
         Quantity("time", "s", 0.15, 1e-3, 1e6, by_time=1.0),
     )
     linear = False
+    path_dependent = True
     shaping = 1
     looks_like_noise = True
     tries = (0.2, 1.0, 4.0)

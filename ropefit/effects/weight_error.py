@@ -1,4 +1,4 @@
-"""Everything weighs more or less than told: a wrong mass, or a wrong gravity."""
+"""Everything weighs more or less than stated: a wrong mass, or a wrong gravity."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ropefit.rod.setup import Setup
 
 
 class WeightError(Effect):
-    """Gravity is 1 + `excess` times what is told. At rest a wrong mass does the same."""
+    """Gravity is 1 + `excess` times what is stated. At rest a wrong mass does the same."""
 
     name = "weight_error"
     of_simulators = True
@@ -23,7 +23,7 @@ class WeightError(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return (
-            f"everything weighs {1 + values['excess']:.3g} times what was told: the mass of the "
+            f"everything weighs {1 + values['excess']:.3g} times what was stated: the mass of the "
             "rope or gravity is wrong"
         )
 

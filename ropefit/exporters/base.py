@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ropefit.attachments import BendingFriction
 from ropefit.exporters.description import RopeDescription
 
 NOMINAL_DIAMETER = 0.008  # m, where the rope's own is not known: only contacts and looks use it
@@ -85,3 +86,13 @@ def stretch_note(rope: RopeDescription, lost: list[str]) -> None:
         )
     if np.isfinite(rope.GA).any():
         lost.append("transverse shear is not expressed (GA is ignored)")
+
+
+def friction_note(rope: RopeDescription, lost: list[str]) -> None:
+    """Say that a target without it leaves out friction of bending."""
+    for effect in rope.effects:
+        if isinstance(effect, BendingFriction):
+            lost.append(
+                f"internal friction of bending, up to {effect.moment:.4g} N m: the target's rope "
+                "has none"
+            )

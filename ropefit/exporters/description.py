@@ -7,7 +7,16 @@ from typing import Literal
 
 import numpy as np
 
-from ropefit.attachments import Cylinder, Effect, EndTwist, Plane, PointMass, Sphere, Tether
+from ropefit.attachments import (
+    BendingFriction,
+    Cylinder,
+    Effect,
+    EndTwist,
+    Plane,
+    PointMass,
+    Sphere,
+    Tether,
+)
 from ropefit.errors import BadInput
 
 EndKind = Literal["free", "pinned", "clamped"]
@@ -126,5 +135,7 @@ class RopeDescription:
             raise BadInput(f"{what}: start and stop coincide")
         if isinstance(effect, Tether) and (effect.stiffness <= 0 or effect.rest_length < 0):
             raise BadInput(f"{what}: stiffness must be positive and rest_length not negative")
+        if isinstance(effect, BendingFriction) and min(effect.moment, effect.range) <= 0:
+            raise BadInput(f"{what}: moment and range must be positive")
         if isinstance(effect, EndTwist) and effect.end not in (0, 1):
             raise BadInput(f"{what}: end is 0 or 1")

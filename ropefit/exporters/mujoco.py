@@ -12,6 +12,7 @@ from ropefit.exporters.base import (
     ExportResult,
     Simulator,
     diameter_of,
+    friction_note,
     numbers,
     stretch_note,
     varies,
@@ -41,6 +42,7 @@ class MuJoCo(Exporter):
         layout, lost = lay_out(rope), []
         radius = diameter_of(rope, lost) / 2
         stretch_note(rope, lost)
+        friction_note(rope, lost)
         lost.append(
             "damping: the vertices of a flex cannot have any, so this rope swings on; multiply "
             "qvel by exp(-8 timestep) each step to bring it to rest"

@@ -12,6 +12,7 @@ from ropefit.exporters.base import (
     ExportResult,
     Simulator,
     diameter_of,
+    friction_note,
     numbers,
     stretch_note,
 )
@@ -44,6 +45,7 @@ class MuJoCo3(Exporter):
         layout, lost = lay_out(rope), []
         radius = diameter_of(rope, lost) / 2
         stretch_note(rope, lost)
+        friction_note(rope, lost)
         mjcf.held_notes(rope, layout, lost)
         ratio = layout.GJ / layout.EI
         if np.ptp(ratio) > 1e-3 * ratio.max():

@@ -8,6 +8,7 @@ import numpy as np
 
 from ropefit.attachments import Cylinder, Plane, Sphere, Tether
 from ropefit.exporters.base import Exporter, ExportResult, Simulator, diameter_of
+from ropefit.exporters.dahl import dahl
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.layout import Layout, lay_out
 from ropefit.exporters.script import assign, title
@@ -35,6 +36,13 @@ class Newton(Exporter):
         for effect in rope.effects:
             if isinstance(effect, Plane | Sphere | Cylinder | Tether):
                 lost.append(f"a {type(effect).__name__.lower()}: add it to the builder by hand")
+        bend = layout.EI / layout.voronoi
+        strains, decay = dahl(rope, bend, layout.voronoi)
+        if strains.any():
+            lost.append(
+                "friction of bending acts on each axis by itself in Newton, on twist too, and "
+                "builds up exponentially (Dahl)"
+            )
         lost.append("the mass of a node is carried by the two segments beside it, half each")
         lines = [
             *title(rope, "A rope for Newton 1.8.", lost),
@@ -48,15 +56,19 @@ class Newton(Exporter):
             assign("MASSES", _segment_masses(layout), "(V-1,) kg"),
             assign("STRETCH", _springs(EA, layout), "(V-2,) N/m"),
             assign("SHEAR", _springs(GA, layout), "(V-2,) N/m"),
-            assign("BEND", layout.EI / layout.voronoi, "(V-2,) N m/rad"),
+            assign("BEND", bend, "(V-2,) N m/rad"),
             assign("TWIST", layout.GJ / layout.voronoi, "(V-2,) N m/rad"),
+            assign("DAHL_EPS_MAX", strains, "(V-2,) rad: friction's largest moment over BEND"),
+            assign("DAHL_TAU", decay, "(V-2,) rad, over which friction builds up"),
             assign("GRAVITY", rope.gravity, "m/s^2"),
             f"HELD = {layout.held}  # vertices held at end 0, end 1: 1 pinned, 2 clamped",
             f"RADIUS = {radius:.10g}  # m; Newton would take 0.1 m",
             BODY,
         ]
         return ExportResult(
-            "\n".join(lines), {"rope.usda": curves(rope, radius, EA, GA)}, tuple(lost)
+            "\n".join(lines),
+            {"rope.usda": curves(rope, radius, EA, GA)},
+            tuple(lost),
         )
 
 
@@ -113,6 +125,8 @@ LONGEST = 20.0  # s
 def make_model(pose):
     """The rope in a pose: one capsule a segment, one joint an inner vertex."""
     builder = newton.ModelBuilder(gravity=wp.vec3(*GRAVITY))
+    if DAHL_EPS_MAX.any():
+        newton.solvers.SolverVBD.register_custom_attributes(builder)
     rod = newton.Rod(
         START_X[pose], quaternions=START_Q[pose], rest_points=REST_X, rest_quaternions=REST_Q,
         radius=RADIUS,
@@ -150,7 +164,13 @@ def make_model(pose):
                                          wp.quat_identity()),
             )]
     builder.color()
-    return builder.finalize(skip_all_validations=True), bodies, lengths
+    model = builder.finalize(skip_all_validations=True)
+    if DAHL_EPS_MAX.any():  # vbd:dahl_eps_max and vbd:dahl_tau, of all joints
+        for name, values in (("dahl_eps_max", DAHL_EPS_MAX), ("dahl_tau", DAHL_TAU)):
+            every = np.zeros(model.joint_count, dtype=np.float32)
+            every[joints[: len(values)]] = values
+            getattr(model.vbd, name).assign(every)
+    return model, bodies, lengths
 
 
 def vertices(state, bodies, lengths):

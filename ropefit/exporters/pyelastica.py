@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from ropefit.attachments import Cylinder, EndTwist, Plane, Sphere, Tether
-from ropefit.exporters.base import Exporter, ExportResult, Simulator, diameter_of
+from ropefit.exporters.base import Exporter, ExportResult, Simulator, diameter_of, friction_note
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.layout import Layout, lay_out
 from ropefit.exporters.rotation import matrix
@@ -47,6 +47,7 @@ class PyElastica(Exporter):
             lost.append(f"GA above {GA.max():.4g} N, for the same reason")
         lost.append("the rotary inertia of a thin rope: it is raised to what the time step allows")
         _obstacle_notes(rope, layout, lost)
+        friction_note(rope, lost)
         inertia, step = _inertia(layout, EA, GA, radius)
         lines = [
             *title(rope, "A rope for PyElastica 1.0.", lost),

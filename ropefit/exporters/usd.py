@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.exporters.dahl import dahl
 from ropefit.exporters.description import RopeDescription
 from ropefit.exporters.layout import rest_shape
 
@@ -13,7 +14,8 @@ def curves(rope: RopeDescription, radius: float, EA: np.ndarray, GA: np.ndarray)
     rigidities.
 
     radius [m]; EA, GA: [N]. USD has one material a curve: harmonic means are written, the
-    stiffness of the rope as a whole. How ends are held has no place in this schema.
+    stiffness of the rope as a whole. How ends are held has no place in this schema. Friction of
+    bending is written as Isaac Lab takes it, beside the schema.
     """
     means = [_harmonic(EA), _harmonic(GA), _harmonic(rope.EI), _harmonic(rope.GJ)]
     names = ["Stretch", "Shear", "Bend", "Twist"]
@@ -47,8 +49,9 @@ def curves(rope: RopeDescription, radius: float, EA: np.ndarray, GA: np.ndarray)
     ]
     turns = np.column_stack([rope.rest_curvature, rope.rest_twist])
     rest = rest_shape(rope.rest_lengths, turns, rope.x[0], None)[0]
+    friction = _friction(rope, means[2])
     for pose, x in enumerate(rope.x):
-        lines += _curve(f"Pose{pose}", x, rest, radius, active=pose == 0)
+        lines += _curve(f"Pose{pose}", x, rest, radius, friction, active=pose == 0)
     lines += [
         '    def Material "Rope" (',
         '        prepend apiSchemas = ["PhysicsCurvesDeformableMaterialAPI"]',
@@ -62,7 +65,23 @@ def curves(rope: RopeDescription, radius: float, EA: np.ndarray, GA: np.ndarray)
     return "\n".join(lines) + "\n"
 
 
-def _curve(name: str, x: np.ndarray, rest: np.ndarray, radius: float, active: bool) -> list[str]:
+def _friction(rope: RopeDescription, bending: float) -> list[str]:
+    """Return attributes of a curve whose joints are its inner vertices; bending [N m²]."""
+    reach = 0.5 * (rope.rest_lengths[1:] + rope.rest_lengths[:-1])
+    strains, decay = dahl(rope, bending / reach, reach)
+    if not strains.any():
+        return []
+    pairs = (("dahlMaxStrains", strains), ("dahlDecay", decay))
+    return [
+        f"            custom float[] isaaclab:cable:{name} = "
+        f"[{', '.join(f'{value:.8g}' for value in values)}]"
+        for name, values in pairs
+    ]
+
+
+def _curve(
+    name: str, x: np.ndarray, rest: np.ndarray, radius: float, friction: list[str], active: bool
+) -> list[str]:
     points = ", ".join(_tuple(point) for point in x)
     stress_free = ", ".join(_tuple(point) for point in rest)
     state = [] if active else ["        active = false"]
@@ -83,6 +102,7 @@ def _curve(name: str, x: np.ndarray, rest: np.ndarray, radius: float, active: bo
         f"            point3f[] physics:restShapePoints = [{stress_free}]",
         f"            float[] physics:thicknesses = [{2 * radius:.8g}]",
         '            uniform token physics:thicknesses:elementType = "constant"',
+        *friction,
         "            rel material:binding:physics = </World/Rope>",
         "        }",
         "    }",

@@ -25,7 +25,7 @@ def held_node(o: Observations, control_at: float | None) -> int:
 
 
 def given_values(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, float]:
-    """Return where parameters start or stay, as told: another run's, then the user's. Raises
+    """Return where parameters start or stay, as asked for: another run's, then the user's. Raises
     WrongUsage."""
     if not settings.from_run:
         return settings.start

@@ -45,10 +45,10 @@ def nominal_in_motion(
         forward, start = _known_rope(o, forward, start, known)
     if calibration:
         errors = set_up_errors(span.setup, o, None)
-        told = [new for old, new in zip(errors, calibrated(errors, calibration), strict=True)
+        loosened = [new for old, new in zip(errors, calibrated(errors, calibration), strict=True)
                 if new is not old]  # fmt: skip
-        forward = forward.with_terms([*forward.terms, *told])
-        start = np.concatenate([start, *(np.zeros(term.size) for term in told)])
+        forward = forward.with_terms([*forward.terms, *loosened])
+        start = np.concatenate([start, *(np.zeros(term.size) for term in loosened)])
     step = float(np.median(np.diff(times_of(o)[clips[0]])))
     compared = np.zeros(len(o.frames), dtype=bool)
     for clip in clips:
@@ -76,8 +76,8 @@ def _known_rope(
     for name in (n for n in IN_MOTION if n in rope or n in values):
         term = rope.get(name)
         if name in values:
-            told = PARAMETERS[name].term(forward.base, values[name] / stated[name].factor)
-            term = as_known(told, group.parameters[name])
+            fitted = PARAMETERS[name].term(forward.base, values[name] / stated[name].factor)
+            term = as_known(fitted, group.parameters[name])
         terms.append(term)
         begin.append(np.zeros(1) if name in values else own[name])
     errors = [t for t in forward.terms if t.nuisance]

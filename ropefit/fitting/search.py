@@ -1,4 +1,4 @@
-"""A gradient or grid search as a stage runs it, told with its uncertainty."""
+"""A gradient or grid search as a stage runs it, reported with its uncertainty."""
 
 from __future__ import annotations
 

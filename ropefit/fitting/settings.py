@@ -1,4 +1,4 @@
-"""What identify is told: model, loss, search, frames."""
+"""The settings of identify: model, loss, search, frames."""
 
 from __future__ import annotations
 

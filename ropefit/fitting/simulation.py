@@ -110,7 +110,7 @@ def beside(
 
 
 def _alike(a: Cause, b: Cause, length: float) -> bool:
-    """Return whether two effects are the same one, or cannot be told apart, at the same place."""
+    """Return whether two effects are the same or indistinguishable, at the same place."""
     if a.end != b.end or not {a.name, *a.equivalent_to} & {b.name, *b.equivalent_to}:
         return False
     if a.arc_length is None or b.arc_length is None:

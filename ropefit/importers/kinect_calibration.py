@@ -73,8 +73,8 @@ class Lens:
 def calibration(source: Path, data: bytes) -> dict[str, Lens]:
     """Return the two lenses of an attached calibration. Raises BadInput."""
     with readable(source, "an Azure Kinect calibration"):
-        told = json.loads(data.rstrip(b"\x00").decode("utf-8"))
-        cameras = {c["Purpose"]: c for c in told["CalibrationInformation"]["Cameras"]}
+        content = json.loads(data.rstrip(b"\x00").decode("utf-8"))
+        cameras = {c["Purpose"]: c for c in content["CalibrationInformation"]["Cameras"]}
         lenses = {purpose: _lens(cameras[purpose]) for purpose in (DEPTH, COLOUR)}
     for lens in lenses.values():
         values = np.concatenate([lens.focal, lens.centre, lens.radial, lens.rotation.ravel()])

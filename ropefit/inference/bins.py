@@ -19,6 +19,7 @@ from ropefit.inference.round_surface import axis, information
 
 WINDOW = 0.08  # of the length: how far a point may lie from where preprocess put it
 FINE = 4  # points of the curve for every segment
+STRIDE = 4  # segments of the curve that are passed over at once
 FEWEST = 3  # points of a station that say anything
 
 
@@ -254,6 +255,11 @@ def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
     return np.stack([side, np.cross(side, tangent)], axis=1)
 
 
+@njit(error_model="numpy")
+def _square(a, b):
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _feet(points, guess, mask, curve, window):
     """Find the nearest points of curves (F, M, 3) to points (F, P, 3) within `window` of their
@@ -268,13 +274,23 @@ def _feet(points, guess, mask, curve, window):
     offset = np.zeros((frames, count, 3))
     good = np.zeros((frames, count), dtype=np.bool_)
     for f in range(frames):
+        reach = 0.0  # of the curve from a place, over the next STRIDE segments
+        for k in range(last):
+            reach = max(reach, STRIDE * math.sqrt(_square(curve[f, k], curve[f, k + 1])))
         for p in range(count):
             if not mask[f, p]:
                 continue
             low = max(0, math.floor((guess[f, p] - window) * last))
             high = min(last, math.ceil((guess[f, p] + window) * last))
-            best = np.inf
+            # The foot is no further than the curve is where it was guessed.
+            near = min(max(math.floor(guess[f, p] * last), low), high)
+            furthest = (math.sqrt(_square(points[f, p], curve[f, near])) + reach) ** 2
+            best, close = np.inf, False
             for k in range(low, high):
+                if (k - low) % STRIDE == 0:
+                    close = _square(points[f, p], curve[f, k]) <= furthest
+                if not close:
+                    continue
                 e0 = curve[f, k + 1, 0] - curve[f, k, 0]
                 e1 = curve[f, k + 1, 1] - curve[f, k, 1]
                 e2 = curve[f, k + 1, 2] - curve[f, k, 2]

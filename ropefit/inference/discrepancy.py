@@ -15,8 +15,11 @@ MOST_POSES = 500  # more are a motion
 LEAST_CORRELATION = 0.05  # of the residual with itself: later lags count as independent
 
 
-def inflation(s: Stations, z: np.ndarray, scale: float, seen: np.ndarray, known: bool) -> float:
-    """Return by how much the variance of estimates exceeds that by the noise alone.
+def inflation(
+    s: Stations, z: np.ndarray, scale: float, seen: np.ndarray, known: bool
+) -> tuple[float, float]:
+    """Return by how much the variance of estimates exceeds that by the noise alone, and the share
+    of the samples by which that variance is known (Satterthwaite 1946).
 
     seen (F, K, 3): the rope; z (M D,): whitened residual of sd `scale`: 1 from noise,
     and what is beyond from what the model misses, of which several samples count as one. Below 1
@@ -24,8 +27,10 @@ def inflation(s: Stations, z: np.ndarray, scale: float, seen: np.ndarray, known:
     """
     beyond = scale**2 - 1
     if beyond <= 0:
-        return 1.0 if known else max(scale**2, 1e-12)
-    return 1 + beyond * repeats(s, z.reshape(s.residual.shape), orders(s, seen))
+        return (1.0 if known else max(scale**2, 1e-12)), 1.0
+    many = repeats(s, z.reshape(s.residual.shape), orders(s, seen))
+    missed = beyond * many  # known as well as so many fewer samples tell
+    return 1 + missed, min((1 + missed) ** 2 / (1 + missed**2 * many), 1.0)
 
 
 def orders(s: Stations, seen: np.ndarray) -> list[np.ndarray]:

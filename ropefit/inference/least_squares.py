@@ -19,6 +19,10 @@ from ropefit.models.model import Model
 from ropefit.models.response import Point
 from ropefit.runs.journal import Arrays
 
+STOPPED = -2  # status of a fit
+OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
+FURTHEST_STEP = 100.0  # search variables
+FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
@@ -29,7 +33,8 @@ class Fit:
     problem: what the model was fitted to; z (M D,): whitened residual; jacobian (M D, P) of the
     model in the search variables, whitened;
     covariance (P, P) of the search variables; cost: χ² with the priors' share; scale: sd of z;
-    spread: by how much the variance of estimates exceeds that by the noise alone.
+    spread: by how much the variance of estimates exceeds that by the noise alone; independent: the
+    degrees of freedom with which that variance is known.
     """
 
     forward: Model
@@ -44,9 +49,11 @@ class Fit:
     cost: float
     spread: float
     freedom: int
+    independent: float
     converged: bool
     evaluations: int
     trace: list[float]
+    stopped: bool = False  # before its minimum: there was no prospect of what was needed
     calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
 
     @property
@@ -57,7 +64,7 @@ class Fit:
     @property
     def quantile(self) -> float:
         """Return Student's t for 95 %."""
-        return float(stdtrit(self.freedom, 0.975))
+        return float(stdtrit(self.independent, 0.975))
 
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
@@ -67,6 +74,10 @@ class Fit:
 Report = Callable[[float], None]
 
 
+class _Stopped(Exception):
+    """A fit cannot reach the cost that is needed."""
+
+
 class _Objective:
     """Whitened residuals and slopes of a model on the stations of its start, with the priors.
 
@@ -74,9 +85,11 @@ class _Objective:
     """
 
     def __init__(
-        self, forward: Model, problem: FitProblem, u: np.ndarray, report: Report | None
-    ) -> None:
+        self, forward: Model, problem: FitProblem, u: np.ndarray, report: Report | None,
+        needed: float = np.inf,
+    ) -> None:  # fmt: skip
         self.forward, self.known, self.report = forward, Known(forward, u), report
+        self.needed, self.count = needed, 0
         self.prior = forward.prior()
         self.held = np.isfinite(self.prior)
         first = self.known.first
@@ -92,7 +105,9 @@ class _Objective:
             stations = replace(stations, scatter=same)
         self.stations, self.whitener = stations, Whitener.of(stations, problem.noise)
         self.trace: list[float] = []
+        self.latest = np.empty(0)
         self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
+        self._slopes: tuple[Point, np.ndarray] | None = None
 
     def at(self, u: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
         """Return the point at u (P,), its stations, and the whitened residual (M D,)."""
@@ -113,12 +128,15 @@ class _Objective:
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         """Return (M D, P) whitened derivatives of the prediction."""
         point, now, _ = self.at(u)
-        return sensitivity(self.forward.jacobian(point), now, self.stations, self.whitener)
+        if self._slopes is None or self._slopes[0] is not point:
+            slopes = self.forward.jacobian(point)
+            self._slopes = point, sensitivity(slopes, now, self.stations, self.whitener)
+        return self._slopes[1]
 
     def rows(self, u: np.ndarray) -> np.ndarray:
         """Return residual rows, those of the priors last."""
         z = self.known.rows("z", u, lambda: self.at(u)[2])
-        rows = np.concatenate([z, (u / self.prior)[self.held]])
+        self.latest = rows = np.concatenate([z, (u / self.prior)[self.held]])
         self.trace.append(float(rows @ rows))
         if self.report:
             self.report(self.trace[-1])
@@ -127,7 +145,21 @@ class _Objective:
     def slopes(self, u: np.ndarray) -> np.ndarray:
         """Return the derivatives of `rows`."""
         rows = self.known.rows("slope", u, lambda: self.jacobian(u))
-        return np.concatenate([-rows, np.diag(1 / self.prior)[self.held]])
+        out = np.concatenate([-rows, np.diag(1 / self.prior)[self.held]])
+        self.count += 1
+        if self.needed < np.inf and self.count >= FEWEST_SLOPES:
+            cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
+            if cost - OPTIMISM * self._gain(u, out, self.latest) > self.needed:
+                raise _Stopped(u.copy(), cost)
+        return out
+
+    def _gain(self, u: np.ndarray, slopes: np.ndarray, rows: np.ndarray) -> float:
+        """Return by how much a linear step within the bounds lowers the cost."""
+        pull, square = slopes.T @ rows, slopes.T @ slopes
+        low, high = self.forward.bounds()
+        step = np.linalg.solve(square + np.eye(len(u)) / FURTHEST_STEP**2, -pull)
+        step = np.clip(u + step, low, high) - u
+        return float(-2 * pull @ step - step @ square @ step)
 
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
@@ -135,18 +167,23 @@ class _Objective:
             rows = self.rows(u)
             summary = np.array([0.5 * float(rows @ rows), 1, 1])
             return {"u": u, "told": summary, "trace": np.array(self.trace)}, self.at(u)[0]
-        with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
-            result = optimize.least_squares(
-                self.rows,
-                u,
-                self.slopes,  # type: ignore[arg-type]
-                bounds=self.forward.bounds(),
-                x_scale="jac",
-                max_nfev=evaluations,
-                ftol=tolerance,
-                xtol=1e-9,
-                gtol=1e-10,
-            )
+        try:
+            with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
+                result = optimize.least_squares(
+                    self.rows,
+                    u,
+                    self.slopes,  # type: ignore[arg-type]
+                    bounds=self.forward.bounds(),
+                    x_scale="jac",
+                    max_nfev=evaluations,
+                    ftol=tolerance,
+                    xtol=1e-9,
+                    gtol=1e-10,
+                )
+        except _Stopped as stopped:
+            best, cost = stopped.args
+            summary = np.array([0.5 * cost, STOPPED, len(self.trace)])
+            return {"u": best, "told": summary, "trace": np.array(self.trace)}, self.at(best)[0]
         summary = np.array([result.cost, result.status, result.nfev])
         found = {"u": result.x, "told": summary, "trace": np.array(self.trace)}
         return found, self.at(result.x)[0]
@@ -159,40 +196,46 @@ def fit(
     evaluations: int = 60,
     report: Report | None = None,
     tolerance: float = 1e-7,
+    needed: float = np.inf,
 ) -> Fit:
     """Minimise the whitened residual and the priors, from `start` (search variables).
+
+    needed: a cost; a fit that, by its linear steps, has no prospect of it is stopped.
 
     Raises ArithmeticError when the start itself does not settle in any frame, or is not possible:
     a fit stays where length, rigidity and density are positive.
     """
     u = forward.start() if start is None else np.asarray(start, dtype=float)
-    objective = _Objective(forward, problem, u, report)
+    objective = _Objective(forward, problem, u, report, needed)
     best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance))
     point, now, z = objective.at(best["u"])
     cost, status, nfev = best["told"]
     jacobian, prior, held = objective.jacobian(best["u"]), objective.prior, objective.held
-    freedom = max(len(z) - int((~held).sum()), 1)
+    free = int((~held).sum())
+    freedom = max(len(z) - free, 1)
     stations = objective.stations
     elsewhere = forward.instantaneous and problem.noise.repeats > 1  # of a motion: measured here
-    spread = inflation(
+    spread, share = inflation(
         objective.stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere
     )
+    independent = max(share * len(z) / problem.noise.repeats - free, 1.0)
     # What the model misses scales the data's share of the information, not the priors'.
     scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
     current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
         forward, problem, point, current, objective.whitener, z, jacobian, prior,
-        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), spread, freedom, bool(status > 0),
-        int(nfev), best["trace"].tolist(),
+        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), spread, freedom, independent,
+        bool(status > 0), int(nfev), best["trace"].tolist(), bool(status == STOPPED),
     )  # fmt: skip
 
 
 def attempted(
-    forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float
-) -> Fit | None:
+    forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float,
+    needed: float = np.inf,
+) -> Fit | None:  # fmt: skip
     """Return the same; None where a rope so described does not settle, or its numbers run away."""
     try:
-        return fit(forward, problem, start, evaluations, tolerance=tolerance)
+        return fit(forward, problem, start, evaluations, tolerance=tolerance, needed=needed)
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
         return None
 

@@ -66,9 +66,10 @@ class Noise:
 
 @dataclass
 class Whitener:
-    """Cholesky factors of the stations' covariance and their inverses, frame by frame.
+    """Cholesky factors (n, k, k) of the stations' covariance and their inverses, of all frames
+    with as many stations.
 
-    rows: of (M D,) values, for each frame.
+    rows (n, k): of (M D,) values, for each of these frames.
     """
 
     rows: list[np.ndarray]
@@ -92,34 +93,42 @@ class Whitener:
         return out[:, 0] if values.ndim == 2 else out
 
     def undo(self, z: np.ndarray) -> np.ndarray:
-        """Return (M D,) in metres from whitened values (M D,)."""
+        """Return (M D, ...) in metres from whitened values (M D, ...)."""
         out = np.empty_like(z)
         for rows, factor in zip(self.rows, self.factors, strict=True):
-            out[rows] = factor @ z[rows]
+            own = z[rows]
+            out[rows] = (factor @ own.reshape(*rows.shape, -1)).reshape(own.shape)
         return out
 
     def variance(self) -> float:
         """Return [m²] of a row, on average."""
-        return float(np.concatenate([(factor**2).sum(axis=1) for factor in self.factors]).mean())
+        every = [(factor**2).sum(axis=2).ravel() for factor in self.factors]
+        return float(np.concatenate(every).mean())
 
 
 def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield of each frame its rows in (M D,), and their covariance [m²]."""
+    """Yield of n frames with as many stations their rows (n, k) in (M D,), and the covariances
+    (n, k, k) [m²]."""
     dims = s.residual.shape[1]
     white = s.white() + (FLOOR**2 + noise.repeats * noise.marker**2) * np.eye(dims)
     ends = noise.ends.columns(s) if noise.ends is not None and any(noise.ends.sd) else None
     starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
-    for part in np.split(np.arange(len(s.frame)), starts[1:]):
-        apart = np.abs(s.share[part, None] - s.share[None, part])
-        common = noise.correlated**2 * np.exp(-apart / noise.length)
-        out = np.kron(common, np.eye(dims))
-        for k in range(dims):
-            for m in range(dims):
-                out[k::dims, m::dims][np.diag_indices(len(part))] += white[part, k, m]
+    counts = np.diff(starts, append=len(s.frame))
+    for many in np.unique(counts):
+        part = starts[counts == many][:, None] + np.arange(many)
+        frames, size, each = len(part), many * dims, np.arange(many)
+        out = np.zeros((frames, many, dims, many, dims))
+        if noise.correlated:
+            apart = np.abs(s.share[part][:, :, None] - s.share[part][:, None, :])
+            common = noise.correlated**2 * np.exp(-apart / noise.length)
+            for k in range(dims):
+                out[:, :, k, :, k] = common
+        out[:, each, :, each, :] += np.moveaxis(white[part], 1, 0)
+        out = out.reshape(frames, size, size)
         if ends is not None:
-            own = ends[part].reshape(len(out), -1)
-            out += own @ own.T
-        yield (part[:, None] * dims + np.arange(dims)).ravel(), out
+            own = ends[part].reshape(frames, size, -1)
+            out += own @ np.swapaxes(own, 1, 2)
+        yield (part[..., None] * dims + np.arange(dims)).reshape(frames, size), out
 
 
 def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noise:
@@ -150,7 +159,7 @@ def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noi
         total = COST * sum(kind > 0 for kind in kinds)
         for rows, covariance in covariances(s, noise):
             factor = np.linalg.cholesky(covariance)
-            total += float(np.log(np.diag(factor)).sum())
+            total += float(np.log(np.diagonal(factor, axis1=1, axis2=2)).sum())
             white[rows] = np.linalg.inv(factor) @ both[rows]
         gram = white.T @ white  # in one go, which is quicker than frame by frame
         total += 0.5 * float(gram[-1, -1])

@@ -7,7 +7,10 @@ whole width. That holds whichever part of the surface the sensor sees.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 
 HUBER = 2.0  # sd beyond which a point counts less
 RIM = 0.75  # of the radius: further out the surface is too steep to be trusted
@@ -47,56 +50,107 @@ def axis(
     if stations == 0:
         return np.zeros((0, 2)), np.zeros(0), np.zeros(2), np.zeros((0, 2))
 
-    def total(of: np.ndarray) -> np.ndarray:
-        return np.bincount(station, of, stations)
-
-    def off_surface() -> tuple[np.ndarray, np.ndarray]:
-        side = values[:, 0] - place[station, 0]
-        before, fall = surface(side, radius)
-        return np.stack([side, values[:, 1] + before - place[station, 1]], axis=1), fall
-
-    count = total(np.ones(len(values)))
-    place = np.zeros((stations, 2))
-    for d in range(2):
-        place[:, d] += _medians(off_surface()[0][:, d], station, count)
-    furthest = radius or np.inf
+    count = np.bincount(station, minlength=stations)
     inner = count[station] >= FIRM
     if inner.sum() < 2 * FIRM:
         inner = np.ones(len(values), bool)
-    # A mean of n points takes one n-th of the variance with it.
-    spare = np.repeat(1 - 1 / np.maximum(count[station], 2)[:, None], 2, axis=1)
-    for _ in range(ROUNDS):
-        off, t = off_surface()
-        sd = np.maximum(np.median(np.abs(off / np.sqrt(spare))[inner], axis=0) / 0.6745, 1e-9)
-        size = np.sqrt(((off / sd) ** 2).mean(axis=1))
-        weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
-        variance = _pooled(off, weight, spare, inner)
-        number = total(weight)
-        fall = np.stack([total(weight * t), total(weight * t**2)], axis=1) / number[:, None]
-        side, both, deep = information(number, fall, variance)
-        share = side * deep - both**2
-        pull_deep = total(weight * off[:, 1]) / variance[1]
-        pull_side = total(weight * (off[:, 0] / variance[0] - t * off[:, 1] / variance[1]))
-        step = [deep * pull_side - both * pull_deep, side * pull_deep - both * pull_side]
-        place += np.clip(np.stack(step, axis=1) / share[:, None], -furthest, furthest)
-        side, both, deep = ((v / share)[station] for v in (side, both, deep))
-        spare[:, 0] = 1 - weight * deep / variance[0]
-        spare[:, 1] = 1 - weight * (t**2 * deep + 2 * t * both + side) / variance[1]
-        spare = np.maximum(spare, 0.1)
-    return place, number, _pooled(off_surface()[0], weight, spare, inner), fall
+    return _axis(np.ascontiguousarray(values), station, count, inner, radius)
 
 
-def _medians(values: np.ndarray, station: np.ndarray, count: np.ndarray) -> np.ndarray:
+@njit(error_model="numpy")
+def _off_surface(values, station, radius, place, off, slope):
+    """Write how far points (N, 2) are off (N, 2) the surface, and how fast it falls there (N,)."""
+    least, rim = (1 - OUTMOST**2) * radius**2, RIM * radius
+    for i in range(len(station)):
+        side = values[i, 0] - place[station[i], 0]
+        high = slope[i] = 0.0
+        if radius > 0.0:
+            high = math.sqrt(max(radius**2 - side**2, least))
+            near = min(max(side, -rim), rim)
+            slope[i] = near / math.sqrt(radius**2 - near**2)
+        off[i, 0], off[i, 1] = side, values[i, 1] + high - place[station[i], 1]
+
+
+@njit(error_model="numpy")
+def _medians(values, station, count):
     """Return (M,) of the values (N,) of every station."""
-    ordered, start = values[np.lexsort((values, station))], np.cumsum(count) - count
-    low, high = start + (count - 1) // 2, start + count // 2
-    return 0.5 * (ordered[low.astype(int)] + ordered[high.astype(int)])
+    start = np.cumsum(count) - count
+    ordered, filled = np.empty(len(values)), start.copy()
+    for i in range(len(values)):
+        ordered[filled[station[i]]] = values[i]
+        filled[station[i]] += 1
+    out = np.empty(len(count))
+    for s in range(len(count)):
+        few = np.sort(ordered[start[s] : start[s] + count[s]])
+        out[s] = 0.5 * (few[(count[s] - 1) // 2] + few[count[s] // 2])
+    return out
 
 
-def _pooled(
-    off: np.ndarray, weight: np.ndarray, spare: np.ndarray, inner: np.ndarray
-) -> np.ndarray:
-    """Return (2,) [m²] variance of points off by (N, 2), of which a share (N, 2) is spared by the
+@njit(error_model="numpy")
+def _pooled(off, weight, spare, inner, out):
+    """Write (2,) [m²] variance of points off by (N, 2), of which a share (N, 2) is spared by the
     fit."""
-    square = (weight[:, None] * off)[inner] ** 2
-    return np.maximum(square.sum(0) / (weight[:, None] ** 2 * spare)[inner].sum(0), 1e-18)
+    for d in range(2):
+        square, spared = 0.0, 0.0
+        for i in range(len(weight)):
+            if inner[i]:
+                square += (weight[i] * off[i, d]) ** 2
+                spared += weight[i] ** 2 * spare[i, d]
+        out[d] = max(square / spared, 1e-18)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _axis(values, station, count, inner, radius):
+    """Return what `axis` does; inner (N,) bool: points that show their scatter."""
+    points, stations = len(station), len(count)
+    off, slope, weight = np.empty((points, 2)), np.empty(points), np.empty(points)
+    place, fall = np.zeros((stations, 2)), np.empty((stations, 2))
+    for d in range(2):
+        _off_surface(values, station, radius, place, off, slope)
+        place[:, d] += _medians(off[:, d].copy(), station, count)
+    furthest = radius if radius > 0.0 else np.inf
+    spare, scaled = np.empty((points, 2)), np.empty((2, inner.sum()))
+    for i in range(points):  # a mean of n points takes one n-th of the variance with it
+        spare[i, :] = 1 - 1 / max(count[station[i]], 2)
+    sd, variance, total = np.empty(2), np.empty(2), np.empty((stations, 5))
+    for _ in range(ROUNDS):
+        _off_surface(values, station, radius, place, off, slope)
+        k = 0
+        for i in range(points):
+            if inner[i]:
+                for d in range(2):
+                    scaled[d, k] = abs(off[i, d] / math.sqrt(spare[i, d]))
+                k += 1
+        for d in range(2):
+            sd[d] = max(np.median(scaled[d]) / 0.6745, 1e-9)
+        for i in range(points):
+            size = math.sqrt(0.5 * ((off[i, 0] / sd[0]) ** 2 + (off[i, 1] / sd[1]) ** 2))
+            weight[i] = min(1.0, HUBER / max(size, 1e-12))
+        _pooled(off, weight, spare, inner, variance)
+        total[:] = 0.0
+        for i in range(points):
+            s, w, t = station[i], weight[i], slope[i]
+            total[s, 0] += w
+            total[s, 1] += w * t
+            total[s, 2] += w * t**2
+            total[s, 3] += w * (off[i, 0] / variance[0] - t * off[i, 1] / variance[1])
+            total[s, 4] += w * off[i, 1]
+        for s in range(stations):  # of the symmetric matrix (side, both; both, deep)
+            number, pull_side, pull_deep = total[s, 0], total[s, 3], total[s, 4] / variance[1]
+            fall[s, 0], fall[s, 1] = total[s, 1] / number, total[s, 2] / number
+            side = number * (1 / variance[0] + fall[s, 1] / variance[1])
+            both, deep = -number * fall[s, 0] / variance[1], number / variance[1]
+            share = side * deep - both**2
+            step = (deep * pull_side - both * pull_deep) / share
+            place[s, 0] += min(max(step, -furthest), furthest)
+            step = (side * pull_deep - both * pull_side) / share
+            place[s, 1] += min(max(step, -furthest), furthest)
+            total[s, 1], total[s, 2], total[s, 3] = side / share, both / share, deep / share
+        for i in range(points):
+            s, w, t = station[i], weight[i], slope[i]
+            side, both, deep = total[s, 1], total[s, 2], total[s, 3]
+            left = 1 - w * (t**2 * deep + 2 * t * both + side) / variance[1]
+            spare[i, 0], spare[i, 1] = max(1 - w * deep / variance[0], 0.1), max(left, 0.1)
+    _off_surface(values, station, radius, place, off, slope)
+    _pooled(off, weight, spare, inner, variance)
+    return place, total[:, 0].copy(), variance, fall

@@ -42,6 +42,7 @@ from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import Solution, States, unsettled
 from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.turns import rolled
 
 
 @dataclass
@@ -149,6 +150,10 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
     spins = float(rod.stiffness[..., 0, 2]) == 0.0 == float(rod.stiffness[..., -1, 2])
     row = {int(t): k for k, t in enumerate(picked)}
     rough = [p for p in whole.potentials if p.friction is not None]
+    if not rough and not law.drag.any():  # branches of no size, whose derivative is wanted
+        every = _without_past(whole, rod, elastic, near, picked)
+        if every.converged.all():
+            return _walked(u, setup, law, begins, every, spins)
     steps: list[Step] = []
     state, grips, last = State(np.empty(0), np.empty(0)), [], None
     for t in range(frames):
@@ -187,6 +192,47 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
     seen[~solution.converged] = np.nan
     path = stacked([step.solution for step in steps])
     return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, path)
+
+
+def _without_past(
+    whole: Setup, rod: Rod, elastic: FrictionElements | None, near: States | None,
+    picked: np.ndarray,
+) -> Solution:  # fmt: skip
+    """Return all frames' equilibria at once, each from the nearest of the `picked` frames, whose
+    states are `near`."""
+    frames = len(whole.ends)
+    if elastic is not None:
+        elastic = FrictionElements(*(np.repeat(item, frames, axis=0) for item in elastic))
+    held = Conditions(whole.ends, whole.clamp, friction_elements=elastic)
+    nearest = np.abs(np.arange(frames)[:, None] - picked).argmin(axis=1)
+    start = None if near is None else near.states if isinstance(near, Solution) else near
+    start = None if start is None else start.frames(nearest)
+    if whole.potentials:
+        return solve_with_potentials(rod, held, whole.potentials, start)
+    return solve(rod, held, start)
+
+
+def _walked(
+    u: np.ndarray, setup: Setup, law: Laws, begins: np.ndarray, every: Solution, spins: bool
+) -> WalkedPoint:
+    """Return the point of frames that settled without regard to their past, with what branches of
+    no size remember of it."""
+    whole, shown = setup.whole()
+    picked, steps = shown.numpy(), []
+    state = State(np.empty(0), np.empty(0))
+    for t, first in enumerate(begins):
+        one = every.frames(np.array([t]))
+        if first:
+            state = memory.unloaded(one.rod.rest.reshape(-1, 3)[:, :2].numpy(), len(law.fresh))
+        if spins:
+            one = replace(one, q=rolled(one.q, vectors(one), state.vector[None]))
+        steps.append(Step(one, state, [], bool(first)))
+        state = memory.after(law, t, bool(first), state, vectors(one)[0])
+    every = every.copy()
+    every.q[:] = np.concatenate([step.solution.q for step in steps])
+    solution = every.frames(picked)
+    seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+    return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, every.states)
 
 
 def _settle_one(

@@ -42,12 +42,18 @@ class Point:
         """Return (F,) bool: which frames could be computed."""
         return self.solution.converged
 
-    def respond(self, changes: list[Change]) -> np.ndarray:
-        """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
+    def respond(self, changes: list[Change], turned: bool = False) -> np.ndarray:
+        """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups.
+
+        turned: a rope that spins at no cost turns in every frame until a rest curvature, which has
+        one sign, costs least.
+        """
         if not changes:
             return np.zeros((0, *self.seen.shape))
         slopes = slopes_of(self.setup, changes, self.solution)
         directions = directions_of(self.solution.rod, slopes, len(self.seen))
+        if turned:
+            directions = _turned(directions, self.solution)
         directions = with_law(directions, self.solution, slopes)
         dx, _ = tangent(self.solution, directions)
         return add_sensor(dx, slopes, self.setup.seen)
@@ -80,6 +86,17 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
         ends=np.stack([s.ends for s in slopes], axis=1),
         clamp=np.stack([s.clamp for s in slopes], axis=1),
     )
+
+
+def _turned(directions: Directions, solution: Solution) -> Directions:
+    """Return directions with rest vectors, about the first director, turned towards the bends of
+    each frame, all of a frame alike."""
+    stiff = solution.rod.stiffness.reshape(-1, 1, solution.x.shape[1], 3)[..., :1].numpy()
+    assert directions.rest is not None
+    size = directions.rest[..., :1]
+    way = (stiff * size * vectors(solution)[:, None]).sum(axis=2, keepdims=True)
+    way /= np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-300)
+    return directions._replace(rest=np.pad(size * way, [(0, 0)] * 3 + [(0, 1)]))
 
 
 def law_moments(slopes: list[Slopes], vector: np.ndarray) -> np.ndarray:

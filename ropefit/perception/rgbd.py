@@ -178,7 +178,7 @@ def centred(
     width = max(found.width, 2.0)
     on = around[tuple(np.round(path).astype(int).clip(0, np.array(around.shape)[::-1] - 1).T[::-1])]
     if radius and (on > 0).any():
-        # Within what the mask leaves open: a wrong depth_scale is told later.
+        # Within what the mask leaves open: a wrong depth_scale is reported later.
         expected = 2 * radius * camera.fx / float(np.median(on[on > 0]))
         width = float(np.clip(expected, max(0.5 * width, 2.0), 2.0 * width))
     some = even(path, SPARSE)

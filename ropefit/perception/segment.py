@@ -42,7 +42,7 @@ class Segmentation:
     """What was taken for the rope in one picture.
 
     mask (H, W) bool; path (P, 2) ordered pixels (u, v); seen (P,): False where the path bridges
-    what does not show; width [px]; score 0..1; cue: what told the rope from its surroundings;
+    what does not show; width [px]; score 0..1; cue: what distinguished rope and surroundings;
     runners_up: (cue, score) of the other candidates; pieces: strands the path was made from;
     several: whether something else is about as much like a rope, and no two known ends decide.
     """

@@ -51,7 +51,7 @@ def _header(path: Path, data: bytes) -> tuple[dict[bytes, list[bytes]], bytes]:
 
 
 def _record(path: Path, header: dict[bytes, list[bytes]]) -> np.dtype:
-    """Return the type of one point; fields other than x, y, z are told apart by their place."""
+    """Return the type of one point; fields other than x, y, z are distinguished by their place."""
     names = [name.decode("latin-1") for name in header.get(b"FIELDS", [])]
     sizes, kinds = header.get(b"SIZE", []), header.get(b"TYPE", [])
     counts = header.get(b"COUNT", [b"1"] * len(names))

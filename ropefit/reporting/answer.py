@@ -15,7 +15,7 @@ from ropefit.reporting.words import digits_of, given, metres, millimetres, numbe
 
 SENSOR = {"clouds": "a point cloud sensor", "rgbd": "a depth camera", "markers": "motion capture"}
 HELD = {"pinned": "held but free to turn", "clamped": "held firmly", "free": "loose"}
-TENTH = 0.1  # of its length that a piece of rope droops, told as its stiffness
+TENTH = 0.1  # of its length that a piece of rope droops, a measure of its stiffness
 TOLD = 0.01  # of the error: smaller gains in millimetres say nothing to a reader
 AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
 
@@ -157,7 +157,7 @@ def _fit(o: Observations, f: FittedModel) -> str:
         text = f"The simulation predicts frames it was never shown to {millimetres(left)}"
     ratio = left / noise if noise > 0 else np.inf
     if ratio <= AS_GOOD_AS_NOISE:
-        meaning = "a closer fit could not be told from this one"
+        meaning = "a closer fit could not be distinguished from this one"
     elif ratio <= SMALL_REST:
         meaning = "it misses a part of what the rope does"
     else:

@@ -7,11 +7,9 @@ import hashlib
 import os
 import re
 from functools import cache
-from importlib.metadata import entry_points
-from importlib.util import find_spec
 from pathlib import Path
 
-from ropefit.plugins import GROUPS
+from ropefit.plugins import add_ons
 
 PACKAGE = Path(__file__).parents[1]
 PLUGINS = "ropefit.plugins"  # whose importers ask for add-ons
@@ -34,19 +32,6 @@ def code_sha256(*modules: str) -> str:
         return digest
     added = sorted(_read(path)[0] for path in add_ons())
     return hashlib.sha256(" ".join([digest, *added]).encode()).hexdigest() if added else digest
-
-
-def add_ons() -> set[Path]:
-    """Return the files of the modules that other packages declare as entry points of ours."""
-    found = set()
-    for entry in (entry for group in GROUPS for entry in entry_points(group=group)):
-        try:
-            spec = find_spec(entry.module)
-        except (ImportError, ValueError):  # whoever needs it says that it does not import
-            continue
-        if spec is not None and spec.origin is not None:
-            found.add(Path(spec.origin))
-    return found
 
 
 def hash_of(modules: tuple[str, ...], package: Path) -> str:

@@ -29,7 +29,7 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         more = ", or free more parameters, as by --free EI,rest_curve" if rod else ""
         context.say(
             f"the fit leaves {left * 1e3:.3g} mm where noise is {noise * 1e3:.2g} mm: something is "
-            "missing, or the set-up is told wrongly. Look for the cause with ropefit diagnose"
+            "missing, or the set-up is described wrongly. Look for the cause with ropefit diagnose"
             + more
         )
     return content

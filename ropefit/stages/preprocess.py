@@ -152,7 +152,7 @@ def restored(frame: int, arrays: Arrays, album: Album) -> Trace | str:
 
 
 def _missing(recording: Recording) -> list[DroppedFrame]:
-    """Return frames that are not there although those around them are, told by name."""
+    """Return frames that are not there although those around them are, each with its name."""
     frames = recording.frames
     gaps = sorted(set(range(frames[0], frames[-1] + 1)) - set(frames))
     if len(gaps) > MOST_GAPS * len(frames):  # numbered in steps: none is missing

@@ -59,7 +59,7 @@ def _nothing(d: Diagnosis) -> str:
             f"Look at the rope where {where}, and record it again with a motion that brings that "
             "place into other shapes."
         )
-    return "No two explanations are left to be told apart, so no further motion is asked for."
+    return "No two explanations remain to be distinguished, so no further motion is asked for."
 
 
 def _figure(run: RunContents, d: Diagnosis, x: np.ndarray) -> Figure:

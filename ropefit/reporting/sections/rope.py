@@ -32,7 +32,7 @@ from ropefit.reporting.words import number
 MOST_DOTS = 160  # of one frame
 SMOOTH = 6  # points drawn for each of a rope's segments
 FEW = 60  # points a frame: drawn larger than a cloud
-VISIBLE = 0.04  # of the rope's length that the models should differ by to be told apart by eye
+VISIBLE = 0.04  # of the rope's length that the models should differ by to be distinguished by eye
 FACTORS = (2, 5, 10, 20, 50, 100)
 
 

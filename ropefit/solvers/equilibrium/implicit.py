@@ -66,7 +66,7 @@ class _Settle(torch.autograd.Function):
     def backward(ctx, *grads):
         with torch.no_grad():
             out = _Settle.pulled(ctx, *grads)
-        if torch.is_grad_enabled():  # create_graph: whoever differentiates again must be told
+        if torch.is_grad_enabled():  # create_graph: a second derivative must be refused
             pulled = [item for item in out if item is not None]
             once = iter(_Once.apply(len(pulled), *pulled, *ctx.saved_tensors, *grads))  # type: ignore[misc]
             out = [None if item is None else next(once) for item in out]

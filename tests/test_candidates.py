@@ -1,0 +1,35 @@
+"""Candidates whose fits were stopped for want of prospect: fitted to the end where they count."""
+
+import numpy as np
+import pytest
+
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidates import completed, fit_candidates
+from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.scan import Projection, Scorer
+from ropefit.diagnosis.sensitivities import Sensitivities
+from ropefit.effects import PointMass, SoftSection, StiffSection
+from tests.concealed import nominal_fit, recorded, with_effect
+
+
+def test_stopped_fits_change_no_answer():
+    nominal = nominal_fit(recorded(with_effect(PointMass(), [0.0006, 0.37], 144), seed=7), 72)
+    sensitivities, project = Sensitivities(nominal), Projection(nominal)
+    setup, scores = nominal.point.setup, []
+    for effect in (PointMass(), SoftSection(), StiffSection()):
+        one = sensitivities.of(Hypothesis(effect, effect.scan_places(setup)))
+        scores.append(Scorer(one, project, one.hypothesis.scales(setup))(project.z))
+    found = fit_candidates(nominal, scores, [], [], 6.0)
+    assert found[0].hypothesis.name == "point_mass"
+    whole = fit_candidate(nominal, found[0].hypothesis, found[0].values())
+    assert whole is not None
+    assert found[0].evidence == pytest.approx(whole.evidence, rel=0.01)
+    stopped = [c for c in found if c.fit.stopped]
+    assert stopped
+    assert not found[0].fit.stopped
+    ended = completed(nominal, found)
+    assert not any(c.fit.stopped for c in ended)
+    assert [c.evidence for c in ended] == sorted((c.evidence for c in ended), reverse=True)
+    for candidate in ended[1:]:  # what was not expected of them, they do not have
+        assert candidate.evidence < 0.5 * found[0].evidence
+    assert np.isfinite([c.evidence for c in found]).all()
