@@ -1,19 +1,21 @@
-"""Classes that other packages add: found by their entry points, never by a list kept here."""
+"""What other packages add: found by their entry points, never by a list kept here."""
 
 from __future__ import annotations
 
 import traceback
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ropefit.errors import StageFailed
 
 T = TypeVar("T")
 # The groups of entry points that are asked for.
-GROUPS = ("ropefit.effects", "ropefit.exporters", "ropefit.importers")
-EFFECTS, EXPORTERS, IMPORTERS = GROUPS
+GROUPS = (
+    "ropefit.effects", "ropefit.exporters", "ropefit.importers", "ropefit.losses", "ropefit.solvers"
+)  # fmt: skip
+EFFECTS, EXPORTERS, IMPORTERS, LOSSES, SOLVERS = GROUPS
 
 
 def concrete(base: type[T], group: str) -> list[type[T]]:
@@ -23,10 +25,7 @@ def concrete(base: type[T], group: str) -> list[type[T]]:
     they declare an entry point in `group`. Raises StageFailed when one cannot be imported.
     """
     for entry in entry_points(group=group):
-        try:
-            entry.load()
-        except Exception as error:  # another package's import may raise anything
-            raise StageFailed(f"{entry.value}: an add-on that does not import ({error}); remove it")
+        _loaded(entry)
     found: list[type[T]] = []
     waiting = [base]
     while waiting:
@@ -35,6 +34,25 @@ def concrete(base: type[T], group: str) -> list[type[T]]:
         if not getattr(kind, "__abstractmethods__", None):
             found.append(kind)
     return found
+
+
+def names(group: str) -> list[str]:
+    """Return the names that other packages declare in a group, without importing them."""
+    return sorted(entry_points(group=group).names)
+
+
+def named(group: str, name: str) -> Any:
+    """Return what another package declares under a name of `names`. Raises StageFailed when it
+    cannot be imported."""
+    (entry,) = entry_points(group=group, name=name)
+    return _loaded(entry)
+
+
+def _loaded(entry: EntryPoint) -> Any:
+    try:
+        return entry.load()
+    except Exception as error:  # another package's import may raise anything
+        raise StageFailed(f"{entry.value}: an add-on that does not import ({error}); remove it")
 
 
 def add_ons() -> set[Path]:

@@ -99,6 +99,18 @@ def test_adding_an_exporter(tmp_path: Path) -> None:
     assert rows[:, 5].sum() == pytest.approx(0.05)
 
 
+def test_adding_a_loss(tmp_path: Path) -> None:
+    package("adding-a-loss.md", tmp_path)
+    run = python(tmp_path, "-c", TRY_LOSS)
+    assert run.returncode == 0, run.stderr
+    asked = python(tmp_path, "-m", "ropefit", "identify", "--run", "none", "--loss", "sparse")
+    assert asked.returncode == 1, asked.stderr  # it is known; the run is what is missing
+    assert "sparse" not in asked.stderr
+    other = python(tmp_path, "-m", "ropefit", "identify", "--run", "none", "--loss", "spars")
+    assert other.returncode == 2
+    assert "OBJ9, sparse" in other.stderr
+
+
 def test_a_broken_add_on_is_named(tmp_path: Path) -> None:
     name = package("adding-an-importer.md", tmp_path)
     (tmp_path / f"{name}.py").write_text("import nothing_of_this_name")
@@ -115,6 +127,21 @@ def test_every_format_and_option_is_described() -> None:
         for option in kind.options.model_fields:
             assert f"`{option}`" in page, f"{option} of {name}"
 
+
+TRY_LOSS = """
+import torch
+from ropefit.fitting.settings import IdentifySettings
+from ropefit.losses.objectives import objective
+from ropefit.losses.primary import Observed
+
+loss = objective(IdentifySettings(solver="thomas", loss="sparse").loss)
+x = torch.zeros(2, 6, 3, dtype=torch.float64)
+on = torch.ones(2, 6, dtype=torch.bool)
+seen = Observed(x + 0.5, on, torch.zeros(2, 6, dtype=torch.long), x + 0.1, on)
+one = loss.primary(x, seen).loss()
+every = objective("OBJ4").primary(x, seen).loss()
+assert torch.allclose(one, every / 2), (one, every)
+"""
 
 TRY_JET = """
 import numpy as np, torch

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import ropefit
 from reference_simulators.kirchhoff_rod import PINNED, Ends, hang
-from reference_simulators.rod_equations import Rod
+from reference_simulators.rod_equations import Point, Rod
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.importers.video import stillest
 from ropefit.recordings import open_recording
@@ -23,17 +23,20 @@ av = pytest.importorskip("av")
 EI, DENSITY, LENGTH, RADIUS = 2e-3, 0.05, 0.9, 0.004  # N m², kg/m, m, m
 EYE, FOCAL, SIZE = np.array([0.3, -1.1, -0.15]), 900.0, (960, 720)
 POSE = "0.3,-1.1,-0.15,-0.70710678,0,0,0.70710678"  # looks along +y
-POSES, STILL, MOVING = 6, 4, 3  # frames at rest in each pose, and on the way to the next
+WEIGHT = Point(0.4, mass=0.012)
+POSES, STILL, MOVING = 8, 6, 3  # frames at rest in each pose, and on the way to the next
 
 
-def shapes() -> tuple[np.ndarray, np.ndarray]:
+def shapes(weights: tuple[Point, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Ends (P, 2, 3) and ropes (P, 400, 3) [m]."""
-    across, up = np.linspace(0.35, 0.75, POSES), np.array([0.0, 0.1, -0.1, 0.15, 0.0, -0.05])
+    across, up = np.linspace(0.35, 0.75, POSES), np.array([0, 0.1, -0.1, 0.15, 0, -0.05, 0.2, 0.05])
     ends = np.zeros((POSES, 2, 3))
     ends[:, 1] = np.stack([across, 0.05 * np.sin(np.arange(POSES)), up], axis=1)
     held = Ends(ends, np.tile([1.0, 0, 0, 0], (POSES, 2, 1)), (PINNED, PINNED))
-    solved, y = hang(Rod(LENGTH, DENSITY, EI, EI), held)
-    return ends, CubicSpline(solved.mesh, y[:, :, :3], axis=1)(np.linspace(0, LENGTH, 400))
+    rod = Rod(LENGTH, DENSITY, EI, EI, points=weights)
+    solved, y = hang(rod, held, breaks=rod.breaks)
+    mesh, first = np.unique(solved.mesh, return_index=True)
+    return ends, CubicSpline(mesh, y[:, first, :3], axis=1)(np.linspace(0, LENGTH, 400))
 
 
 def picture(line: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -51,9 +54,12 @@ def picture(line: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return filmed(tmp_path_factory.mktemp("film"))
+
+
+def filmed(folder: Path, *weights: Point) -> Path:
     """clip.mp4 and its ends.csv."""
-    folder, rng = tmp_path_factory.mktemp("film"), np.random.default_rng(5)
-    ends, ropes = shapes()
+    rng, (ends, ropes) = np.random.default_rng(5), shapes(weights)
     rows, number = ["frame,end,x,y,z"], 0
     with av.open(str(folder / "clip.mp4"), "w") as file:
         stream = file.add_stream("libx264", rate=10)
@@ -101,6 +107,16 @@ def test_rigidity_from_one_camera(clip: Path, tmp_path: Path) -> None:
     low, high = found.ci95
     assert low < EI < high
     assert high < 2 * low
+
+
+def test_a_weight_is_found_by_one_camera(tmp_path: Path) -> None:
+    o = ropefit.preprocess(imported(filmed(tmp_path, WEIGHT), tmp_path / "r"))
+    found = ropefit.diagnose(o, ropefit.fit(o, solver="equilibrium", free=["EI"]))
+    assert found.verdict == "found"
+    (cause,) = found.causes.values()
+    told = dict(zip(cause.value_names, cause.values, strict=True))
+    assert told["mass"] == pytest.approx(WEIGHT.mass, rel=0.05)
+    assert told["arc_length"] == pytest.approx(WEIGHT.at, abs=0.01)
 
 
 def test_what_pictures_alone_do_not_tell_is_refused(clip: Path, tmp_path: Path) -> None:

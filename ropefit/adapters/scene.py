@@ -7,12 +7,18 @@ import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput, WrongUsage
-from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
+from ropefit.losses.objectives import OBJECTIVES, Objective, Pinhole, Scene, objective
 from ropefit.losses.primary import Observed
 from ropefit.models.xpbd import Ends, Rope, build_rope
 from ropefit.solvers.xpbd.reference import Settings
 
-FLAT = tuple(n for n, objective in OBJECTIVES.items() if objective.image and not objective.lowest)
+
+def _flat(loss: Objective) -> bool:
+    """Return whether a loss compares nothing in space."""
+    return loss.image and not loss.lowest
+
+
+FLAT = tuple(name for name, loss in OBJECTIVES.items() if _flat(loss))
 
 
 def pinhole(observations: Observations) -> Pinhole:
@@ -29,7 +35,7 @@ def pinhole(observations: Observations) -> Pinhole:
 
 def check_loss(observations: Observations, loss: str) -> None:
     """Refuse a loss in space where nothing was measured in space. Raises WrongUsage."""
-    if not observations.depth_measured and loss not in FLAT:
+    if not observations.depth_measured and not _flat(objective(loss)):
         raise WrongUsage(
             f"{loss} compares points in space, but the recording has pictures without depth; use "
             f"--loss {', '.join(FLAT[:-1])} or {FLAT[-1]}"

@@ -11,7 +11,6 @@ from ropefit.cli.options import (
     Debug,
     Engine,
     Json,
-    Loss,
     LossOption,
     MostFrames,
     Nodes,
@@ -20,7 +19,6 @@ from ropefit.cli.options import (
     ProjectChoice,
     Quiet,
     SearchOption,
-    Solver,
     SolverOption,
     UntilStage,
     start_session,
@@ -66,8 +64,8 @@ def batch(
     ] = False,
     nodes: Nodes = 20,
     project: Project = ProjectChoice.auto,
-    solver: SolverOption = Solver.equilibrium,
-    loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
+    solver: SolverOption = "equilibrium",
+    loss: LossOption = "OBJ1",
     search: SearchOption = None,
     most_frames: MostFrames = 60,
     json: Json = False,
@@ -85,12 +83,12 @@ def batch(
         settings = {
             "preprocess": {"nodes": nodes, "project": project.value},
             "identify": {
-                "solver": solver.value,
-                "loss": loss.value,
+                "solver": solver,
+                "loss": loss,
                 "search": search.value if search else None,
                 "most_frames": most_frames,
             },
-            "control": {"loss": loss.value},
+            "control": {"loss": loss},
         }
         done = run_batch(
             recordings,

@@ -12,7 +12,6 @@ from ropefit.cli.options import (
     Debug,
     Force,
     Json,
-    Loss,
     LossOption,
     OptionalPath,
     Quiet,
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 def control(
     run: Run = Path("run"),
-    loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
+    loss: LossOption = "OBJ1",
     target: Annotated[
         OptionalPath,
         typer.Option(
@@ -66,7 +65,7 @@ def control(
         from ropefit.api import runs
 
         settings = {
-            "loss": loss.value,
+            "loss": loss,
             "key": list(key or []),
             "turn": turn,
             "evaluations": evaluations,

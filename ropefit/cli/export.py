@@ -26,7 +26,7 @@ Target = Annotated[
     str,
     typer.Option(
         "--to",
-        help=f"The simulator: one of {', '.join(TARGETS)}.",
+        help=f"The simulator: one of {', '.join(TARGETS)}, or an add-on's.",
         autocompletion=lambda: list(TARGETS),
     ),
 ]

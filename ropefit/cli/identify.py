@@ -16,7 +16,6 @@ from ropefit.cli.options import (
     DeviceOption,
     Force,
     Json,
-    Loss,
     LossOption,
     MostFrames,
     OptionalPath,
@@ -24,7 +23,6 @@ from ropefit.cli.options import (
     Quiet,
     Run,
     SearchOption,
-    Solver,
     SolverOption,
     Texts,
     start_session,
@@ -45,8 +43,8 @@ FREE = (
 
 def identify(
     run: Run = Path("run"),
-    solver: SolverOption = Solver.equilibrium,
-    loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
+    solver: SolverOption = "equilibrium",
+    loss: LossOption = "OBJ1",
     search: SearchOption = None,
     free: Annotated[OptionalText, typer.Option(help=FREE)] = None,
     start: Annotated[
@@ -131,8 +129,8 @@ def identify(
         from ropefit.cli.parsing import numbers, starts
 
         settings = {
-            "solver": solver.value,
-            "loss": loss.value,
+            "solver": solver,
+            "loss": loss,
             "search": search.value if search else None,
             "free": free.split(",") if free else None,
             "start": starts(start or []),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -10,15 +11,6 @@ import typer
 
 if TYPE_CHECKING:
     from ropefit.cli.console import Session
-
-
-class Solver(StrEnum):
-    """The paper's solvers, the rod in equilibrium, or the rod in motion."""
-
-    jacobi = "jacobi"
-    thomas = "thomas"
-    equilibrium = "equilibrium"
-    dynamics = "dynamics"
 
 
 class Search(StrEnum):
@@ -61,7 +53,39 @@ class Engine(StrEnum):
     dask = "dask"
 
 
-Loss = StrEnum("Loss", [(f"OBJ{i}", f"OBJ{i}") for i in range(1, 10)])
+def _solvers() -> list[str]:
+    from ropefit.solvers.names import solver_names
+
+    return solver_names()
+
+
+def _solver(name: str) -> str:
+    from ropefit.solvers.names import known_solver
+
+    return _refusing(known_solver, name)
+
+
+def _losses() -> list[str]:
+    from ropefit.losses.names import loss_names
+
+    return loss_names()
+
+
+def _loss(name: str) -> str:
+    from ropefit.losses.names import known_loss
+
+    return _refusing(known_loss, name)
+
+
+def _refusing(known: Callable[[str], str], name: str) -> str:
+    """Return a name that there is; else the command is refused with those there are."""
+    from ropefit.errors import WrongUsage
+
+    try:
+        return known(name)
+    except WrongUsage as error:
+        raise typer.BadParameter(str(error).partition(": ")[2])
+
 
 OptionalPath = Optional[Path]  # noqa: UP045 (typer reads these)
 OptionalFloat = Optional[float]  # noqa: UP045
@@ -137,10 +161,13 @@ DebugImages = Annotated[
     ),
 ]
 SolverOption = Annotated[
-    Solver,
+    str,
     typer.Option(
+        metavar="NAME",
+        autocompletion=_solvers,
+        callback=_solver,
         help="The model of the rope: the rod in equilibrium, the rod in motion (dynamics), or one "
-        "of the paper's solvers (jacobi, thomas)."
+        "of the paper's solvers (jacobi, thomas), or an add-on's.",
     ),
 ]
 LOSSES = (
@@ -150,7 +177,15 @@ LOSSES = (
     "of the same number. OBJ2, OBJ5 and OBJ8 are the same in the image; OBJ3, OBJ6 and OBJ9 add to "
     "these the distance of the lowest points."
 )
-LossOption = Annotated[Loss, typer.Option(help=f"The loss that is minimised. {LOSSES}")]  # type: ignore[valid-type]
+LossOption = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        autocompletion=_losses,
+        callback=_loss,
+        help=f"The loss that is minimised: OBJ1 to OBJ9, or an add-on's. {LOSSES}",
+    ),
+]
 SearchOption = Annotated[
     Optional[Search],  # noqa: UP045
     typer.Option(

@@ -15,7 +15,6 @@ from ropefit.cli.options import (
     DebugImages,
     ForceOther,
     Json,
-    Loss,
     LossOption,
     Mask,
     Nodes,
@@ -28,7 +27,6 @@ from ropefit.cli.options import (
     RopeColor,
     Run,
     SearchOption,
-    Solver,
     SolverOption,
     start_session,
 )
@@ -44,8 +42,8 @@ def run(
     run: Run = Path("run"),
     nodes: Nodes = 20,
     project: Project = ProjectChoice.auto,
-    solver: SolverOption = Solver.equilibrium,
-    loss: LossOption = Loss.OBJ1,  # type: ignore[attr-defined]
+    solver: SolverOption = "equilibrium",
+    loss: LossOption = "OBJ1",
     search: SearchOption = None,
     control_at: ControlAt = None,
     nominal: NominalRun = None,
@@ -70,8 +68,8 @@ def run(
         seen = {"nodes": nodes, "project": project.value, **picture_settings(color, roi, mask)}
         data = {"preprocess": show_observations(session, recording, run, seen, force, debug_images)}
         settings = {
-            "solver": solver.value,
-            "loss": loss.value,
+            "solver": solver,
+            "loss": loss,
             "search": search.value if search else None,
             "control_at": control_at,
         }
@@ -82,7 +80,7 @@ def run(
             found = runs.diagnose(run, {}, context, nominal, calibration, force)
             data["diagnose"] = show_diagnosis(session, found)
         if runs.controllable(fitted.artifact):
-            moved = runs.control(run, {"loss": loss.value}, session.context("control"), force=force)
+            moved = runs.control(run, {"loss": loss}, session.context("control"), force=force)
             data["control"] = show_control(session, moved)
         data["report"] = show_report(session, run, [])
         session.result(data | {"answer": show_answer(session, run)})

@@ -22,7 +22,7 @@ from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference import bfgs
 from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
-from ropefit.losses.objectives import OBJECTIVES
+from ropefit.losses.objectives import objective
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
 from ropefit.models.parameters import PARAMETERS
@@ -60,7 +60,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
     train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
-    full = Task(rope, build_scene(o), OBJECTIVES[settings.loss], space, torch.from_numpy(group))
+    full = Task(rope, build_scene(o), objective(settings.loss), space, torch.from_numpy(group))
     task = full.frames(torch.from_numpy(train))
     search = run_search(task, settings, context)
     if (search.status == bfgs.DIVERGED).any():

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from ropefit.errors import WrongUsage
 from ropefit.losses.names import LossName
 from ropefit.runs.protocol import StageSettings
+from ropefit.solvers.names import SolverName
 
 # What a fit uses besides what every fit does; a search adds its own limits.
 EVERY_FIT = {"solver", "loss", "search", "free", "control_at", "holdout", "most_frames"}
@@ -28,7 +29,7 @@ class IdentifySettings(StageSettings):
     from_run: parameters are those of another run's model, apart from the free ones.
     """
 
-    solver: Literal["jacobi", "thomas", "equilibrium", "dynamics"] = "equilibrium"
+    solver: SolverName = "equilibrium"
     loss: LossName = "OBJ1"
     search: Literal["gradient", "grid", "least-squares"] | None = None
     free: list[str] | None = None

@@ -19,7 +19,7 @@ from ropefit.inference import bfgs
 from ropefit.inference.evaluate import agreement, convergence, settle_frames
 from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
-from ropefit.losses.objectives import OBJECTIVES
+from ropefit.losses.objectives import objective
 from ropefit.models.weights import WEIGHTS
 from ropefit.models.xpbd import Rope, eta_names
 from ropefit.runs.protocol import Context
@@ -101,7 +101,7 @@ def _task(o: Observations, settings: IdentifySettings) -> Task:
         two_sided=settings.two_sided,
     )
     group = torch.from_numpy(group_frames(o, settings.groups))
-    return Task(rope, build_scene(o), OBJECTIVES[settings.loss], space, group)
+    return Task(rope, build_scene(o), objective(settings.loss), space, group)
 
 
 def _states(

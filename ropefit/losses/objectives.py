@@ -21,6 +21,7 @@ from ropefit.losses.primary import (
     segment_to_line,
     segment_to_particle,
 )
+from ropefit.plugins import LOSSES, named
 
 
 class Pinhole(NamedTuple):
@@ -114,3 +115,8 @@ OBJECTIVES: dict[str, Objective] = {
     for row, primary in enumerate((point_to_line, segment_to_particle, segment_to_line))
     for column in range(3)
 }
+
+
+def objective(name: str) -> Objective:
+    """Return a loss by its name, an add-on's by that of its entry point. Raises StageFailed."""
+    return OBJECTIVES[name] if name in OBJECTIVES else named(LOSSES, name)

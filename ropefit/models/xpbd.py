@@ -18,7 +18,7 @@ from ropefit.rod.strains import Rest, straight_rest
 from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.compiled import COMPILED, simulate_compiled
-from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State, simulate
+from ropefit.solvers.xpbd.reference import Eta, Settings, State, distance_solver, simulate
 
 # Order of the six weights of Algorithm 1 in every parameter vector.
 ETA = ("eta_x_G", "eta_x_D", "eta_x_S", "eta_q_S", "eta_q_B", "eta_SOR")
@@ -92,7 +92,7 @@ class Rope:
         shape = np.broadcast_shapes(eta.shape[:-1], x.shape[:-2], q.shape[:-2])
         start, solver = (
             State(x.expand(*shape, -1, -1), q.expand(*shape, -1, -1)),
-            SOLVERS[self.solver],
+            distance_solver(self.solver),
         )
         algorithm = simulate_compiled if self.solver in COMPILED else simulate
         return algorithm(

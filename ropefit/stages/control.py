@@ -19,7 +19,7 @@ from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import bfgs
 from ropefit.inference.bfgs import Search
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
-from ropefit.losses.objectives import OBJECTIVES, Pinhole
+from ropefit.losses.objectives import OBJECTIVES, Pinhole, objective
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.runs.protocol import Context
 
@@ -46,8 +46,8 @@ def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, co
     guess = control_guess(o, node)
     rope, values = rope_at(o, model, guess, turns, context.external.get("diagnosis"))
     scene = build_scene(o)
-    objective = OBJECTIVES[settings.loss]
-    gripper = Gripper(rope, values, to_observations(objective, scene), 0.1 * o.length, turns)
+    chosen = objective(settings.loss)
+    gripper = Gripper(rope, values, to_observations(chosen, scene), 0.1 * o.length, turns)
     search = _run(gripper, settings, context)
     x, q = _settle(gripper, search.u)
     noise = float(np.median(o.noise))

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
+from ropefit import plugins
 from ropefit.rod.quaternion import normalise
 from ropefit.rod.strains import Rest, bend_twist, distance, stretch_shear
 from ropefit.solvers.xpbd.chain import Chain
@@ -37,6 +38,12 @@ class DistanceSolver(Protocol):
 
 
 SOLVERS: dict[str, DistanceSolver] = {solver.name: solver for solver in (Jacobi(), Thomas())}
+
+
+def distance_solver(name: str) -> DistanceSolver:
+    """Return a distance solver by its name, an add-on's by that of its entry point. Raises
+    StageFailed."""
+    return SOLVERS[name] if name in SOLVERS else plugins.named(plugins.SOLVERS, name)
 
 
 class Eta(NamedTuple):
