@@ -72,6 +72,7 @@ class Term:
 
     def _share(self, value: np.ndarray) -> np.ndarray:
         """Return (n,) value / (value + scale), 1 at infinity, of what saturates; else 0."""
+        assert self.saturating is not None
         return 1 - self.scale / (np.where(self.saturating, value, 0.0) + self.scale)
 
     def slope(self, u: np.ndarray) -> np.ndarray:
