@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ropefit.adapters.equilibrium_model import calibration_of
-from ropefit.adapters.law_content import law_of, sentence_of
+from ropefit.adapters.law_content import law_of
 from ropefit.adapters.unit_mass import per_unit_mass
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
@@ -171,8 +171,8 @@ def _cause(o: Observations, item: engine.Accepted, last: Fit, layout: Layout) ->
         log_evidence=item.evidence,
         p_value=item.p_value,
         heldout_gain=candidate.gains,
-        sentence=sentence_of(law) if law else _sentence(candidate),
-        law=law,
+        sentence=law[1] if law else _sentence(candidate),
+        law=law[0] if law else None,
     )
 
 

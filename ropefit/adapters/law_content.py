@@ -7,11 +7,12 @@ from ropefit.artifacts import Observations
 from ropefit.artifacts.diagnosis import Curve, Law, Size
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.forms import Described, described
+from ropefit.effects import law as engine
 from ropefit.inference.least_squares import Fit
 
 
-def law_of(o: Observations, candidate: Candidate, final: Fit) -> Law | None:
-    """Return what is known of an accepted law; None of any other effect."""
+def law_of(o: Observations, candidate: Candidate, final: Fit) -> tuple[Law, str] | None:
+    """Return what is known of an accepted law, and that in words; None of any other effect."""
     found = described(candidate, final)
     if found is None:
         return None
@@ -30,9 +31,8 @@ def law_of(o: Observations, candidate: Candidate, final: Fit) -> Law | None:
             value=times * float(c.value), unit=times_metre(of, c.power),
             ci95=(times * low, times * high),
         )  # fmt: skip
-    return Law(
-        form=forms[0] if found.named else "", forms=forms, parameters=parameters, curve=curve
-    )
+    out = Law(form=forms[0] if found.named else "", forms=forms, parameters=parameters, curve=curve)
+    return out, _sentence(out, law)
 
 
 def _constants(found: Described):
@@ -49,19 +49,14 @@ def times_metre(unit: str, power: float) -> str:
         before.append(last)
     metres = [] if power == 0 else ["m" if power == 1 else f"m^{power:.3g}"]
     out = " ".join([*before, *metres]).strip() or "1"
-    return "1/m" if out == "m^-1" else out
+    return {"m^-1": "1/m", "N m^-1": "N/m"}.get(out, out)
 
 
-def sentence_of(law: Law) -> str:
-    """Return the answer in words: which way the law departs from a straight line, and its form."""
+def _sentence(law: Law, found: engine.Law) -> str:
+    """Return the answer in words: the curve at both ends of what is visited, and its form."""
     c = law.curve
-    first, last = (c.x.searchsorted(x) for x in c.visited)
-    ratio = float(c.y[last] / c.x[last] / (c.y[first] / c.x[first]))
-    way = "softens" if ratio < 1 else "stiffens"
-    told = (
-        f"bending {way}: the {c.name_y} per {c.name_x} at {c.x[last]:.2g} {c.unit_x} is "
-        f"{ratio:.2g} times that at {c.x[first]:.2g} {c.unit_x}"
-    )
+    ends = c.x.searchsorted(c.visited).clip(max=len(c.x) - 1)
+    told = found.sentence(c.x[ends], c.y[ends], (c.unit_x, c.unit_y))
     numbers = ", ".join(
         f"{name} = {s.value:.3g} ({s.ci95[0]:.3g} to {s.ci95[1]:.3g})"
         + ("" if s.unit == "1" else f" {s.unit}")

@@ -1,7 +1,8 @@
 """Which form an accepted law has: its curve with a band, and formulas fitted in its place.
 
 Every formula is fitted through the model like the law itself, and compared by its evidence. It is
-named where the others, the law's free curve among them, are far behind.
+named where the others, the law's free curve among them, are far behind, and its local exponent
+d ln y / d ln x differs significantly from theirs somewhere in the data.
 """
 
 from __future__ import annotations
@@ -58,30 +59,50 @@ def described(candidate: Candidate, final: Fit) -> Described | None:
 
     final: the fit with all effects. Each form is one more fit.
     """
-    setup = final.forward.base
-    law = candidate.hypothesis.effect.law(setup)
+    law = candidate.hypothesis.effect.law(final.point.setup)
     if law is None:
         return None
-    values = law.visited(final.point.solution.x)
+    values = law.visited(final.point.setup, final.point.solution.x)
     least, most = (float(q) for q in np.quantile(values, INSIDE))
     least = max(least, LEAST_SHARE * most)
-    x = np.concatenate([[0.0], np.geomspace(0.1 * least, WIDER * values.max(), POINTS - 1)])
+    first = 0.1 * least if law.from_zero else least / WIDER
+    x = np.geomspace(first, WIDER * values.max(), POINTS)
+    x[0] = 0.0 if law.from_zero else x[0]
     mine = _place(final, candidate.term)
     mean, covariance = _smooth(final, candidate.term, mine, law)
     drawn = _draws(final, mean, covariance)
     y = np.stack([law.curve(final.forward.setup_at(u), x) for u in drawn])
-    spread = max(1.0, final.scale**2)
+    spread = max(1.0, final.spread)
     free = -0.5 * final.cost / spread - occam_factor(_last(final, candidate.term), candidate.term)
     inside = (x >= least) & (x <= most)
     tried = (_fitted(f, law, candidate.term, final, mean, x, inside) for f in law.forms)
     found = [replace(f, evidence=f.evidence - free) for f in tried if f is not None]
     found.sort(key=lambda f: -f.evidence)
     most_likely = max([0.0, *(f.evidence for f in found)])
-    remaining = [f for f in found if f.evidence > most_likely - LEAST_LEAD]
+    remaining = [
+        f
+        for f in found
+        if f.evidence > most_likely - LEAST_LEAD
+        or (most_likely == found[0].evidence and not exponents_differ(x, inside, found[0].y, f.y))
+    ]
     named = len(remaining) == 1
     y = remaining[0].y if named else y
     low, high = np.quantile(y, (0.025, 0.975), axis=0)
     return Described(law, x, y[0], low, high, (least, most), remaining, named)
+
+
+def exponents_differ(x: np.ndarray, inside: np.ndarray, a: np.ndarray, b: np.ndarray) -> bool:
+    """Return whether the 95 % intervals of d ln y / d ln x of two curves exclude one another
+    anywhere `inside` (n,): draws (D, n) at x (n,)."""
+    way = np.log(x[inside])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = [
+            np.quantile(
+                np.gradient(np.log(np.abs(y[:, inside])), way, axis=1), (0.025, 0.975), axis=0
+            )
+            for y in (a, b)
+        ]
+    return bool(((ends[0][0] > ends[1][1]) | (ends[1][0] > ends[0][1])).any())
 
 
 def _place(final: Fit, term: Term) -> np.ndarray:
@@ -105,7 +126,7 @@ def _smooth(final: Fit, term: Term, mine: np.ndarray, law: Law) -> tuple[np.ndar
     """Return the search variables (P,) and their covariance with a prior of smoothness, its
     strength that of the highest evidence (Laplace's approximation about the fit)."""
     held = np.isfinite(final.prior)
-    spread = max(1.0, final.scale**2)
+    spread = max(1.0, final.spread)
     data = final.jacobian.T @ final.jacobian / spread
     data += np.diag(np.where(held, 1 / final.prior**2, 1e-9))
     others = np.setdiff1d(np.arange(len(data)), mine)
@@ -167,17 +188,23 @@ def _fitted(
         y = law.curve(form.apply(plain, torch.from_numpy(values)), x[inside])
         return float(np.var(np.log(y / wanted)))
 
-    start, size = min(form.tries, key=misfit), len(form.names)
+    start, size, scale = min(form.tries, key=misfit), len(form.names), form.scale
+    if scale is None:
+        scale = start
+    else:
+        y = law.curve(form.apply(plain, torch.from_numpy(start)), x[inside])
+        start = start.copy()
+        start[0] *= np.exp(np.mean(np.log(wanted / y)))
     own = Term(
-        form.name, form.names, form.units, form.apply, start, start, form.lower, form.upper,
-        np.full(size, np.inf), log=True,
+        form.name, form.names, form.units, form.apply, start, scale, form.lower, form.upper,
+        np.full(size, np.inf), log=form.scale is None,
     )  # fmt: skip
     forward = model.with_terms([*without.terms, own], final.point.solution)
     begin = np.concatenate([begin, np.zeros(size)])
     fitted = attempted(forward, final.problem, begin, EVALUATIONS, tolerance=1e-5)
     if fitted is None or not fitted.point.converged.all() or len(fitted.z) != len(final.z):
         return None
-    spread = max(1.0, final.scale**2)
+    spread = max(1.0, final.spread)
     evidence = -0.5 * fitted.cost / spread - occam_factor(fitted, own)
     drawn = _draws(fitted, fitted.point.u, fitted.covariance)
     setups = [fitted.forward.setup_at(u) for u in drawn]

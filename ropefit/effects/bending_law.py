@@ -54,7 +54,7 @@ class BendingLaw(Effect):
     def law(self, setup: Setup) -> Law:
         return Law(
             "curvature", "bending moment", "1/m", -1.0, _curve, _curvatures,
-            np.array([True, False, False, False, False]), _forms(setup),
+            np.array([True, False, False, False, False]), _forms(setup), _sentence,
         )  # fmt: skip
 
     def exported(
@@ -110,7 +110,16 @@ def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     return rigidity * (parts * slope).sum(1)
 
 
-def _curvatures(nodes: np.ndarray) -> np.ndarray:
+def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
+    ratio = float(y[1] / x[1] / (y[0] / x[0]))
+    way = "softens" if ratio < 1 else "stiffens"
+    return (
+        f"bending {way}: the bending moment per curvature at {x[1]:.2g} {units[0]} is {ratio:.2g} "
+        f"times that at {x[0]:.2g} {units[0]}"
+    )
+
+
+def _curvatures(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     """Return the curvatures [1/m] at the inner nodes (F, N+1, 3) [m]."""
     step = np.diff(nodes, axis=1)
     length = np.linalg.norm(step, axis=-1)

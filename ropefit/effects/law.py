@@ -30,8 +30,8 @@ class Form(NamedTuple):
     is chosen to begin a fit with, tries (T, n).
 
     apply(setup, values (n,)): the setup with the law; constants(setup, values): what the formula
-    calls its constants, in SI, of a setup after `apply`. linear: the values at which the law is
-    none, if it has such.
+    calls its constants, in SI, of a setup after `apply`. scale (n,): usual sizes, where the first
+    value is a factor of the curve; None: the values are positive, and searched by their logarithms.
     """
 
     name: str
@@ -42,14 +42,16 @@ class Form(NamedTuple):
     tries: np.ndarray
     apply: Callable[[Setup, Tensor], Setup]
     constants: Callable[[Setup, np.ndarray], list[Constant]]
+    scale: np.ndarray | None = None
 
 
 class Law(NamedTuple):
     """A function y(x) in SI: names of both, x's unit, and y's as that of EI times metre to a power.
 
-    curve(setup, x (n,)): y (n,) of a setup with the law; visited(nodes (F, N+1, 3) [m]): values of
-    x in the data; smooth (n,) bool: of the effect's values, those that are no departures from a
-    smooth curve; forms: what it may be.
+    curve(setup, x (n,)): y (n,) of a setup with the law; visited(setup, nodes (F, N+1, 3) [m]):
+    values of x in the data; smooth (n,) bool: of the effect's values, those that are no departures
+    from a smooth curve; forms: what it may be; sentence(x (2,), y (2,), units): the curve in words,
+    by its values at both ends of what is visited; from_zero: whether x begins at zero.
     """
 
     x: str
@@ -57,6 +59,8 @@ class Law(NamedTuple):
     unit_x: str
     power_y: float
     curve: Callable[[Setup, np.ndarray], np.ndarray]
-    visited: Callable[[np.ndarray], np.ndarray]
+    visited: Callable[[Setup, np.ndarray], np.ndarray]
     smooth: np.ndarray
     forms: tuple[Form, ...]
+    sentence: Callable[[np.ndarray, np.ndarray, tuple[str, str]], str]
+    from_zero: bool = True

@@ -26,10 +26,10 @@ class LawSection(Section):
         d = run.diagnosis
         assert d is not None
         laws = [c.law for c in d.causes.values() if c.law]
-        return Markup("").join(paragraph(_told(law)) + plot(_figure(law)) for law in laws)
+        return Markup("").join(paragraph(_sentence(law)) + plot(_figure(law)) for law in laws)
 
 
-def _told(law: Law) -> str:
+def _sentence(law: Law) -> str:
     if law.form:
         return f"{law.form} explains the data as well as the free curve; no other form does."
     if law.forms:
