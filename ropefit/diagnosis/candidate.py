@@ -23,6 +23,7 @@ SLOW_ROUNDS = 4  # so often it is continued
 SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
 DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
 UNMOVED = 1e-8  # m
+NORMAL_QUANTILE = 1.96  # of 95 %, where Student has many degrees of freedom
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
 
@@ -71,10 +72,14 @@ class Candidate:
         return (self._mine(self.fit.point.u) - zero)[:k]
 
     def significance(self) -> float:
-        """Return how many standard errors its sizes are from zero, together."""
+        """Return how many standard errors its sizes are from zero, together.
+
+        Where few samples are independent a standard error is longer, as Student's t is.
+        """
         off, k = self.usual_sizes(), self.hypothesis.size
         covariance = self.covariance()[:k, :k]
-        return float(np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0)))
+        apart = np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0))
+        return float(apart * NORMAL_QUANTILE / self.fit.quantile)
 
     def magnitude(self) -> tuple[float, float]:
         """Return the length of a vector of sizes, and its standard error, in SI."""
