@@ -50,7 +50,7 @@ def test_a_fit_that_leaves_far_more_than_noise_says_so(ropefit, tmp_path):
     assert told != text
     (copy / "recording.toml").write_text(told)
     ropefit("preprocess", copy, "--quiet")
-    assert "something is missing, or the set-up is told wrongly" in ropefit("identify").stderr
+    assert "something is missing, or the set-up is described wrongly" in ropefit("identify").stderr
     ropefit("preprocess", SAMPLES / "cloud", "--run", "good", "--quiet")
     assert "something is missing" not in ropefit("identify", "--run", "good").stderr
 
