@@ -22,12 +22,12 @@ Start = tuple[Hypothesis, np.ndarray]
 
 def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) -> list[list[Start]]:
     """Return starts, each with alternatives in case it does not settle, of effects whose fits are
-    slow or late, or of the others; names: only of these effects."""
+    slow or of the others; names: only of these effects."""
     misfit = misfit_of(calm(current) if slow else current)
     return [
         [(Hypothesis(effect, NO_PLACE), values) for values in choices]
         for effect in effects_of(misfit.setup, names)
-        if (effect.slow or effect.late) == slow
+        if effect.slow == slow
         for choices in effect.starts(misfit)
     ]
 
