@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -91,6 +93,18 @@ def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(ropefit
     said = ropefit("diagnose", "--run", "again", "--nominal", "run", "--most-frames", 4)
     assert "identify --solver dynamics" in said.stderr
     assert "none" in said.stdout or "no missing physics" in said.stdout + said.stderr
+
+
+def test_a_grip_out_of_sight_ends_a_clip(ropefit, recording, tmp_path):
+    copy = tmp_path / "hidden"
+    shutil.copytree(recording, copy)
+    rows = (copy / "ends.csv").read_text().splitlines(keepends=True)
+    (copy / "ends.csv").write_text("".join(r for r in rows if not r.startswith(("60,", "61,"))))
+    ropefit("preprocess", copy, "--run", "run")
+    told = ropefit.json("identify", "--solver", "dynamics", "--holdout", 0.4, "--run", "run")
+    assert told["clips"] == 3
+    assert told["rms_heldout_m"] < 2e-3
+    assert told["groups"]["group_0"]["parameters"]["EI"]["value"] == pytest.approx(EI, rel=0.12)
 
 
 def test_what_it_cannot_do_is_said(ropefit, recording):

@@ -91,7 +91,7 @@ def _parts(fitted: Fit) -> list[tuple[Term, np.ndarray]]:
 
 
 def _refitted(fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem) -> Fit | None:
-    """Return refit a model of some terms of a fit, in that order, from their values there."""
+    """Return the fit of a model of some terms, in that order, from their values in another fit."""
     forward = fitted.forward.with_terms([term for term, _ in parts], fitted.point.solution)
     begin = np.concatenate([part for _, part in parts])
     return attempted(forward, problem, begin, EVALUATIONS, tolerance=1e-5)

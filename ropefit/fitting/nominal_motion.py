@@ -35,7 +35,8 @@ def nominal_in_motion(
     known: another run's model, whose rope is known; calibration: one whose camera and gravity are.
     Raises BadInput, NotConverged, WrongUsage.
     """
-    clips, span = long_clips(o), span_of(o)
+    span = span_of(o)
+    clips = long_clips(o, span)
     most = max(1, most_frames * OF_MOTION // max(len(c) for c in clips))
     spread = np.linspace(0, len(clips) - 1, min(most, len(clips))).round().astype(int)
     clips = [clips[k] for k in spread]
