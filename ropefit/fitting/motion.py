@@ -52,7 +52,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         raise BadInput("the first two frames of a clip show too few markers to start from")
     _check_that_it_moves(span, clips)
     free = free_names(settings, o, span.setup)
-    terms = terms_of(o, span.setup, free)
+    terms = terms_of(o, span, free)
     train, out = held_back(clips, len(o.frames), settings.holdout)
     train = train[: max(1, settings.most_frames * OF_MOTION // len(train[0]))]
     forward = _forward(o, span, terms, train)
@@ -123,7 +123,7 @@ def model_of(
     the fit came to."""
     assert model.stepped is not None
     group = next(iter(model.groups.values()))
-    terms, u = terms_of(o, span.setup, group.free_names), []
+    terms, u = terms_of(o, span, group.free_names), []
     stated = stated_units(o)
     for term in terms:
         if term.nuisance:
@@ -186,9 +186,10 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
     return names + (["length"] if o.length_source == "estimated" else [])
 
 
-def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
+def terms_of(o: Observations, span: Span, free: list[str]) -> list[Term]:
     """Return the free parameters, then the errors of the grips."""
-    return parameters.terms(setup, free) + grips(setup, priors_of(o).end_orientation)
+    errors = grips(span.setup, priors_of(o).end_orientation, span.twist)
+    return parameters.terms(span.setup, free) + errors
 
 
 def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]) -> Dynamics:

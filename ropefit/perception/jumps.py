@@ -27,8 +27,9 @@ def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
     size = size[np.isfinite(size)]
     if not size.size or np.quantile(size, MOST) > JUMP:
         return np.zeros(positions.shape[:2], bool)
-    known = time is not None and np.isfinite(time).all()
-    parts = unbroken(time) if known else [np.arange(len(positions))]
+    parts = [np.arange(len(positions))]
+    if time is not None and np.isfinite(time).all():
+        parts = unbroken(time)
     return np.concatenate([_either_way(positions[part]) for part in parts])
 
 
