@@ -37,7 +37,7 @@ def test_a_horizon_begins_anew_from_what_was_observed():
     parts = forward.horizon(0.3)
     assert [len(part) for part in parts.clips] == [30] * 6
     assert (np.concatenate(parts.clips) == np.concatenate(forward.clips)).all()
-    assert len(forward.horizon(0.0).clips[0]) >= SMOOTHED
+    assert len(forward.horizon(0.01).clips[0]) >= SMOOTHED
     lines[30] = np.nan  # where nothing was seen, nothing begins
     assert [len(part) for part in model(driven(24), lines, FREE).horizon(0.3).clips] == [30] * 5
     wrong = forward.start() + np.array([2.0, *np.zeros(forward.size - 1)])

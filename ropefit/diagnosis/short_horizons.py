@@ -25,7 +25,9 @@ from ropefit.models.model import Model
 
 SHORT = 0.4  # s
 LONGER = (1.2,)  # s: horizons between the short one and whole clips
+MOST_SECONDS = 12.0  # of motion that is looked at over horizons
 MOST_LEADERS = 3
+MOST_WHOLE = 2  # candidates that are fitted to whole clips
 LOOK = 8  # evaluations of a fit over horizons
 
 
@@ -50,7 +52,8 @@ def by_short_horizons(
         for candidate in [fit_candidate(near, score.hypothesis, np.concatenate(score.starts()[0]))]
         if candidate and candidate.evidence > threshold and agreeing(candidate.gains)
     ]
-    whole = [_over_whole_clips(current, candidate) for candidate in supported]
+    supported.sort(key=lambda candidate: -candidate.evidence)
+    whole = [_over_whole_clips(current, candidate) for candidate in supported[:MOST_WHOLE]]
     return [candidate for candidate in whole if candidate]
 
 
@@ -78,6 +81,6 @@ def _over_whole_clips(current: Fit, near: Candidate) -> Candidate | None:
 
 def _over(seconds: float, forward: Model, problem: FitProblem, start: np.ndarray) -> Fit | None:
     """Return a fit over horizons, from search variables (P,)."""
-    parts = forward.horizon(seconds)
+    parts = forward.horizon(seconds, MOST_SECONDS)
     reached = np.isin(np.arange(len(problem.data.points)), np.concatenate(parts.clips))
     return attempted(parts, problem.without(~reached), start, LOOK, tolerance=1e-3)

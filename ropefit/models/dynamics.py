@@ -139,8 +139,9 @@ class Dynamics(Model):
     def restored(self, u: np.ndarray, arrays: Arrays) -> MotionPoint:
         return self.at(u)
 
-    def horizon(self, seconds: float) -> Self:
-        """Return the model that begins anew every so often, from what was observed there."""
+    def horizon(self, seconds: float, most: float = np.inf) -> Self:
+        """Return the model that begins anew every so often, from what was observed there, in parts
+        of together at most `most` [s], evenly spread."""
         step = float(np.median(np.diff(self.time[self.clips[0]])))
         frames = max(round(seconds / step), SMOOTHED)
         parts = [
@@ -150,6 +151,8 @@ class Dynamics(Model):
         ]
         observed = begun_smoothly(self.time, self.observed, self.clips, parts)
         parts = [part for part in parts if np.isfinite(observed[part[:2]]).all()]
+        few = np.linspace(0, len(parts) - 1, int(min(len(parts), max(1, most / seconds))))
+        parts = [parts[k] for k in few.round().astype(int)]
         return replace(self, clips=parts, observed=observed)
 
     def folds(self, frames: int, count: int) -> np.ndarray:

@@ -64,8 +64,9 @@ class Model(ABC):
         """Return the same model, which goes on from other states of its frames."""
         return replace(self, last=states)
 
-    def horizon(self, seconds: float) -> Self:
-        """Return the model that predicts no further than this from what was observed."""
+    def horizon(self, seconds: float, most: float = np.inf) -> Self:
+        """Return the model that predicts no further than this from what was observed, in parts of
+        together at most `most` [s], evenly spread."""
         return self
 
     def with_terms(self, terms: list[Term], states: States | None = None) -> Self:
