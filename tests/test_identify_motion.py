@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.artifacts import Diagnosis, Model, Observations, read
+from ropefit.fitting.motion import diagnosed_motion
+from ropefit.inference.bins import match
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.rod import uniform
@@ -85,10 +88,19 @@ def test_parameters_come_back(ropefit, recording):
     assert "Traceback" not in report.stderr
 
 
-def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(ropefit, recording):
+def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(
+    ropefit, recording, tmp_path
+):
     told = ropefit.json("run", recording, "--solver", "dynamics", "--run", "run")
     assert "control" not in told
     assert told["diagnose"]["verdict"] == "none"
+    o, model, found = (
+        read(tmp_path / "run" / kind.file_name, kind)[0]
+        for kind in (Observations, Model, Diagnosis)
+    )
+    span, point = diagnosed_motion(o, model.nominal, found)
+    gap = match(span.data, point.seen, 1).residual
+    assert np.sqrt((gap**2).sum(1).mean()) < 2e-3
     ropefit("preprocess", recording, "--run", "again")
     said = ropefit("diagnose", "--run", "again", "--nominal", "run", "--most-frames", 4)
     assert "identify --solver dynamics" in said.stderr
