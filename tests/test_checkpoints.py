@@ -10,7 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.adapters.control_settings import ControlSettings
+from ropefit.adapters.settings import DiagnoseSettings, PreprocessSettings
 from ropefit.api.pipeline import CONTROL, DIAGNOSE, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Checkpoint, content_sha256, read, write
 from ropefit.artifacts.packing import packed, unpacked

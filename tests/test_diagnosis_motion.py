@@ -61,7 +61,7 @@ def test_motion_is_seen_in_clouds_of_which_stretches_are_hidden():
     o = SimpleNamespace(
         source="cloud", frames=np.arange(20), time=time, centreline=line, node_arc=arc, length=1.0,
         end_position=ends, end_orientation=np.full((20, 2, 4), np.nan),
-        gravity=np.array([0.0, 0.0, -9.81]),
+        gravity=np.array([0.0, 0.0, -9.81]), depth_measured=True,
     )  # fmt: skip
     found = motion_of(o, arc)  # pyright: ignore[reportArgumentType]
     assert found is not None

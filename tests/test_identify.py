@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.scene import rope_of
-from ropefit.adapters.settings import ControlSettings, PreprocessSettings
+from ropefit.adapters.settings import PreprocessSettings
 from ropefit.adapters.targets import read_targets
 from ropefit.api.pipeline import CONTROL, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Checkpoint, Control, Model, Observations, read

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
 
+from ropefit.artifacts import Diagnosis, Model, Observations, read
+from ropefit.fitting.motion import diagnosed_motion
+from ropefit.inference.bins import match
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.rod import uniform
@@ -83,14 +88,35 @@ def test_parameters_come_back(ropefit, recording):
     assert "Traceback" not in report.stderr
 
 
-def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(ropefit, recording):
+def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(
+    ropefit, recording, tmp_path
+):
     told = ropefit.json("run", recording, "--solver", "dynamics", "--run", "run")
     assert "control" not in told
     assert told["diagnose"]["verdict"] == "none"
+    o, model, found = (
+        read(tmp_path / "run" / kind.file_name, kind)[0]
+        for kind in (Observations, Model, Diagnosis)
+    )
+    span, point = diagnosed_motion(o, model.nominal, found)
+    gap = match(span.data, point.seen, 1).residual
+    assert np.sqrt((gap**2).sum(1).mean()) < 2e-3
     ropefit("preprocess", recording, "--run", "again")
     said = ropefit("diagnose", "--run", "again", "--nominal", "run", "--most-frames", 4)
     assert "identify --solver dynamics" in said.stderr
     assert "none" in said.stdout or "no missing physics" in said.stdout + said.stderr
+
+
+def test_a_grip_out_of_sight_ends_a_clip(ropefit, recording, tmp_path):
+    copy = tmp_path / "hidden"
+    shutil.copytree(recording, copy)
+    rows = (copy / "ends.csv").read_text().splitlines(keepends=True)
+    (copy / "ends.csv").write_text("".join(r for r in rows if not r.startswith(("60,", "61,"))))
+    ropefit("preprocess", copy, "--run", "run")
+    told = ropefit.json("identify", "--solver", "dynamics", "--holdout", 0.4, "--run", "run")
+    assert told["clips"] == 3
+    assert told["rms_heldout_m"] < 2e-3
+    assert told["groups"]["group_0"]["parameters"]["EI"]["value"] == pytest.approx(EI, rel=0.12)
 
 
 def test_what_it_cannot_do_is_said(ropefit, recording):

@@ -9,7 +9,8 @@ from ropefit.adapters.motion_of import clips_of, rates
 from ropefit.fitting.motion import held_back
 from ropefit.models.dynamics import finer, refine
 from ropefit.recordings.ends import quaternion_along
-from ropefit.rod.carried import along, carried, continuous, third
+from ropefit.rod.carried import along, continuous, third, unrolled
+from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.solvers.dynamics.problem import Drive
 from ropefit.solvers.equilibrium.turns import from_turn, to_turn
 from tests.moving_ropes import turned
@@ -49,12 +50,50 @@ def test_carried_frames_keep_their_tangent_and_do_not_roll():
     assert np.abs(q[-1] - q[0]).max() < 1e-12
     roll = to_turn(q[:-1], np.diff(q, axis=0), 2.0)[:, 2]
     assert np.abs(roll).max() < 1e-3
-    clamp = np.stack([q, q], axis=1)
-    line = np.linspace([0.0, 0, 0], [0, 0, 1], 5) @ np.eye(3)
-    curve = np.broadcast_to(line, (400, 5, 3))
-    both = carried(-clamp, curve, [np.arange(400)])
-    assert np.abs(third(both) - third(clamp)).max() < 1e-9
-    assert (np.abs((both[1:] * both[:-1]).sum(-1)) > 0.99).all()
+
+
+def circling(clips: int) -> tuple[np.ndarray, np.ndarray]:
+    """Clamps (F, 2, 4) with rolls of no meaning, near one about -z, far one about +x, and straight
+    curves (F, 5, 3)."""
+    angle = np.linspace(0, 6, 50 * clips)
+    near = np.stack([0.4 * np.cos(angle), 0.4 * np.sin(angle), -np.ones_like(angle)], axis=1)
+    far = np.stack([np.ones_like(angle), 0.3 * np.sin(angle), 0.3 * np.cos(angle)], axis=1)
+    clamp = np.stack([[quaternion_along(v) for v in way] for way in (near, far)], axis=1)
+    return clamp, np.broadcast_to(np.linspace([0.0, 0, 0], [0.5, 0, -0.5], 5), (len(angle), 5, 3))
+
+
+def test_clamps_whose_roll_is_not_seen_keep_their_tangents_and_do_not_roll():
+    clamp, curve = circling(2)
+    clips = [np.arange(50), np.arange(50, 100)]
+    both, _ = unrolled(clamp, curve, clips)
+    np.testing.assert_allclose(third(both), third(clamp), atol=1e-9)
+    for clip in clips:
+        for end in range(2):
+            q = both[clip, end]
+            assert np.abs(to_turn(q[:-1], np.diff(q, axis=0), 2.0)[:, 2]).max() < 2e-3
+
+
+def test_clips_begin_with_rolls_that_agree():
+    """Where a clip begins near another's first tangent, the clamp is near that, too: a direction
+    that is nearly opposite to e3 once turned clamps of nearly one tangent apart by radians."""
+    clamp, curve = circling(4)
+    both, _ = unrolled(clamp, curve, np.split(np.arange(200), 4))
+    first = both[::50]
+    apart = np.abs((first[:, None] * first[None]).sum(-1)).min(axis=(0, 1))
+    assert (2 * np.arccos(apart) < 1.0).all()
+    roll = np.abs((clamp[::50, 0][:, None] * clamp[::50, 0]).sum(-1)).min()
+    assert 2 * np.arccos(roll) > 2.0
+
+
+def test_the_turn_of_a_clamp_without_twist_is_told():
+    """Turned by that angle, the far clamp is the near one as transported along the curve."""
+    clamp, curve = circling(1)
+    both, angle = unrolled(clamp, curve, [np.arange(50)])
+    ways = np.array([third(both[0, 0]), *np.diff(curve[0], axis=0)[1:-1], third(both[0, 1])])
+    flat = along(both[0, 0], ways)[-1]
+    far = torch.from_numpy(both[0, 1])
+    turned_far = multiply(far, from_rotation_vector(torch.tensor([0, 0, angle]).double()))
+    assert abs(float(turned_far @ torch.from_numpy(flat))) > 1 - 1e-9
 
 
 def test_signs_of_quaternions_are_made_continuous():

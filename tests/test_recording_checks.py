@@ -58,6 +58,16 @@ def test_two_labels_that_change_places() -> None:
     assert found.sum() == 8
 
 
+def test_nothing_jumps_from_clip_to_clip() -> None:
+    wavy = swaying(30) + 0.1 * np.sin(2 * np.arange(9))[:, None]
+    positions = np.concatenate([swaying(30), wavy])
+    time = 0.02 * np.arange(60) + 10.0 * (np.arange(60) >= 30)
+    assert jumps(positions).any()
+    assert not jumps(positions, time).any()
+    positions[35, 4] += [0.0, 0.05, 0.04]
+    assert np.argwhere(jumps(positions, time)).tolist() == [[35, 4]]
+
+
 def test_poses_one_after_the_other_do_not_jump() -> None:
     rng = np.random.default_rng(1)
     assert not jumps(swaying(12) + rng.normal(0, 0.05, (12, 1, 3)) * np.arange(9)[:, None]).any()

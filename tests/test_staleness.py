@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ropefit.adapters.settings import ControlSettings, PreprocessSettings
+from ropefit.adapters.control_settings import ControlSettings
+from ropefit.adapters.settings import PreprocessSettings
 from ropefit.api.pipeline import COMPUTED, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Observations, read
 from ropefit.fitting.settings import IdentifySettings

@@ -5,9 +5,9 @@
 
 DIR holds the real recordings (default: ../shared/real). Parts: motion (ropes in motion, fitted to N
 of their training clips and scored on the clips that their authors score on), named (what the
-diagnosis accepts in them, given a model at rest), cable (a cable that was changed), wire (is it
-straight at rest?). Each part writes its own section of the document. Models of ropes in motion in
-the folder of --keep are not fitted again.
+diagnosis in motion names in them, and how it then predicts those clips), cable (a cable that was
+changed), wire (is it straight at rest?). Each part writes its own section of the document. Models
+of ropes in motion in the folder of --keep are not fitted again.
 """
 
 from __future__ import annotations
@@ -80,8 +80,13 @@ def motion(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
 
 def named(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
     """Return the table of the diagnosis in motion, and its numbers."""
-    found = {name: name_motion(real / name, folder / name) for name in ROPES}
-    return named_table(found), found
+    found = {name: name_motion(real / name, folder / name, clips) for name in ROPES}
+    numbers = {
+        name: one.answer | {"clip_before_m": one.before.clip.tolist(),
+                            "clip_after_m": one.after.clip.tolist()}
+        for name, one in found.items()
+    }  # fmt: skip
+    return named_table(found, clips), numbers
 
 
 def cable(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:

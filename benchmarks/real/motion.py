@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.command import ropefit
+from ropefit.adapters.motion_setup import Span
 from ropefit.artifacts import Model, Observations, read
 from ropefit.fitting.motion import restored_motion
 from ropefit.inference.bins import match
+from ropefit.models.dynamics import MotionPoint
 
 APART = 100.0  # s between clips in a joined recording
 FREE = "EI,GJ,EA,bend_damping,air_damping,rest_curve,length"
@@ -18,6 +20,7 @@ FREE = "EI,GJ,EA,bend_damping,air_damping,rest_curve,length"
 JUMPING = {"mocap_dlo1": (56, 58, 63, 66, 67, 76, 81, 86, 87, 88, 89, 90, 99)}
 MARKERS = 'file = "markers.npz"'
 TRUE = 2  # frames that a prediction starts from
+HELD = 4  # markers, two at each end
 
 
 @dataclass(frozen=True)
@@ -57,15 +60,8 @@ def clips_of(source: Path, kind: str) -> list[Path]:
     return [c for c in sorted(source.glob(f"{kind}_*")) if int(c.name[-3:]) not in bad]
 
 
-def prove(source: Path, folder: Path, count: int) -> Score:
-    """Fit to `count` training clips, evenly spread, and predict the eval clips. What folder holds
-    already is not fitted again."""
-    if not (folder / "run-train" / Model.file_name).exists():
-        _fit(source, folder, count)
-    return _score(source, folder)
-
-
-def _fit(source: Path, folder: Path, count: int) -> None:
+def recorded(source: Path, folder: Path, count: int) -> None:
+    """Preprocess `count` training clips, evenly spread, and the eval clips: a recording each."""
     train, test = clips_of(source, "train"), clips_of(source, "eval")
     few = [train[k] for k in np.linspace(0, len(train) - 1, count).round().astype(int)]
     join(source, few, folder / "train")
@@ -73,23 +69,36 @@ def _fit(source: Path, folder: Path, count: int) -> None:
     seen, _ = read(folder / "run-train" / Observations.file_name, Observations)
     join(source, test, folder / "eval", seen.point_arc[: seen.point_start[1]])
     ropefit("preprocess", folder / "eval", "--run", folder / "run-eval")
-    ropefit(
-        "identify", "--solver", "dynamics", "--free", FREE, "--holdout", "0",
-        "--run", folder / "run-train",
-    )  # fmt: skip
 
 
-def _score(source: Path, folder: Path) -> Score:
-    test = clips_of(source, "eval")
+def prove(source: Path, folder: Path, count: int) -> Score:
+    """Fit to `count` training clips and predict the eval clips. What folder holds already is not
+    fitted again."""
+    if not (folder / "run-train" / Model.file_name).exists():
+        recorded(source, folder, count)
+        ropefit(
+            "identify", "--solver", "dynamics", "--free", FREE, "--holdout", "0",
+            "--run", folder / "run-train",
+        )  # fmt: skip
     model, _ = read(folder / "run-train" / Model.file_name, Model)
     o, _ = read(folder / "run-eval" / Observations.file_name, Observations)
-    span, point = restored_motion(o, model.nominal)
-    gap = match(span.data, point.seen, 1).residual
-    free = len(gap) // len(o.frames)  # between the grips
-    inner = np.abs(gap).reshape(len(test), -1, free, 3)[:, TRUE:].mean(-1)
-    error = np.pad(inner, [(0, 0), (0, 0), (2, 2)])  # of held markers the place is given
+    found = scored(o, *restored_motion(o, model.nominal), len(clips_of(source, "eval")))
     group = next(iter(model.nominal.groups.values()))
+    parameters = {name: p.model_dump() for name, p in group.parameters.items()}
+    return replace(found, parameters=parameters)
+
+
+def scored(o: Observations, span: Span, point: MotionPoint, clips: int) -> Score:
+    """Score the prediction of a recording of some clips, all of one length."""
+    s = match(span.data, point.seen, 1)
+    gap = np.full((len(o.frames), s.bin.max() + 1), np.nan)
+    gap[s.frame, s.bin] = np.abs(s.residual).mean(1)
+    free = gap[:, np.isfinite(gap).any(0)].reshape(clips, len(gap) // clips, -1)[:, TRUE:]
+    markers = free.shape[-1] + HELD  # of held markers the place is given
     return Score(
-        error.mean((1, 2)), inner.mean((1, 2)), error.mean((0, 2)), error.mean((0, 1)),
-        {name: p.model_dump() for name, p in group.parameters.items()},
-    )  # fmt: skip
+        np.nansum(np.nanmean(free, axis=1), axis=1) / markers,
+        np.nanmean(free, axis=(1, 2)),
+        np.nansum(np.nanmean(free, axis=0), axis=1) / markers,
+        np.pad(np.nanmean(free, axis=(0, 1)), HELD // 2),
+        {},
+    )

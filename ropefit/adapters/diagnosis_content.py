@@ -201,7 +201,7 @@ def _acting(candidate: Candidate, layout: Layout) -> np.ndarray:
     whole = candidate.fit.forward
     without = whole.with_terms(whole.terms[:-1], candidate.fit.point.solution)
     x = without.at(candidate.fit.point.u[: -candidate.term.size]).seen
-    moved = np.nanmax(np.abs(x - candidate.fit.point.seen), axis=(1, 2))
+    moved = np.nan_to_num(np.abs(x - candidate.fit.point.seen)).max(axis=(1, 2))
     acting = moved > ACTING_SHARE * max(float(np.nanmax(moved)), 1e-12)
     return layout.frames[layout.shown[acting[layout.shown]]]
 

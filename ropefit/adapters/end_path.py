@@ -6,11 +6,11 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
+from ropefit.recordings.gaps import LONGEST_GAP, unbroken
 from ropefit.rod.carried import continuous
 from ropefit.rod.path import EndPath
 
 LEAST_POSES = 4  # of a clip: cubics go through them
-LONGEST_GAP = 3.0  # median steps: no path is interpolated across more
 LEAST_MOVE = 1e-3  # of the length: ends that move less from frame to frame stay where they are
 SAME_TIME = 1e-6  # s
 
@@ -29,7 +29,7 @@ def end_path(
     """
     if time is None or len(time) < LEAST_POSES or np.abs(time - frames).max() < SAME_TIME:
         return None
-    clips = _clips(time)
+    clips = unbroken(time)
     position, turn = np.nan_to_num(ends), np.nan_to_num(continuous(clamp))
     moves = np.linalg.norm(np.diff(position, axis=0), axis=-1) / length
     turns = np.linalg.norm(np.diff(turn, axis=0), axis=-1)
@@ -53,10 +53,3 @@ def end_path(
         np.concatenate(start), np.concatenate(places, axis=1), np.concatenate(rotations, axis=1),
     )  # fmt: skip
     return EndPath(*map(torch.from_numpy, tensors), step=step)
-
-
-def _clips(time: np.ndarray) -> list[np.ndarray]:
-    """Return indices of the frames that follow each other without a gap."""
-    steps = np.diff(time)
-    gaps = (steps > LONGEST_GAP * float(np.median(steps))) | (steps <= 0)
-    return np.split(np.arange(len(time)), np.flatnonzero(gaps) + 1)

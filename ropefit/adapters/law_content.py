@@ -7,7 +7,7 @@ from ropefit.artifacts import Observations
 from ropefit.artifacts.diagnosis import Curve, Law, Size
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.forms import Described, described
-from ropefit.effects import law as engine
+from ropefit.effects.law import Law as FreeLaw
 from ropefit.inference.least_squares import Fit
 
 
@@ -52,7 +52,7 @@ def times_metre(unit: str, power: float) -> str:
     return {"m^-1": "1/m", "N m^-1": "N/m"}.get(out, out)
 
 
-def _sentence(law: Law, found: engine.Law) -> str:
+def _sentence(law: Law, found: FreeLaw) -> str:
     """Return the answer in words: the curve at both ends of what is visited, and its form."""
     c = law.curve
     ends = c.x.searchsorted(c.visited).clip(max=len(c.x) - 1)

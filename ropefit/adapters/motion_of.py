@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
+from ropefit.recordings.gaps import unbroken
 from ropefit.rod.setup import Motion
 
 WINDOW = 3  # frames on either side that a parabola in time is fitted to
@@ -88,11 +89,8 @@ def times_of(o: Observations) -> np.ndarray:
 
 
 def clips_of(time: np.ndarray) -> list[np.ndarray]:
-    """Return indices of the frames that follow each other without a gap: of three usual steps, and
-    of `SLOWEST`."""
-    steps = np.diff(time)
-    gap = min(SLOWEST, 3 * float(np.median(steps))) if len(steps) else SLOWEST
-    return np.split(np.arange(len(time)), np.flatnonzero((steps > gap) | (steps <= 0)) + 1)
+    """Return indices of the frames that follow each other without a gap, `SLOWEST` included."""
+    return unbroken(time, SLOWEST)
 
 
 def rates(

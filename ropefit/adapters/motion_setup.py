@@ -12,7 +12,7 @@ from ropefit.adapters.motion_of import centrelines, clips_of, times_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space
 from ropefit.artifacts import Observations
 from ropefit.inference.bins import Data
-from ropefit.rod.carried import carried, continuous, third
+from ropefit.rod.carried import continuous, third, unrolled
 from ropefit.rod.moving import Damping
 from ropefit.rod.setup import Setup
 
@@ -24,7 +24,8 @@ ON_LINE = 1e-6  # of a unit vector: a marker is the second of a held pair
 @dataclass(frozen=True)
 class Span:
     """What moves of a recording: arc length [m] of the innermost held points, its setup there, the
-    data with shares of the span, and the observed rope (F, K, 3) [m] at arc (K,) [m]."""
+    data with shares of the span, and the observed rope (F, K, 3) [m] at arc (K,) [m]. twist [rad]:
+    turn of the far clamp of a rope without twist, where the clamps' rolls are not seen."""
 
     first: float
     last: float
@@ -32,6 +33,7 @@ class Span:
     data: Data
     arc: np.ndarray
     lines: np.ndarray
+    twist: float | None = None
 
     @property
     def node_arc(self) -> np.ndarray:
@@ -43,7 +45,7 @@ def span_of(o: Observations) -> Span:
     """Return the rope between its grips.
 
     Two held markers tell a clamp: the rope is free from the second on. Clamps whose twist is not
-    seen are carried along: they do not roll about the rope.
+    seen are transported through each clip: they do not roll about the rope.
     """
     first, last = (_grip(o, end) for end in range(2))
     arc = np.linspace(first, last, SEGMENTS // EVERY + 1)
@@ -56,9 +58,10 @@ def span_of(o: Observations) -> Span:
     part = o.model_copy(update={"length": last - first, "end_position": held})
     setup = base_setup(part, SEGMENTS)
     clips, clamp = clips_of(times_of(o)), continuous(setup.clamp.numpy())
-    clamp_compliance = setup.clamp_compliance
+    clamp_compliance, twist = setup.clamp_compliance, None
     if not o.end_twist_known and all(setup.clamped):
-        clamp, clamp_compliance = carried(clamp, lines, clips), torch.zeros_like(clamp_compliance)
+        clamp, twist = unrolled(clamp, lines, clips)
+        clamp_compliance = torch.zeros_like(clamp_compliance)
     zero = torch.zeros_like(setup.properties.length)
     setup = setup._replace(
         damping=Damping(zero, zero, zero, zero),
@@ -77,6 +80,7 @@ def span_of(o: Observations) -> Span:
         replace(data, share=share, mask=mask),
         arc,
         lines,
+        twist,
     )
 
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ropefit.adapters.contents import read_run
+from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.settings import (
     NOMINAL_DIAGNOSIS,
-    ControlSettings,
     DiagnoseSettings,
     PreprocessSettings,
 )

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ropefit.adapters.settings import ControlSettings, DiagnoseSettings, PreprocessSettings
+from ropefit.adapters.control_settings import ControlSettings
+from ropefit.adapters.settings import DiagnoseSettings, PreprocessSettings
 from ropefit.artifacts import Control, Diagnosis, Model, Observations
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.runs.protocol import Context, Stage

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.settings import (
     NOMINAL_DIAGNOSIS,
-    ControlSettings,
     DiagnoseSettings,
     PreprocessSettings,
 )

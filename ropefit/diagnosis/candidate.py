@@ -182,6 +182,14 @@ def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> C
     return Candidate(hypothesis, term, fitted, float(evidence), gains / spread)
 
 
+def best_of(fitted: list[Candidate | None]) -> list[Candidate]:
+    """Return the candidate with the highest evidence of each hypothesis, highest first."""
+    out: dict[tuple[str, int], Candidate] = {}
+    for candidate in sorted((c for c in fitted if c is not None), key=lambda c: -c.evidence):
+        out.setdefault(candidate.hypothesis.key, candidate)
+    return list(out.values())
+
+
 def _revived(smaller: Fit) -> np.ndarray:
     """Return (P,) where a larger model starts: at the smaller one's values.
 

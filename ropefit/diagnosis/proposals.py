@@ -23,11 +23,13 @@ Start = tuple[Hypothesis, np.ndarray]
 def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) -> list[list[Start]]:
     """Return starts, each with alternatives in case it does not settle, of effects whose fits are
     slow or of the others; names: only of these effects."""
+    effects = [e for e in effects_of(current.point.setup, names) if e.slow == slow]
+    if not effects:
+        return []
     misfit = misfit_of(calm(current) if slow else current)
     return [
         [(Hypothesis(effect, NO_PLACE), values) for values in choices]
-        for effect in effects_of(misfit.setup, names)
-        if effect.slow == slow
+        for effect in effects
         for choices in effect.starts(misfit)
     ]
 

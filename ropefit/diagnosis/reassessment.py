@@ -12,7 +12,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept
-from ropefit.diagnosis.candidate import Candidate, compared, fit_candidate
+from ropefit.diagnosis.candidate import Candidate, best_of, compared, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.problem import FitProblem
@@ -48,7 +48,7 @@ def reassessed(
         # place; but where that one was beaten, effects stood beside it that may have changed.
         if later and not changed:
             fitted += [_refitted_beside(c, later, without) for c in one.beaten]
-        candidates = _best_of([held, *fitted])
+        candidates = best_of([held, *fitted])
         better = [
             c for c in candidates
             if c.evidence > held.evidence + TIE_NATS and c.fit.cost < current.cost
@@ -79,14 +79,6 @@ def _refitted_beside(
     return compared(candidate.hypothesis, candidate.term, without, fitted)
 
 
-def _best_of(fitted: list[Candidate | None]) -> list[Candidate]:
-    """Return the candidate with the highest evidence of each hypothesis, highest first."""
-    out: dict[tuple[str, int], Candidate] = {}
-    for candidate in sorted((c for c in fitted if c is not None), key=lambda c: -c.evidence):
-        out.setdefault(candidate.hypothesis.key, candidate)
-    return list(out.values())
-
-
 def without_effects(current: Fit, *candidates: Candidate) -> Fit | None:
     """Return the model without some effects."""
     theirs = {id(candidate.term) for candidate in candidates}
@@ -99,7 +91,7 @@ def _parts(fitted: Fit) -> list[tuple[Term, np.ndarray]]:
 
 
 def _refitted(fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem) -> Fit | None:
-    """Return refit a model of some terms of a fit, in that order, from their values there."""
+    """Return the fit of a model of some terms, in that order, from their values in another fit."""
     forward = fitted.forward.with_terms([term for term, _ in parts], fitted.point.solution)
     begin = np.concatenate([part for _, part in parts])
     return attempted(forward, problem, begin, EVALUATIONS, tolerance=1e-5)

@@ -11,7 +11,7 @@ import numpy as np
 from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidate import best_of, fit_candidate
 from ropefit.diagnosis.candidates import completed, fit_candidates, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.hypotheses import hypotheses
@@ -23,6 +23,7 @@ from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
+from ropefit.diagnosis.short_horizons import by_short_horizons
 from ropefit.diagnosis.wander import (
     MESH_ERROR,
     no_larger_than_left,
@@ -123,6 +124,10 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
             scan.contact(rules), limits.threshold, rules.effects,
         )  # fmt: skip
+        if _far_beyond_sensor(current):
+            scanned = [s.hypothesis for s in scan.sensitivities]
+            near = by_short_horizons(current, scanned, limits.threshold)
+            candidates = best_of([*candidates, *near])
         if candidates and candidates[0].evidence >= limits.threshold:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 
+from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.motion_model import motion_model
 from ropefit.adapters.motion_of import clips_of, times_of
 from ropefit.adapters.motion_setup import EVERY, Span, span_of
 from ropefit.adapters.priors import priors_of
+from ropefit.adapters.restore import with_causes
 from ropefit.adapters.units import stated_units
-from ropefit.artifacts import FittedModel, Observations
+from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.choices import held_node
 from ropefit.fitting.settings import IdentifySettings
@@ -43,13 +46,13 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
             "--solver dynamics needs markers: clouds show no motion along the rope; "
             "use --solver equilibrium"
         )
-    node, clips = held_node(o, settings.control_at), long_clips(o)
-    span = span_of(o)
+    node, span = held_node(o, settings.control_at), span_of(o)
+    clips = long_clips(o, span)
     if not all(np.isfinite(span.lines[c[:2]]).all() for c in clips):
         raise BadInput("the first two frames of a clip show too few markers to start from")
     _check_that_it_moves(span, clips)
     free = free_names(settings, o, span.setup)
-    terms = terms_of(o, span.setup, free)
+    terms = terms_of(o, span, free)
     train, out = held_back(clips, len(o.frames), settings.holdout)
     train = train[: max(1, settings.most_frames * OF_MOTION // len(train[0]))]
     forward = _forward(o, span, terms, train)
@@ -90,8 +93,27 @@ def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPo
     """Return the motion of a recording as an identified rope makes it, of this recording or of
     another of the same rope in the same grips: each clip open loop from its first two frames."""
     span = span_of(o)
-    forward, u = model_of(o, model, span, long_clips(o))
+    forward, u = model_of(o, model, span, long_clips(o, span))
     return span, forward.at(u)
+
+
+def diagnosed_motion(
+    o: Observations, model: FittedModel, found: Diagnosis
+) -> tuple[Span, MotionPoint]:
+    """Return `restored_motion` of the rope with the causes of a diagnosis, and with the values that
+    were fitted along with them. Raises StageFailed for effects not installed."""
+    span = span_of(o)
+    clips = long_clips(o, span)
+    forward, _ = model_of(o, model, span, clips)
+    setup, stated = span.setup, stated_units(o)
+    for term in forward.terms:
+        if term.nuisance:
+            values = [found.calibration[calibration_name(term, axis)].value for axis in term.names]
+        else:
+            values = [found.rope[term.name].value / stated[term.name].factor]
+        setup = term.apply(setup, torch.tensor(values, dtype=torch.float64))
+    known = _forward(o, replace(span, setup=with_causes(setup, found)), [], clips)
+    return span, known.at(np.empty(0))
 
 
 def model_of(
@@ -101,7 +123,7 @@ def model_of(
     the fit came to."""
     assert model.stepped is not None
     group = next(iter(model.groups.values()))
-    terms, u = terms_of(o, span.setup, group.free_names), []
+    terms, u = terms_of(o, span, group.free_names), []
     stated = stated_units(o)
     for term in terms:
         if term.nuisance:
@@ -112,13 +134,23 @@ def model_of(
     return _forward(o, span, terms, clips), np.concatenate(u)
 
 
-def long_clips(o: Observations) -> list[np.ndarray]:
-    """Return indices of the frames of each clip. Raises BadInput."""
-    clips = [c for c in clips_of(times_of(o)) if len(c) >= SHORTEST]
+def long_clips(o: Observations, span: Span) -> list[np.ndarray]:
+    """Return indices of the frames of each clip, in all of which the grips are seen. Raises
+    BadInput."""
+    ends, clamp = span.setup.ends.numpy(), span.setup.clamp.numpy()
+    driven = [ends[:, k] for k in range(2) if o.end_kind[k] != "free"]
+    driven += [clamp[:, k] for k in range(2) if span.setup.clamped[k]]
+    seen = np.all([np.isfinite(pose).all(1) for pose in driven], axis=0)
+    parts = [
+        part
+        for clip in clips_of(times_of(o))
+        for part in np.split(clip, np.flatnonzero(np.diff(seen[clip])) + 1)
+    ]
+    clips = [part for part in parts if seen[part[0]] and len(part) >= SHORTEST]
     if not clips:
         raise BadInput(
-            f"no {SHORTEST} frames follow each other without a gap in time; "
-            "use --solver equilibrium for single shapes"
+            f"no {SHORTEST} frames with both grips in sight follow each other without a gap in "
+            "time; use --solver equilibrium for single shapes"
         )
     return clips
 
@@ -154,9 +186,10 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
     return names + (["length"] if o.length_source == "estimated" else [])
 
 
-def terms_of(o: Observations, setup: Setup, free: list[str]) -> list[Term]:
+def terms_of(o: Observations, span: Span, free: list[str]) -> list[Term]:
     """Return the free parameters, then the errors of the grips."""
-    return parameters.terms(setup, free) + grips(setup, priors_of(o).end_orientation)
+    errors = grips(span.setup, priors_of(o).end_orientation, span.twist)
+    return parameters.terms(span.setup, free) + errors
 
 
 def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]) -> Dynamics:

@@ -20,11 +20,11 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.models.dynamics import Dynamics
+from ropefit.models.first_state import begun_smoothly
 from ropefit.models.parameters import IN_MOTION, PARAMETERS
 
 SAMPLE = 0.04  # s between compared frames: a rope swings slower
 EVALUATIONS = 8
-BEGIN = 9  # frames whose parabola gives a clip's first two: noise there is a wrong first speed
 
 
 def nominal_in_motion(
@@ -35,11 +35,12 @@ def nominal_in_motion(
     known: another run's model, whose rope is known; calibration: one whose camera and gravity are.
     Raises BadInput, NotConverged, WrongUsage.
     """
-    clips, span = long_clips(o), span_of(o)
+    span = span_of(o)
+    clips = long_clips(o, span)
     most = max(1, most_frames * OF_MOTION // max(len(c) for c in clips))
     spread = np.linspace(0, len(clips) - 1, min(most, len(clips))).round().astype(int)
     clips = [clips[k] for k in spread]
-    span = replace(span, lines=_begun_smoothly(times_of(o), span.lines, clips))
+    span = replace(span, lines=begun_smoothly(times_of(o), span.lines, clips, clips))
     forward, start = model_of(o, model.nominal, span, clips)
     if known:
         forward, start = _known_rope(o, forward, start, known)
@@ -83,15 +84,3 @@ def _known_rope(
     errors = [t for t in forward.terms if t.nuisance]
     begin += [own[t.name] for t in errors]
     return forward.with_terms([*terms, *errors]), np.concatenate(begin)
-
-
-def _begun_smoothly(time: np.ndarray, lines: np.ndarray, clips: list[np.ndarray]) -> np.ndarray:
-    """Return centrelines (F, K, 3) [m] with the first two of each clip from a parabola in time."""
-    out = lines.copy()
-    for clip in clips:
-        near = clip[:BEGIN]
-        if np.isfinite(lines[near]).all():
-            powers = np.vander(time[near] - time[near[0]], 3)
-            weights = powers[:2] @ np.linalg.pinv(powers)
-            out[near[:2]] = np.einsum("bt,tka->bka", weights, lines[near])
-    return out

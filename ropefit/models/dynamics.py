@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
-from ropefit.models.first_state import FirstStates, first_states
+from ropefit.models.first_state import SMOOTHED, FirstStates, begun_smoothly, first_states
 from ropefit.models.model import Model
 from ropefit.models.response import STEP as RESPONSE
 from ropefit.models.response import Change, Point, sensor_slope, slope, turn_slope
@@ -138,6 +138,22 @@ class Dynamics(Model):
 
     def restored(self, u: np.ndarray, arrays: Arrays) -> MotionPoint:
         return self.at(u)
+
+    def horizon(self, seconds: float, most: float = np.inf) -> Self:
+        """Return the model that begins anew every so often, from what was observed there, in parts
+        of together at most `most` [s], evenly spread."""
+        step = float(np.median(np.diff(self.time[self.clips[0]])))
+        frames = max(round(seconds / step), SMOOTHED)
+        parts = [
+            part
+            for clip in self.clips
+            for part in np.array_split(clip, max(1, round(len(clip) / frames)))
+        ]
+        observed = begun_smoothly(self.time, self.observed, self.clips, parts)
+        parts = [part for part in parts if np.isfinite(observed[part[:2]]).all()]
+        few = np.linspace(0, len(parts) - 1, int(min(len(parts), max(1, most / seconds))))
+        parts = [parts[k] for k in few.round().astype(int)]
+        return replace(self, clips=parts, observed=observed)
 
     def folds(self, frames: int, count: int) -> np.ndarray:
         """Return whole clips in one fold, or parts of them where there are fewer clips."""

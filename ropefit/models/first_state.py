@@ -23,6 +23,7 @@ from ropefit.solvers.equilibrium.solve import solve as settle
 
 SPRING = 2e-4  # m per weight of the rope: compliance of what pulls the first states to the data
 AT_REST = frozenset(names(ROD))
+SMOOTHED = 9  # frames whose parabola gives the first two: noise there is a wrong first speed
 CORRECTIONS = 3  # of the first speed, by where one step with it leads
 
 
@@ -91,3 +92,24 @@ def first_states(
         tried.append(solve(rope, drive, Start(x0, q0, v)))
         v = v + torch.nan_to_num(x1 - torch.from_numpy(tried[-1].x[:, 1])) / step[:, None, None]
     return FirstStates(Start(x0, q0, v), (states[0], states[1]), tried, step.numpy())
+
+
+def begun_smoothly(
+    time: np.ndarray, lines: np.ndarray, clips: list[np.ndarray], parts: list[np.ndarray]
+) -> np.ndarray:
+    """Return centrelines (F, K, 3) [m] with the first two of each part of a clip from a parabola in
+    time through the frames of its clip around them; as they are, where some of these lack points.
+
+    time (F,) [s]; clips and parts: frames that follow each other.
+    """
+    out, half = lines.copy(), SMOOTHED // 2
+    clip_of = {int(f): clip for clip in clips for f in clip}
+    for part in parts:
+        clip = clip_of[int(part[0])]
+        first = max(0, min(int(part[0] - clip[0]) - half, len(clip) - SMOOTHED))
+        near = clip[first : first + SMOOTHED]
+        if np.isfinite(lines[near]).all():
+            powers = np.vander(time[near] - time[part[0]], 3)
+            weights = powers[np.isin(near, part[:2])] @ np.linalg.pinv(powers)
+            out[part[:2]] = np.einsum("bt,tka->bka", weights, lines[near])
+    return out

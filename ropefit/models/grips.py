@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from torch import Tensor
 
+from ropefit.effects.base import turned_clamp
 from ropefit.models.priors import DEGREE, nuisance, turn_clamp
 from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup
 
+TWIST = 1.0  # rad: one sigma of a twist that is not seen
 LOOSE = 50.0  # rad/(N m) per weight and length: how far a grip may yield, see `_grip`
 
 
-def grips(setup: Setup, degrees: float) -> list[Term]:
+def grips(setup: Setup, degrees: float, twist: float | None = None) -> list[Term]:
     """Return how far each clamp is turned from what the recording tells, the same in every frame,
-    and how far it yields to bending; degrees: one sigma of the turn."""
+    and how far it yields to bending; degrees: one sigma of the turn.
+
+    twist [rad]: by how much the far clamp is turned about the rope, where no roll is seen.
+    """
     p = setup.properties
     length, weight = float(p.length.sum()), float(setup.weight)
     terms = []
@@ -33,7 +39,17 @@ def grips(setup: Setup, degrees: float) -> list[Term]:
                 log=True, nuisance=True,
             )
         )  # fmt: skip
+    if twist is not None:
+        one, wide = np.ones(1), np.full(1, 2 * np.pi)
+        terms.append(
+            Term("twist", ("angle",), ("rad",), _turn_far_clamp, twist * one, TWIST * one, -wide,
+                 wide, TWIST * one, nuisance=True)
+        )  # fmt: skip
     return terms
+
+
+def _turn_far_clamp(setup: Setup, v: Tensor) -> Setup:
+    return turned_clamp(setup, 1, torch.cat([v.new_zeros(2), v]))
 
 
 def _grip(end: int) -> Apply:

@@ -64,6 +64,11 @@ class Model(ABC):
         """Return the same model, which goes on from other states of its frames."""
         return replace(self, last=states)
 
+    def horizon(self, seconds: float, most: float = np.inf) -> Self:
+        """Return the model that predicts no further than this from what was observed, in parts of
+        together at most `most` [s], evenly spread."""
+        return self
+
     def with_terms(self, terms: list[Term], states: States | None = None) -> Self:
         """Return the model with other terms, which goes on from other states."""
         return replace(self, terms=terms, last=states)

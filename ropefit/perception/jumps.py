@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.recordings.gaps import unbroken
+
 JUMP = 0.03  # m that a marker moves against its neighbours from frame to frame
 MOST = 0.75  # of all steps are smaller than a jump, where frames are dense enough to tell one
 
 
-def jumps(positions: np.ndarray) -> np.ndarray:
+def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
     """Return (F, M) bool: points of markers (F, M, 3) [m], NaN where unseen, that jump.
+
+    time (F,) [s], if frames have times: nothing jumps across a gap between two clips.
 
     A point is compared with where its marker was last seen, carried on as its neighbours along the
     rope moved since. Frames too far apart for that (poses one after the other) have no jumps. Of
-    both directions of time, that which masks fewer points of a marker counts: the first frame may
-    be the wrong one.
+    both directions of time, that which masks fewer points of a marker in a clip counts: the first
+    frame may be the wrong one.
     """
     steps = np.diff(positions, axis=0)
     if len(steps) < 2 or positions.shape[1] < 3:
@@ -23,6 +27,14 @@ def jumps(positions: np.ndarray) -> np.ndarray:
     size = size[np.isfinite(size)]
     if not size.size or np.quantile(size, MOST) > JUMP:
         return np.zeros(positions.shape[:2], bool)
+    parts = [np.arange(len(positions))]
+    if time is not None and np.isfinite(time).all():
+        parts = unbroken(time)
+    return np.concatenate([_either_way(positions[part]) for part in parts])
+
+
+def _either_way(positions: np.ndarray) -> np.ndarray:
+    """Return (F, M) bool: points that jump in one clip, by that direction of time."""
     forward = _followed(positions)
     backward = _followed(positions[::-1])[::-1]
     return np.where(forward.sum(axis=0) <= backward.sum(axis=0), forward, backward)

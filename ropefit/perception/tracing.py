@@ -244,7 +244,7 @@ class Tracer:
         frames = self.recording.frames
         points = [self.recording.source.sight(frame) for frame in frames]
         positions = np.stack([sight.points for sight in points])  # type: ignore[arg-type]
-        masked = jumps(positions)
+        masked = jumps(positions, self.recording.times(frames))
         self.jumped = dict(zip(frames, masked, strict=True))
         self.warnings += checks.jumped(frames, positions, masked)
         positions[masked] = np.nan

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ropefit.errors import BadInput
+from ropefit.recordings.gaps import LONGEST_GAP
 from ropefit.recordings.recording import End
 
 SAME_TIME = 0.01  # of the step between poses: rows whose times differ by less are of one moment
-LONGEST_GAP = 3.0  # median steps: no pose is interpolated across more
 LEAST_FOR_CUBIC = 4  # poses; fewer are joined by straight lines
 
 

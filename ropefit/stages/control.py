@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 from ropefit.adapters.control_rope import control_guess, rope_at
+from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.scene import build_scene, check_loss, control_positions, pinhole
-from ropefit.adapters.settings import ControlSettings
 from ropefit.adapters.shapes_only import shapes_only
 from ropefit.adapters.targets import Targets
 from ropefit.artifacts import FittedModel, Model, Observations
