@@ -9,7 +9,7 @@ from ropefit.solvers.dynamics.kernels.rates import across, across_back, historie
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import cross_block
-from ropefit.solvers.kernels.jit import copy_rows, helper
+from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
 
 

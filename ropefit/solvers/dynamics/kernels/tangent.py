@@ -16,7 +16,7 @@ from ropefit.solvers.dynamics.kernels.rates import (
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import cross_block
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
 
 
