@@ -52,8 +52,8 @@ def _cached(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     numba keeps compiled code beside the source or in the user's cache folder. Where neither can be
     written it is compiled anew in every process, or set NUMBA_CACHE_DIR.
     """
-    always: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-    compile_it = njit(**always, no_cfunc_wrapper=True, **options)
+    options |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    compile_it = njit(**options)
     try:
         return compile_it(function)
     except RuntimeError:
