@@ -21,7 +21,7 @@ GRID, AROUND = 12, 0.2  # centres tried along each axis, and how far beyond the 
 STARTS, APART = 2, 0.15  # of the length: centres that are nearer are one
 FIRST_STRENGTH = 0.1  # usual sizes: small enough that every frame settles
 LARGEST = 100.0  # usual strengths
-LUMPS = 24  # parts of the rope: forces change little over one
+LUMPS = 16  # parts of the rope: forces change little over one
 POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(10))
 
 
