@@ -76,3 +76,9 @@ def test_a_model_with_a_law_is_used_by_later_stages(ropefit: Command, tmp_path):
 def test_what_has_no_law_is_refused(ropefit: Command, tmp_path, more, why):
     told = ropefit("identify", "--law", "bending", "--run", tmp_path, *more, code=2)
     assert why in told.stderr
+
+
+def test_an_unknown_law_is_refused(ropefit: Command, tmp_path):
+    ropefit("preprocess", SAMPLES / "cloud", "--run", tmp_path / "run")
+    told = ropefit("identify", "--law", "axial", "--run", tmp_path / "run", code=2)
+    assert "--law axial: unknown; one of bending" in told.stderr

@@ -169,6 +169,8 @@ class Effect(ABC):
     may_leave: ClassVar[float] = MAY_LEAVE
     # It belongs to the rope, wherever that is recorded: `--nominal` takes it over.
     of_rope: ClassVar[bool] = False
+    # The name by which `identify --law` fits its curve, if it begins at zero.
+    asked_as: ClassVar[str] = ""
     # Advice for recordings in which the rope's own parameters explain the effect as well.
     confounding: ClassVar[str] = ""
 

@@ -18,7 +18,7 @@ from ropefit.diagnosis.candidate import Candidate
 from ropefit.errors import NotConverged
 from ropefit.fitting.branch import nearer_branch
 from ropefit.fitting.choices import free_names, given_values, held_node
-from ropefit.fitting.free_law import LAWS, law_cause, with_law
+from ropefit.fitting.free_law import law_cause, law_named, with_law
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
@@ -38,6 +38,8 @@ SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from wh
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
+    if settings.law:
+        law_named(settings.law)  # before anything is computed
     setup = base_setup(o, segments_of(o))
     data = data_in_space(o)
     group = group_frames(o, settings.groups)
@@ -157,7 +159,7 @@ def _fit_group(
     found, law = nominal_fit(few, seen, free, o, settings.evaluations, progress), None
     if settings.law:
         progress(0.7, "law")
-        law = with_law(found, LAWS[settings.law]())
+        law = with_law(found, law_named(settings.law))
         found = law.fit
     progress(0.9, "intervals")
     estimates = profile_intervals(found)

@@ -16,16 +16,24 @@ from ropefit.diagnosis.accepted import LEAST_P
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.forms import INSIDE
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.effects import BendingLaw, Effect
-from ropefit.errors import BadInput, NotConverged
+from ropefit.effects import Effect
+from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise, estimate
 from ropefit.models.terms import Term
+from ropefit.plugins import EFFECTS, concrete
 from ropefit.rod.setup import Setup
 
-LAWS: dict[str, type[Effect]] = {"bending": BendingLaw}
 LEAST_RANGE = 2.0  # of the variable, largest over smallest: less shows one value of the curve
 EVALUATIONS = 30
+
+
+def law_named(name: str) -> Effect:
+    """Return the effect whose law is asked for by a name. Raises WrongUsage."""
+    every = {e.asked_as: e for e in concrete(Effect, EFFECTS) if e.asked_as}
+    if name not in every:
+        raise WrongUsage(f"--law {name}: unknown; one of {', '.join(sorted(every))}")
+    return every[name]()  # pyright: ignore[reportAbstractUsage]
 
 
 def with_law(linear: Fit, effect: Effect) -> Candidate:

@@ -36,7 +36,7 @@ class IdentifySettings(StageSettings):
     free: list[str] | None = None
     start: dict[str, float] = Field(default_factory=dict)
     from_run: bool = False
-    law: Literal["bending"] | None = None
+    law: str | None = None
     groups: str = "one"
     two_sided: bool = False
     control_at: float | None = None
