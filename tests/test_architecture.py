@@ -33,7 +33,7 @@ FLOORS = [
     {"runs"},
     {"artifacts"},
     {"failures"},
-    {"plugins", "attachments"},
+    {"plugins", "attachments", "gaps"},
     {"errors"},
     {"system"},
 ]

@@ -11,7 +11,7 @@ from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair, fitted_pair
 from ropefit.diagnosis.search import sensitivities
-from ropefit.effects import MassSection, PointMass
+from ropefit.effects import MassSection, PointMass, Tether
 from tests.concealed import recorded, rope, with_effect
 from tests.test_calm import fitted
 
@@ -56,9 +56,25 @@ def test_two_weights_are_found_together(two):
         assert candidate.values()[1] == pytest.approx(weight[1], abs=0.02)
         assert candidate.evidence > 20
         assert without.cost > found[1].cost + 40
-    for one in accepted_pair(found, 50):
+    named, whole = accepted_pair(found, 50)
+    assert whole is found[1]
+    for one in named:
         assert one.candidate.hypothesis.name == "point_mass"
         assert [c.hypothesis.name for c in one.equivalent] == ["mass_section"]
+
+
+def test_of_two_tethers_one_may_be_the_weight_that_it_contains():
+    """The fit that goes on has the terms of both that are accepted."""
+    setup = PointMass().apply(rope(288), torch.tensor([0.004, 0.66], dtype=torch.float64))
+    held = torch.tensor([0.05, 0.0, 0.02, 0.01, 0.31], dtype=torch.float64)
+    nominal = fitted(recorded(Tether().apply(setup, held), seed=104))
+    found = best_pair(nominal, sensitivities(nominal, [], ("tether",)), None, 6.0)
+    assert found is not None
+    named, whole = accepted_pair(found, 50)
+    assert [one.candidate.hypothesis.name for one in named] == ["tether", "point_mass"]
+    assert whole is named[1].candidate.fit
+    assert {id(one.candidate.term) for one in named} <= {id(t) for t in whole.forward.terms}
+    assert named[1].candidate.values() == pytest.approx([0.004, 0.66], rel=0.1)
 
 
 def test_two_overlapping_sections_are_two_weights(two):

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
-from ropefit.recordings.gaps import LONGEST_GAP, unbroken
+from ropefit.gaps import LONGEST_GAP, unbroken
 from ropefit.rod.carried import continuous
 from ropefit.rod.path import EndPath
 

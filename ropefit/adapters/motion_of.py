@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
-from ropefit.recordings.gaps import unbroken
+from ropefit.gaps import unbroken
 from ropefit.rod.setup import Motion
 
 WINDOW = 3  # frames on either side that a parabola in time is fitted to

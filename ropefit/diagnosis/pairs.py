@@ -93,12 +93,23 @@ def as_points(
     ]
 
 
-def accepted_pair(pair: Pair, tried: int) -> list[Accepted]:
-    """Return both candidates as accepted, with the stretches that explain as much in their place.
+def accepted_pair(pair: Pair, tried: int) -> tuple[list[Accepted], Fit]:
+    """Return both candidates as accepted, with the stretches that explain as much in their place,
+    and the fit with both.
 
-    tried: how many hypotheses were scanned.
+    At most one of them gives way to a special case of it, which was fitted beside the other as it
+    is. tried: how many hypotheses were scanned.
     """
-    return [accept(c, [c, *_spread_out(c, beside)], beside, tried) for c, beside in pair[0]]
+    out, whole = [], pair[1]
+    for candidate, beside in pair[0]:
+        one = accept(candidate, [candidate, *_spread_out(candidate, beside)], beside, tried)
+        if one.candidate is not candidate and whole is pair[1]:
+            whole = one.candidate.fit
+        elif one.candidate is not candidate:
+            same = [one.candidate, *(c for c in one.equivalent if c is not candidate)]
+            one = replace(one, candidate=candidate, equivalent=same, evidence=candidate.evidence)
+        out.append(one)
+    return out, whole
 
 
 def _spread_out(point: Candidate, beside: Fit) -> list[Candidate]:

@@ -144,7 +144,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None:
-            accepted, current = accepted_pair(pair, len(scan.sensitivities)), pair[1]
+            accepted, current = accepted_pair(pair, len(scan.sensitivities))
             continue
         if best is None:
             break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.recordings.gaps import unbroken
+from ropefit.gaps import unbroken
 
 JUMP = 0.03  # m that a marker moves against its neighbours from frame to frame
 MOST = 0.75  # of all steps are smaller than a jump, where frames are dense enough to tell one

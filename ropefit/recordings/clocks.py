@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ropefit.errors import BadInput
-from ropefit.recordings.gaps import LONGEST_GAP
+from ropefit.gaps import LONGEST_GAP
 from ropefit.recordings.recording import End
 
 SAME_TIME = 0.01  # of the step between poses: rows whose times differ by less are of one moment
