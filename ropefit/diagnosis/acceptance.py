@@ -13,6 +13,7 @@ LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
+AT_BOUND = 1e-3  # of the range of a quantity
 CHANCE_GAIN = 1.0  # nats that a held-out block may gain by chance
 LEAST_BLOCKS = 2  # that gain more than that
 LOST_SHARE = 0.3  # of what blocks gain, at most lost by the others
@@ -41,6 +42,8 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     before, after = (heldout_rms(fit, along)[0] for fit in (current, candidate.fit))
     if effect.linear and np.abs(candidate.usual_sizes()).max() > effect.implausible:
         return "larger than anything plausible"
+    if effect.law(current.point.setup) is not None and _at_most(candidate):
+        return "it fits only where its form runs to a bound"
     if candidate.significance() < LEAST_SIGNIFICANCE:
         return "its size is not significantly different from zero"
     # A calibration error far outside its prior explains held-out frames as well as the effect of
@@ -52,6 +55,13 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     if moving and not _allowed_for(effect, current) and after > MOST_RMS_RATIO_IN_MOTION * before:
         return "the error of held-out clips hardly falls"
     return ""
+
+
+def _at_most(candidate: Candidate) -> bool:
+    """Return whether a quantity is as large as it may be."""
+    effect, setup = candidate.hypothesis.effect, candidate.fit.point.setup
+    low, high = (np.array(bound) for bound in effect.bounds(setup))
+    return bool((candidate.values()[: len(high)] > high - AT_BOUND * (high - low)).any())
 
 
 def _allowed_for(effect: Effect, fitted: Fit) -> bool:

@@ -22,6 +22,7 @@ STARTS, APART = 2, 0.15  # of the length: centres that are nearer are one
 FIRST_STRENGTH = 0.1  # usual sizes: small enough that every frame settles
 LARGEST = 100.0  # usual strengths
 LUMPS = 16  # parts of the rope: forces change little over one
+SHORTEST = 0.03  # of the length: over which a force falls by e; a shorter one is a contact
 POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(10))
 
 
@@ -78,7 +79,7 @@ class ForceField(Effect):
     quantities = (
         Quantity("strength", "N/m", 0.3, by_weight=1.0, by_length=-1.0),
         Quantity("power", "1", 1.0, 0.0, 6.0),
-        Quantity("decay", "1/m", 5.0, 0.0, 200.0, by_length=-1.0),
+        Quantity("decay", "1/m", 5.0, 0.0, by_length=-1.0),
         *(Quantity(f"centre_{axis}", "m", 0.1, by_length=1.0) for axis in "xyz"),
     )
 
@@ -88,7 +89,8 @@ class ForceField(Effect):
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         lower, upper = super().bounds(setup)
         most = LARGEST * self.quantities[0].size(setup)
-        return [-most, *lower[1:]], [most, *upper[1:]]
+        steepest = 1 / (SHORTEST * float(setup.properties.length.sum()))
+        return [-most, *lower[1:]], [most, upper[1], steepest, *upper[3:]]
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         own = setup.properties.length
