@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.candidate import NORMAL_QUANTILE, Candidate
 from ropefit.diagnosis.held_out import by_stretches, heldout_rms
 from ropefit.effects.base import Effect
 from ropefit.inference.least_squares import Fit
 
-LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
+LEAST_SIGNIFICANCE = NORMAL_QUANTILE  # standard errors from zero: 95 %
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
@@ -61,7 +61,9 @@ def _at_most(candidate: Candidate) -> bool:
     """Return whether a quantity is as large as it may be."""
     effect, setup = candidate.hypothesis.effect, candidate.fit.point.setup
     low, high = (np.array(bound) for bound in effect.bounds(setup))
-    return bool((candidate.values()[: len(high)] > high - AT_BOUND * (high - low)).any())
+    limited = np.isfinite(low) & np.isfinite(high)
+    values, low, high = (v[: len(limited)][limited] for v in (candidate.values(), low, high))
+    return bool((values > high - AT_BOUND * (high - low)).any())
 
 
 def _allowed_for(effect: Effect, fitted: Fit) -> bool:
