@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
+from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION, far_beyond_sensor
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import best_of, fit_candidate
@@ -25,7 +25,6 @@ from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
 from ropefit.diagnosis.short_horizons import by_short_horizons
 from ropefit.diagnosis.wander import (
-    MESH_ERROR,
     no_larger_than_left,
     wandering_noise,
     with_what_is_missed_alike,
@@ -35,7 +34,6 @@ from ropefit.inference.noise import Noise
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
-BEYOND_SENSOR = 3.0  # times what markers and mesh explain
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -124,7 +122,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
             scan.contact(rules), limits.threshold, rules.effects,
         )  # fmt: skip
-        if _far_beyond_sensor(current):
+        if far_beyond_sensor(current):
             scanned = [s.hypothesis for s in scan.sensitivities]
             near = by_short_horizons(current, scanned, limits.threshold)
             candidates = best_of([*candidates, *near])
@@ -258,20 +256,9 @@ def _verdict(
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"
-    if not accepted and _far_beyond_sensor(final):
+    if not accepted and far_beyond_sensor(final):  # what no effect lowers is no noise for that
         return "unknown"
     return "found" if accepted else "none"
-
-
-def _far_beyond_sensor(final: Fit) -> bool:
-    """Return whether a motion is missed by far more than markers and mesh explain: what no effect
-    lowers on held-out clips is no noise for that."""
-    sensor = final.problem.noise.sensor
-    if final.forward.instantaneous or not sensor:
-        return False
-    length = float(final.point.setup.properties.length.sum())
-    missed = float(np.sqrt((final.stations.residual**2).mean()))
-    return missed > BEYOND_SENSOR * float(np.hypot(sensor, MESH_ERROR * length))
 
 
 def _as_good_as_noise(final: Fit) -> bool:
