@@ -21,7 +21,8 @@ from ropefit.artifacts import (
     Provenance,
     View,
 )
-from ropefit.artifacts.diagnosis import Candidate, Cause, Detectable, Size
+from ropefit.artifacts.causes import Cause, Size
+from ropefit.artifacts.diagnosis import Candidate, Detectable
 from ropefit.artifacts.exports import Check, Export
 
 F, K = 9, 6

@@ -8,7 +8,7 @@ from ropefit.adapters.law_content import times_metre
 from ropefit.diagnosis.forms import described
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import Diagnosis, search
-from ropefit.effects import BendingHysteresis, BendingLaw
+from ropefit.effects import BendingHysteresis, BendingLaw, ForceField
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import terms
 from ropefit.models.terms import Term
@@ -120,6 +120,59 @@ def test_a_linear_rope_is_no_law_and_how_far_from_it_could_be_is_told():
     result = searched(rope(144), 5)
     assert result.verdict == "none"
     assert 0.005 < result.detectable["bending_law"] < 0.3
+
+
+FIELD = [0.3, 1.5, 2.0, 0.1, 0.2, -0.35]
+
+
+def test_a_force_field_is_the_gradient_of_its_energy():
+    setup = ForceField().apply(rope(30, 2), torch.tensor(FIELD, dtype=torch.float64))
+    (field,) = setup.potentials
+    assert field.derivatives is not None
+    x = torch.randn(50, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    slope, rows = field.derivatives(x)
+    for a in range(3):
+        step = 1e-5 * torch.eye(3, dtype=torch.float64)[a]
+        rise = (field.energy(x + step) - field.energy(x - step)) / 2e-5
+        bend = (field.derivatives(x + step)[0] - field.derivatives(x - step)[0]) / 2e-5
+        np.testing.assert_allclose(slope[:, a], rise, rtol=1e-5, atol=1e-8)
+        np.testing.assert_allclose(rows[:, a], bend, rtol=1e-5, atol=1e-6)
+
+
+def test_derivatives_beside_a_force_field_are_exact():
+    setup, effect = rope(30, 4), ForceField()
+    free = np.full(len(FIELD), np.inf)
+    term = Term(
+        effect.name, effect.names, ("1",) * len(FIELD), effect.apply, np.array(FIELD),
+        np.ones(len(FIELD)), -free, free, free,
+    )  # fmt: skip
+    by_differences(Equilibrium(setup, [term, *terms(setup, ("EI", "length"))]))
+
+
+@pytest.fixture(scope="module")
+def repelled():
+    """A force that falls by e in 8 cm, from a point below the rope."""
+    values = torch.tensor([0.25, 0.0, 12.5, 0.35, 0.1, -0.25], dtype=torch.float64)
+    rules = Rules(effects=("force_field", "bending_law", "point_mass", "intrinsic_curvature"))
+    data = recorded(ForceField().apply(rope(72, 8), values), seed=11, points=120)
+    return search(nominal_fit(data, 36), 0, lambda *_: None, rules)
+
+
+def test_a_force_field_is_found_with_its_place_and_form(repelled):
+    (one,) = repelled.accepted
+    assert one.candidate.hypothesis.name == "force_field"
+    found = described(one.candidate, repelled.final)
+    assert found is not None
+    best = found.forms[0]
+    assert "e^(-r/lambda)" in best.form.name
+    ends = dict(zip((c.name for c in best.constants), best.intervals, strict=True))
+    low, high = ends["lambda"]
+    assert low < 0.08 < high
+    values, sd = one.candidate.values()[3:], one.candidate.sd()[3:]
+    assert (np.abs(values - [0.35, 0.1, -0.25]) < 4 * sd).all()
+    truth = 0.25 * np.exp((0.1 - found.x) / 0.08)
+    inside = (found.x > found.visited[0]) & (found.x < found.visited[1])
+    assert ((found.low <= truth * 1.01) & (truth * 0.99 <= found.high))[inside].all()
 
 
 def test_units_times_metre():

@@ -12,7 +12,7 @@ import torch
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
 from ropefit.adapters.taken_over import as_found, of_rope
 from ropefit.artifacts import Model, Observations
-from ropefit.artifacts.diagnosis import Cause, Size
+from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
 from ropefit.fitting import diagnosed as diagnoses
 from ropefit.models.correlated import Correlated

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ropefit.artifacts import DroppedFrame, write
-from ropefit.artifacts.diagnosis import Size
+from ropefit.artifacts.causes import Size
 from ropefit.cli.diagnose import size_text
 from ropefit.errors import StageFailed
 from ropefit.reporting.report import RunContents, render_report

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ropefit.artifacts import write
-from ropefit.artifacts.diagnosis import Size
+from ropefit.artifacts.causes import Size
 from ropefit.effects import CATALOGUE
 from ropefit.errors import WrongUsage
 from ropefit.reporting.answer import answer

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ropefit.artifacts import Observations
-from ropefit.artifacts.diagnosis import Cause, Size
+from ropefit.artifacts.causes import Cause, Size
 from ropefit.errors import BadInput
 from ropefit.fitting.simulation import NOISE, as_markers, beside, check_same_motion
 from ropefit.runs.loading import load

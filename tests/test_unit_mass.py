@@ -3,7 +3,8 @@
 import numpy as np
 
 from ropefit.adapters.unit_mass import RELATIVE, per_unit_mass
-from ropefit.artifacts.diagnosis import Cause, Detectable, Size
+from ropefit.artifacts.causes import Cause, Size
+from ropefit.artifacts.diagnosis import Detectable
 
 
 def cause(name: str, unit: str) -> Cause:

@@ -13,8 +13,9 @@ from ropefit.adapters.law_content import law_of
 from ropefit.adapters.unit_mass import per_unit_mass
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
+from ropefit.artifacts.causes import Cause, Size
 from ropefit.artifacts.diagnosis import Candidate as Scanned
-from ropefit.artifacts.diagnosis import Cause, Detectable, Region, Size
+from ropefit.artifacts.diagnosis import Detectable, Region
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.held_out import by_stretches, held_out_pit, heldout_rms

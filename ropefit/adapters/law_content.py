@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
-from ropefit.artifacts.diagnosis import Curve, Law, Size
+from ropefit.artifacts.causes import Curve, Law, Size
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.forms import Described, described
 from ropefit.effects.law import Law as FreeLaw

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup, with_values
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
-from ropefit.artifacts.diagnosis import Cause
+from ropefit.artifacts.causes import Cause
 from ropefit.effects import Effect
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.models import rest_curve
@@ -70,6 +71,10 @@ def restored_rope(
         setup = with_values(setup, values[0])
         plain = setup.properties
         setup = with_causes(setup, found)
+    elif model.laws:
+        setup = with_values(setup, values[0])
+        plain = setup.properties
+        setup = changed_by(setup, model.laws.values())
     every = segments // (len(o.node_arc) - 1)
     near, past = None, None
     if setup.memory:
@@ -81,7 +86,7 @@ def restored_rope(
         setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
         friction_elements=past,
     )  # fmt: skip
-    if not found and np.isfinite(model.balance.other).any():
+    if not found and not model.laws and np.isfinite(model.balance.other).any():
         rope = _on_its_branch(rope, values, model)
     if hold_frame and not setup.clamped[0]:
         with torch.no_grad():
@@ -96,7 +101,12 @@ def restored_rope(
 def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
     """Return the setup with every cause of a diagnosis, and those that its nominal run's rope has,
     but errors of a solver, which no rope has. Raises StageFailed for effects not installed."""
-    for cause in (*diagnosis.known.values(), *diagnosis.causes.values()):
+    return changed_by(setup, (*diagnosis.known.values(), *diagnosis.causes.values()))
+
+
+def changed_by(setup: Setup, causes: Iterable[Cause]) -> Setup:
+    """Return the setup with causes, but errors of a solver. Raises StageFailed."""
+    for cause in causes:
         effect = effect_of(cause)
         if effect.kind != "solver":
             setup = effect.apply(setup, torch.tensor(cause.values))

@@ -61,7 +61,8 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
         if piece.mass
     )
     whole = setup
-    for cause in (*diagnosis.known.values(), *diagnosis.causes.values()) if diagnosis else ():
+    causes = (*diagnosis.known.values(), *diagnosis.causes.values()) if diagnosis else ()
+    for cause in causes or model.laws.values():
         effect, given = effect_of(cause), torch.tensor(cause.values)
         named = dict(zip(cause.value_names, cause.values.tolist(), strict=True))
         changed = effect.apply(whole, given)

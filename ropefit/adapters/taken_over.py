@@ -11,7 +11,7 @@ from torch import Tensor
 from ropefit.adapters.frozen import weight_factor
 from ropefit.adapters.restore import effect_of
 from ropefit.artifacts import Diagnosis, Model, Observations
-from ropefit.artifacts.diagnosis import Cause
+from ropefit.artifacts.causes import Cause
 from ropefit.models.correlated import correlated
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup

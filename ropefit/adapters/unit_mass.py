@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from ropefit.artifacts.diagnosis import Cause, Detectable, Size
+from ropefit.artifacts.causes import Cause, Size
+from ropefit.artifacts.diagnosis import Detectable
 
 GOES_WITH_MASS = re.compile(r"\b(kg|N)\b")
 RELATIVE = "per kg/m of the rope"

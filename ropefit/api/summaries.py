@@ -8,7 +8,8 @@ import numpy as np
 
 from ropefit.api.runs import Exported
 from ropefit.artifacts import Control, Diagnosis, FittedModel, Model, Observations
-from ropefit.artifacts.diagnosis import Cause, Simulation
+from ropefit.artifacts.causes import Cause
+from ropefit.artifacts.diagnosis import Simulation
 from ropefit.artifacts.exports import deviation
 from ropefit.runs.protocol import Outcome
 
@@ -56,6 +57,7 @@ def identified(outcome: Outcome[Model]) -> dict[str, Any]:
             }
             for name, group in m.groups.items()
         },
+        **({"laws": [_cause(c) for c in m.laws.values()]} if m.laws else {}),
         "rms_fit_m": m.rms_fit,
         "rms_heldout_m": m.rms_heldout,
         "solver_converged": m.solver_converged,

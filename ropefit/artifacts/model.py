@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
+from ropefit.artifacts.causes import Cause
 
 Verdict = Literal[
     "fixed", "determined", "trade-off", "flat direction", "dead", "at bound", "not converged"
@@ -116,6 +117,9 @@ class FittedModel(Part):
     fixed_nodes: list[int]
     two_sided: bool
     groups: dict[str, ParameterGroup]
+    laws: dict[str, Cause] = Field(
+        default_factory=dict, description="that were asked for, fitted along with the parameters"
+    )
 
     heldout: Annotated[np.ndarray, ArraySpec(("frame",), dtype="bool")]
     x: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m")]
@@ -140,7 +144,7 @@ class Model(Artifact):
     """All models of one rope; "nominal" is the rod without effects."""
 
     schema_name: ClassVar[str] = "ropefit-model"
-    schema_version: ClassVar[int] = 2
+    schema_version: ClassVar[int] = 3
     file_name: ClassVar[str] = "model.h5"
 
     recording: str

@@ -22,7 +22,8 @@ from ropefit.cli.options import (
 
 if TYPE_CHECKING:
     from ropefit.artifacts import Diagnosis
-    from ropefit.artifacts.diagnosis import Simulation, Size
+    from ropefit.artifacts.causes import Size
+    from ropefit.artifacts.diagnosis import Simulation
     from ropefit.cli.console import Session
     from ropefit.runs.protocol import Outcome
 

@@ -62,6 +62,13 @@ def identify(
             "fitted still (equilibrium only).",
         ),
     ] = None,
+    law: Annotated[
+        OptionalText,
+        typer.Option(
+            help="bending: fit the bending moment as a function of the curvature besides, as a "
+            "curve with its band and its form (equilibrium only)."
+        ),
+    ] = None,
     groups: Annotated[
         str,
         typer.Option(
@@ -134,6 +141,7 @@ def identify(
             "search": search.value if search else None,
             "free": free.split(",") if free else None,
             "start": starts(start or []),
+            "law": law,
             "groups": groups,
             "two_sided": two_sided,
             "control_at": control_at,
@@ -166,6 +174,8 @@ def show_model(session: Session, outcome: Outcome[Model]) -> dict[str, Any]:
         ["parameter", "before", "after", "95 % interval", "verdict"],
         _rows(m),
     )
+    for cause in m.laws.values():
+        session.say(cause.sentence)
     heldout = "none held out" if m.rms_heldout is None else f"held out {m.rms_heldout * 1e3:.3g} mm"
     session.say(
         f"point-to-line rms: fitted frames {m.rms_fit * 1e3:.3g} mm, {heldout}, "

@@ -97,8 +97,12 @@ def fit_candidates(
         fits.add([] if start is None else [(first.hypothesis, start)])
         first = fits.best()
     if first is None or not fits.sufficient(first):
-        for choices in slow:
-            fits.add(choices)
+        for late, choices in sorted(
+            ((c[0][0].effect.late, c) for c in slow), key=lambda item: item[0]
+        ):
+            first = fits.best()
+            if not (late and first and fits.sufficient(first)):
+                fits.add(choices)
         first = fits.best()
         if first and first.evidence > threshold:
             effect, values = first.hypothesis.effect, first.values()

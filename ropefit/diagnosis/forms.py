@@ -17,6 +17,7 @@ from ropefit.effects.law import Constant, Form, Law
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.models.terms import Term
 
+HOPELESS = 40.0  # nats behind the free curve: a form's fit without prospect of less is stopped
 LEAST_LEAD = 6.0  # nats over every rival of a form that is named
 POINTS = 61  # of a curve
 DRAWS = 200  # of a band, and of the intervals of constants
@@ -201,8 +202,11 @@ def _fitted(
     )  # fmt: skip
     forward = model.with_terms([*without.terms, own], final.point.solution)
     begin = np.concatenate([begin, np.zeros(size)])
-    fitted = attempted(forward, final.problem, begin, EVALUATIONS, tolerance=1e-5)
-    if fitted is None or not fitted.point.converged.all() or len(fitted.z) != len(final.z):
+    needed = final.cost + 2 * HOPELESS * max(1.0, final.spread)
+    fitted = attempted(forward, final.problem, begin, EVALUATIONS, 1e-5, needed)
+    if fitted is None or fitted.stopped or len(fitted.z) != len(final.z):
+        return None
+    if not fitted.point.converged.all():
         return None
     spread = max(1.0, final.spread)
     evidence = -0.5 * fitted.cost / spread - occam_factor(fitted, own)

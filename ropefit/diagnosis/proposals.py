@@ -22,8 +22,9 @@ Start = tuple[Hypothesis, np.ndarray]
 
 def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) -> list[list[Start]]:
     """Return starts, each with alternatives in case it does not settle, of effects whose fits are
-    slow or of the others; names: only of these effects."""
-    effects = [e for e in effects_of(current.point.setup, names) if e.slow == slow]
+    slow or late, or of the others; names: only of these effects."""
+    every = effects_of(current.point.setup, names)
+    effects = [e for e in every if (e.slow or e.late) == slow]
     if not effects:
         return []
     misfit = misfit_of(calm(current) if slow else current)

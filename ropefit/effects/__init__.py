@@ -15,6 +15,7 @@ from ropefit.effects.depth_bias import DepthBias, DepthGain
 from ropefit.effects.distributed_load import DistributedLoad
 from ropefit.effects.end_offset import EndOffset
 from ropefit.effects.end_twist import EndTwist
+from ropefit.effects.force_field import ForceField
 from ropefit.effects.gravity_misalignment import GravityMisalignment
 from ropefit.effects.inertia import Inertia
 from ropefit.effects.intrinsic_curvature import FreeCurvature, IntrinsicCurvature
@@ -74,6 +75,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     LengthError,
     LostOutOfPlane,
     BendingLaw,
+    ForceField,
     TooCoarse,
     UnderConverged,
 )

@@ -152,6 +152,8 @@ class Effect(ABC):
     in_motion: ClassVar[bool] = True
     # Fits are slow (contact comes and goes): after all others, and only while they gain.
     slow: ClassVar[bool] = False
+    # After all others, too, but fitted like them.
+    late: ClassVar[bool] = False
     # What is held out to test it: blocks of frames, or stretches of rope where it acts in so few
     # neighbouring frames that none predicts the others.
     held_out: ClassVar[Literal["frames", "stretches"]] = "frames"
@@ -167,6 +169,8 @@ class Effect(ABC):
     may_leave: ClassVar[float] = MAY_LEAVE
     # It belongs to the rope, wherever that is recorded: `--nominal` takes it over.
     of_rope: ClassVar[bool] = False
+    # The name by which `identify --law` fits its curve, if it begins at zero.
+    asked_as: ClassVar[str] = ""
     # Advice for recordings in which the rope's own parameters explain the effect as well.
     confounding: ClassVar[str] = ""
 

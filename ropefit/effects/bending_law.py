@@ -33,6 +33,8 @@ class BendingLaw(Effect):
 
     name = "bending_law"
     in_motion = False
+    of_rope = True
+    asked_as = "bending"
     quantities = (
         Quantity("exponent", "1", 0.3, -0.9, 3.0),
         *(Quantity(f"log_slope_at_{k}", "1", 0.3, -3.0, 3.0) for k in INNER),

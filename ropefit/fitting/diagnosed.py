@@ -15,11 +15,12 @@ from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, seg
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
 from ropefit.adapters.taken_over import as_found, of_rope
 from ropefit.artifacts import Diagnosis, Model, Observations
-from ropefit.artifacts.diagnosis import Cause
+from ropefit.artifacts.causes import Cause
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import Rules
 from ropefit.errors import BadInput
+from ropefit.fitting.free_law import own_laws
 from ropefit.fitting.nominal import (
     nominal_at_rest,
     nominal_terms,
@@ -72,7 +73,7 @@ def at_rest(
     if settings.nominal:
         source, found = _as_diagnosed(source, context)
     terms, setup = nominal_terms(o, source, setup, prior=settings.nominal)
-    known = of_rope(source, found, o, setup) if found else []
+    known = of_rope(source, found, o, setup) if found else own_laws(source.nominal, setup)
     terms += [term for _, _, term in known]
     noise = noise_of(o, data)
     if settings.nominal:

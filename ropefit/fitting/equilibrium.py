@@ -14,9 +14,11 @@ from ropefit.adapters.priors import noise_of, priors_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Observations
+from ropefit.diagnosis.candidate import Candidate
 from ropefit.errors import NotConverged
 from ropefit.fitting.branch import nearer_branch
 from ropefit.fitting.choices import free_names, given_values, held_node
+from ropefit.fitting.free_law import law_cause, law_named, with_law
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
@@ -36,6 +38,8 @@ SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from wh
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
+    if settings.law:
+        law_named(settings.law)  # before anything is computed
     setup = base_setup(o, segments_of(o))
     data = data_in_space(o)
     group = group_frames(o, settings.groups)
@@ -46,11 +50,11 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     train = spread_evenly(train, group, settings.most_frames)
     free = free_names(settings, o)
     started = started_setup(setup, given_values(o, settings, context), o)
-    parts, groups = [], {}
+    parts, groups, law = [], {}, None
     for number in range(int(group.max()) + 1):
         mine = np.flatnonzero(group == number)
         inside = np.isin(mine, train)
-        part = _fit_group(
+        part, law = _fit_group(
             started.frames(torch.from_numpy(mine)), data.frames(mine), inside, free, o, settings,
             _share_of(context, number, int(group.max()) + 1),
         )  # fmt: skip
@@ -58,6 +62,9 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         parts.append((mine, part))
     context.progress(0.9, "stability")
     model = fitted_model(o, settings.loss, node, started, data, parts, groups, out, train)
+    if law:
+        context.progress(0.95, "forms of the law")
+        model = model.model_copy(update={"laws": {"law_0": law_cause(o, law)}})
     if not out.any():
         context.say("too few frames to hold any out: the fit is judged on its own frames")
     return {
@@ -145,13 +152,18 @@ def _fit_group(
     o: Observations,
     settings: IdentifySettings,
     progress: Progress,
-) -> Part:
-    """Fit on the training frames (mask `inside`), then settle all of the group's frames."""
+) -> tuple[Part, Candidate | None]:
+    """Fit on the training frames (mask `inside`), then settle all of the group's frames; the law,
+    if one is asked for."""
     few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)
-    found = nominal_fit(few, seen, free, o, settings.evaluations, progress)
+    found, law = nominal_fit(few, seen, free, o, settings.evaluations, progress), None
+    if settings.law:
+        progress(0.7, "law")
+        law = with_law(found, law_named(settings.law))
+        found = law.fit
     progress(0.9, "intervals")
     estimates = profile_intervals(found)
     whole = Equilibrium(setup, found.forward.terms)
     start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u)).states
     start.put(inside, found.point.solution)
-    return found, whole.at(found.point.u, start), estimates
+    return (found, whole.at(found.point.u, start), estimates), law

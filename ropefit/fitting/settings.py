@@ -14,7 +14,7 @@ from ropefit.solvers.names import SolverName
 # What a fit uses besides what every fit does; a search adds its own limits.
 EVERY_FIT = {"solver", "loss", "search", "free", "control_at", "holdout", "most_frames"}
 OF_WEIGHTS = {"start", "groups", "two_sided", "steps", "iterations", "dt", "compliance"}
-OF_EQUILIBRIUM = {"start", "groups", "from_run"}
+OF_EQUILIBRIUM = {"start", "groups", "from_run", "law"}
 OF_BATCHED_EQUILIBRIUM = {*OF_EQUILIBRIUM, "device"}
 OF_SEARCH = {
     "gradient": {"evaluations"},
@@ -26,7 +26,8 @@ OF_SEARCH = {
 class IdentifySettings(StageSettings):
     """What is fitted, how, to which frames. Distances in m, dt in s.
 
-    from_run: parameters are those of another run's model, apart from the free ones.
+    from_run: parameters are those of another run's model, apart from the free ones. law: which
+    function is fitted as a curve besides.
     """
 
     solver: SolverName = "equilibrium"
@@ -35,6 +36,7 @@ class IdentifySettings(StageSettings):
     free: list[str] | None = None
     start: dict[str, float] = Field(default_factory=dict)
     from_run: bool = False
+    law: str | None = None
     groups: str = "one"
     two_sided: bool = False
     control_at: float | None = None
@@ -51,6 +53,12 @@ class IdentifySettings(StageSettings):
 
     @model_validator(mode="after")
     def _together(self) -> IdentifySettings:
+        shapes = self.solver == "equilibrium" and self.how == "least-squares"
+        if self.law and (not shapes or self.groups != "one"):
+            raise WrongUsage(
+                "--law is fitted by --solver equilibrium --search least-squares to one rope: leave "
+                "out --groups"
+            )
         if self.solver == "equilibrium":
             if self.two_sided:
                 raise WrongUsage("--two-sided belongs to the paper's solvers: gravity has one size")

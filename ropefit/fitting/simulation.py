@@ -16,7 +16,8 @@ import numpy as np
 from ropefit.adapters.rope_setup import STATIONS, data_in_space
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.artifacts import Model, Observations
-from ropefit.artifacts.diagnosis import Cause, Simulation
+from ropefit.artifacts.causes import Cause
+from ropefit.artifacts.diagnosis import Simulation
 from ropefit.diagnosis.held_out import points_rms
 from ropefit.diagnosis.rules import Rules
 from ropefit.effects import CATALOGUE

@@ -31,7 +31,7 @@ def profile_intervals(found: Fit) -> Estimates:
     correlation = correlation_of(found.covariance)
     labels = [t.name for t in found.forward.terms for _ in range(t.size)]
     for term in found.forward.terms:
-        if not term.nuisance:
+        if not term.nuisance and term.effect is None:
             trades = partners(correlation, place, labels)
             out[term.name] = _estimate(
                 found, place, term, found.quantile * sd[place], trades,

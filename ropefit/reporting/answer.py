@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.artifacts import Diagnosis, FittedModel, Observations, Parameter
-from ropefit.artifacts.diagnosis import Cause, Size
+from ropefit.artifacts.causes import Cause, Size
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.words import digits_of, given, metres, millimetres, number, plural, with_unit
 

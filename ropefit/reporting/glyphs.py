@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ropefit.artifacts.diagnosis import Cause
+from ropefit.artifacts.causes import Cause
 from ropefit.effects import Effect
 from ropefit.effects.drawn import Drawn
 from ropefit.plugins import EFFECTS, concrete

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 from markupsafe import Markup
 
-from ropefit.artifacts.diagnosis import Size
+from ropefit.artifacts.causes import Size
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ropefit.artifacts.diagnosis import Law
+from ropefit.artifacts.causes import Law
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import CAUSE, Figure, axis, bands, line, plane
 from ropefit.reporting.html import paragraph, plot
@@ -19,14 +19,19 @@ class LawSection(Section):
     title = "The law"
 
     def applies(self, run: RunContents) -> bool:
-        d = run.diagnosis
-        return d is not None and any(c.law for c in d.causes.values())
+        return bool(_laws(run))
 
     def render(self, run: RunContents) -> Markup:
-        d = run.diagnosis
-        assert d is not None
-        laws = [c.law for c in d.causes.values() if c.law]
+        laws = _laws(run)
         return Markup("").join(paragraph(_sentence(law)) + plot(_figure(law)) for law in laws)
+
+
+def _laws(run: RunContents) -> list[Law]:
+    """Return the laws of the diagnosis, or of the model that was identified with one."""
+    found = run.diagnosis.causes if run.diagnosis else {}
+    asked = run.model.nominal.laws if run.model else {}
+    every = [c.law for c in found.values() if c.law]
+    return every or [c.law for c in asked.values() if c.law]
 
 
 def _sentence(law: Law) -> str:

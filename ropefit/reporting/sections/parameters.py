@@ -5,7 +5,7 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from ropefit.artifacts import Diagnosis, FittedModel, Parameter
-from ropefit.artifacts.diagnosis import Size
+from ropefit.artifacts.causes import Size
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import NOMINAL, WITH_CAUSE
 from ropefit.reporting.html import paragraph, table
