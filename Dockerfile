@@ -18,7 +18,7 @@ RUN pip install --no-cache-dir ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} 
     && rm -rf /wheels /var/lib/apt/lists/*
 # Anyone may run it; what numba compiles is kept in the image.
 ENV NUMBA_CACHE_DIR=/var/cache/ropefit
-RUN mkdir -p $NUMBA_CACHE_DIR && ropefit run --run /tmp/warm --quiet && rm -rf /tmp/warm \
+RUN mkdir -p $NUMBA_CACHE_DIR && ropefit warm-up \
     && chmod -R a+rwX $NUMBA_CACHE_DIR
 WORKDIR /data
 ENTRYPOINT ["ropefit"]

@@ -18,6 +18,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  { echo "ropefit: cannot make a virtual environment; install it: sudo apt-get install python3-venv"; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	$(BIN)/python -m ropefit.system --install
+	$(BIN)/ropefit warm-up
 	@touch $@
 
 demo: $(STAMP)

@@ -100,7 +100,7 @@ def test_every_module_is_imported_somewhere():
 def test_stages_are_the_commands():
     """One file a command, but for those that only call others or show what there is."""
     commands = set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
-    named = {"import": "importing"}  # `import` is a word of the language
+    named = {"import": "importing", "warm-up": "warm_up"}  # `import` is a word of the language
     files = {path.stem for path in (PACKAGE / "stages").glob("*.py")} - {"__init__"}
     assert files == {named.get(name, name) for name in commands - {"run", "batch", "view"}}
 

@@ -160,12 +160,14 @@ def test_compilation_is_said_once_a_machine(tmp_path):
 
 def test_solvers_in_all_folders_share_one_mark():
     """Each solver has its own folder of compiled code; the first of any says it for all."""
-    from ropefit.solvers.compiling import PACKAGE, _beside
+    from ropefit.solvers.compiling import PACKAGE, folder_beside
 
     folders = ("solvers/equilibrium/kernels", "solvers/xpbd/kernels", "inference")
-    kept = {_beside(PACKAGE / folder / "__pycache__") for folder in folders}
+    kept = {folder_beside(PACKAGE / folder / "__pycache__") for folder in folders}
     assert kept == {PACKAGE / "__pycache__"}
-    assert _beside(Path("cache") / "kernels_1") == _beside(Path("cache") / "inference_2")
+    assert folder_beside(Path("cache") / "kernels_1") == folder_beside(
+        Path("cache") / "inference_2"
+    )
 
 
 def test_a_viewer_that_is_missing_is_one_line(run, monkeypatch):

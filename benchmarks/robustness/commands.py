@@ -44,7 +44,8 @@ def _command(name: str, command: Any) -> str:
     usage = " ".join([f"`{name}`", *(f"`{p.name.upper()}`" for p in arguments)])
     lines = [f"\n## {usage}\n", command.help, ""]
     lines += [f"{p.name.upper()}: {p.help}\n" for p in arguments if p.help]
-    lines += ["| option | meaning | default |", "|---|---|---|"]
+    if options:
+        lines += ["| option | meaning | default |", "|---|---|---|"]
     lines += [f"| {_names(p)} | {_cell(p.help)} | {_default(p)} |" for p in options]
     return "\n".join(lines) + "\n"
 

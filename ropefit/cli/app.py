@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 import typer
@@ -19,6 +20,7 @@ from ropefit.cli.report import report
 from ropefit.cli.run import run
 from ropefit.cli.simulate import simulate
 from ropefit.cli.view import view
+from ropefit.cli.warm_up import warm_up
 
 EVERYDAY = "Everyday commands"
 PAPER = "The paper's stages, one by one"
@@ -56,13 +58,15 @@ def _main(
 for group, commands in {
     EVERYDAY: (run, import_, diagnose, report, view, export),
     PAPER: (preprocess, identify, control),
-    EXPERT: (batch, inspect, simulate),
+    EXPERT: (batch, inspect, simulate, warm_up),
 }.items():
     for command in commands:
-        name = command.__name__.rstrip("_")
+        name = command.__name__.rstrip("_").replace("_", "-")
         app.command(name, cls=GroupedCommand, rich_help_panel=group)(command)
 
 
 def main() -> None:
     """Run the `ropefit` command."""
+    # numba's third level compiles 1.4 times as long and gives loops that are no faster.
+    os.environ.setdefault("NUMBA_OPT", "1")
     app()

@@ -13,9 +13,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ropefit.inference.round_surface import axis, information
+from ropefit.solvers.kernels.jit import exact_helper, exact_kernel
 
 WINDOW = 0.08  # of the length: how far a point may lie from where preprocess put it
 FINE = 4  # points of the curve for every segment
@@ -122,7 +122,7 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
         return _markers(data, x)
     data, frames = data.as_deep_as(x), len(x)
     fine = _refine(x)
-    share, offset, good = _feet(data.points, data.share, data.mask, fine, WINDOW)
+    share, offset, good = feet(data.points, data.share, data.mask, fine, WINDOW)
     good = data.mask if data.firm else good
     slot = np.clip((data.share * bins).astype(np.int64), 0, bins - 1)
     key = (np.arange(frames)[:, None] * bins + slot)[good]
@@ -172,7 +172,7 @@ def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         out[frame, slot] = data.points[frame, slot] - place
         return out, data.mask
     data = data.as_deep_as(x)
-    _, offset, good = _feet(data.points, data.share, data.mask, _refine(x), WINDOW)
+    _, offset, good = feet(data.points, data.share, data.mask, _refine(x), WINDOW)
     return offset, data.mask if data.firm else good
 
 
@@ -255,13 +255,13 @@ def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
     return np.stack([side, np.cross(side, tangent)], axis=1)
 
 
-@njit(error_model="numpy")
+@exact_helper
 def _square(a, b):
     return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _feet(points, guess, mask, curve, window):
+@exact_kernel
+def feet(points, guess, mask, curve, window):
     """Find the nearest points of curves (F, M, 3) to points (F, P, 3) within `window` of their
     guess.
 

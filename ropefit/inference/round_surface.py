@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ropefit.solvers.kernels.jit import exact_helper, exact_kernel
 
 HUBER = 2.0  # sd beyond which a point counts less
 RIM = 0.75  # of the radius: further out the surface is too steep to be trusted
@@ -54,10 +55,10 @@ def axis(
     inner = count[station] >= FIRM
     if inner.sum() < 2 * FIRM:
         inner = np.ones(len(values), bool)
-    return _axis(np.ascontiguousarray(values), station, count, inner, radius)
+    return axes(np.ascontiguousarray(values), station, count, inner, radius)
 
 
-@njit(error_model="numpy")
+@exact_helper
 def _off_surface(values, station, radius, place, off, slope):
     """Write how far points (N, 2) are off (N, 2) the surface, and how fast it falls there (N,)."""
     least, rim = (1 - OUTMOST**2) * radius**2, RIM * radius
@@ -71,7 +72,7 @@ def _off_surface(values, station, radius, place, off, slope):
         off[i, 0], off[i, 1] = side, values[i, 1] + high - place[station[i], 1]
 
 
-@njit(error_model="numpy")
+@exact_helper
 def _medians(values, station, count):
     """Return (M,) of the values (N,) of every station."""
     start = np.cumsum(count) - count
@@ -86,7 +87,7 @@ def _medians(values, station, count):
     return out
 
 
-@njit(error_model="numpy")
+@exact_helper
 def _pooled(off, weight, spare, inner, out):
     """Write (2,) [m²] variance of points off by (N, 2), of which a share (N, 2) is spared by the
     fit."""
@@ -99,8 +100,8 @@ def _pooled(off, weight, spare, inner, out):
         out[d] = max(square / spared, 1e-18)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _axis(values, station, count, inner, radius):
+@exact_kernel
+def axes(values, station, count, inner, radius):
     """Return what `axis` does; inner (N,) bool: points that show their scatter."""
     points, stations = len(station), len(count)
     off, slope, weight = np.empty((points, 2)), np.empty(points), np.empty(points)

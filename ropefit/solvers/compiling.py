@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 COMPILING = (
-    "compiling the solvers for this machine; this happens once for each of them and takes about a "
-    "minute in all (nothing is wrong)"
+    "compiling the solvers for this machine; this happens once and takes about a minute in all "
+    "(nothing is wrong; `ropefit warm-up` does it ahead)"
 )
 PACKAGE = Path(__file__).parents[1]
 MARK = ".ropefit-compiling-"  # a file of this name beside numba's cache: it has been said
@@ -38,7 +38,7 @@ def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
         def on_start(self, event: Any) -> None:
             if not self.announced:
                 self.announced = True
-                if _first(event.data["dispatcher"]):
+                if not said(event.data["dispatcher"]):
                     say(COMPILING)
 
         def on_end(self, event: Any) -> None:
@@ -47,25 +47,25 @@ def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
     return event.install_listener("numba:compile", Telling())
 
 
-def _first(dispatcher: Any) -> bool:
-    """Return whether no mark of this source lies beside numba's cache; it does from now on."""
+def said(dispatcher: Any) -> bool:
+    """Return whether a mark of this source lies beside numba's cache; it does from now on."""
     kept = dispatcher.stats.cache_path
     if kept is None:  # not cached: compiled in every process
-        return True
-    mark = _beside(Path(kept)) / f"{MARK}{_source()}"
+        return False
+    mark = folder_beside(Path(kept)) / f"{MARK}{_source()}"
     try:
         if mark.exists():
-            return False
+            return True
         mark.parent.mkdir(parents=True, exist_ok=True)
         for old in mark.parent.glob(f"{MARK}*"):
             old.unlink(missing_ok=True)
         mark.touch()
     except OSError:  # a folder that cannot be written: said once in every stage
         pass
-    return True
+    return False
 
 
-def _beside(kept: Path) -> Path:
+def folder_beside(kept: Path) -> Path:
     """Return one folder for all of ropefit's loops; numba has one for each folder of source."""
     if kept.is_relative_to(PACKAGE):
         return PACKAGE / "__pycache__"

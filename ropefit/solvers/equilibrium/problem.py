@@ -81,7 +81,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
         more = np.ones((frames, len(c.node)), bool) if c.active is None else c.active
         active = np.concatenate([active, more], axis=1)
     none = [np.zeros((frames, 0, segments + 1, *last)) for last in ((), (2,), ())]
-    drag, centre, slip = c.friction_elements or none
+    drag, centre, slip = map(np.ascontiguousarray, c.friction_elements or none)
     clamp = as_numpy(c.clamp)
     unheld = np.isnan(clamp).any(-1)
     if unheld.any():

@@ -18,11 +18,22 @@ from numba import njit
 
 FUSED = {"contract"}  # a multiplication and an addition may be one instruction
 SHARED = Path(__file__).parent
+TEMPORARY = "ropefit-numba-"  # how a cache folder begins that goes with the process
 
-helper = njit(error_model="numpy", fastmath=FUSED)
+# Helpers are not called from Python: wrappers for that would be a quarter of their compilation.
+BARE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+helper = njit(**BARE, fastmath=FUSED)
 # Merged into its callers: a call costs as much as ten segments where it hands over a whole record.
-inlined = njit(error_model="numpy", inline="always", fastmath=FUSED)
-exact_helper = njit(error_model="numpy")  # division by zero gives inf or NaN, as in torch
+inlined = njit(**BARE, inline="always", fastmath=FUSED)
+exact_helper = njit(**BARE)  # division by zero gives inf or NaN, as in torch
+
+
+@helper
+def copy_rows(source, target):
+    """Copy a matrix; an assignment to a slice takes numba half a second to compile."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -41,11 +52,12 @@ def _cached(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     numba keeps compiled code beside the source or in the user's cache folder. Where neither can be
     written it is compiled anew in every process, or set NUMBA_CACHE_DIR.
     """
-    compile_it = njit(cache=True, nogil=True, error_model="numpy", **options)
+    options |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    compile_it = njit(**options)
     try:
         return compile_it(function)
     except RuntimeError:
-        numba.config.CACHE_DIR = tempfile.mkdtemp(prefix="ropefit-numba-")  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = tempfile.mkdtemp(prefix=TEMPORARY)  # type: ignore[attr-defined]
         return compile_it(function)
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ropefit.solvers.kernels.jit import exact_helper, helper, inlined
 
 
@@ -47,24 +45,36 @@ def darboux(a, b, rest, p):
 
 
 @exact_helper
+def perpendicular(v, out):
+    """Write v x e into out, e the axis that v (3,) is least along."""
+    k = 0
+    for a in range(1, 3):
+        if abs(v[a]) < abs(v[k]):
+            k = a
+    i, j = (k + 1) % 3, (k + 2) % 3
+    out[k], out[i], out[j] = 0.0, v[j], -v[i]
+
+
+@exact_helper
 def smallest_turn(a, b, out):
-    """Return the quaternion of least angle that turns the unit vector a into b."""
+    """Write the quaternion of least angle that turns the unit vector a into b."""
     real = 1 + a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     if real < 1e-12:  # a half turn: any axis across a
-        axis = np.zeros(3)
-        axis[np.argmin(np.abs(a))] = 1.0
-        across = np.cross(a, axis)
-        out[0], out[1:] = 0.0, across / math.sqrt((across**2).sum())
-        return
+        real = 0.0
+        perpendicular(a, out[1:])
+    else:
+        out[1] = a[1] * b[2] - a[2] * b[1]
+        out[2] = a[2] * b[0] - a[0] * b[2]
+        out[3] = a[0] * b[1] - a[1] * b[0]
     out[0] = real
-    out[1] = a[1] * b[2] - a[2] * b[1]
-    out[2] = a[2] * b[0] - a[0] * b[2]
-    out[3] = a[0] * b[1] - a[1] * b[0]
-    out /= math.sqrt((out**2).sum())
+    size = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2 + out[3] ** 2)
+    for k in range(4):
+        out[k] /= size
 
 
 @exact_helper
 def product(p, q, out):
+    """Write p q into out, which may be one of them."""
     w = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
     x = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
     y = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]
@@ -74,6 +84,7 @@ def product(p, q, out):
 
 @exact_helper
 def director(q, out):
+    """Write the third director of the frame q, its tangent, into out."""
     out[0] = 2 * (q[1] * q[3] + q[0] * q[2])
     out[1] = 2 * (q[2] * q[3] - q[0] * q[1])
     out[2] = 1 - 2 * (q[1] * q[1] + q[2] * q[2])

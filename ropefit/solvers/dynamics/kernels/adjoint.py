@@ -9,7 +9,7 @@ from ropefit.solvers.dynamics.kernels.rates import across, across_back, historie
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import cross_block
-from ropefit.solvers.kernels.jit import helper, inlined
+from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
 
 
@@ -48,9 +48,9 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
         _pull_nodes(rod, drive, t, (c0, c1, c2), v[t], b, gx, gv, out, w)
         _pull_segments(rod, t, (c0, c1, c2), b, gs, out, w)
         _pull_bends(rod, t, (c0, c1, c2), b, gp, out, mu, block, w)
-    out.x0[:] = gx[0]
-    out.v0[:] = gv[0]
-    out.q0[:] = gq[0]
+    copy_rows(gx[0], out.x0)
+    copy_rows(gv[0], out.v0)
+    copy_rows(gq[0], out.q0)
 
 
 @inlined

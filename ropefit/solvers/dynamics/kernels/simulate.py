@@ -10,7 +10,7 @@ from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor, solve_sys
 from ropefit.solvers.dynamics.kernels.rates import rates, set_bends, set_past, set_strains
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import assemble, prepare, set_nodes
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import copy_rows, helper
 from ropefit.solvers.kernels.rotations import turn_by
 from ropefit.solvers.status import Status
 
@@ -26,8 +26,10 @@ def _predict(qs, forces, t, q, force):
     n = q.shape[0]
     for i in range(n):
         if t == 1:
-            q[i] = qs[0, i]
-            force[i] = forces[0, i]
+            for k in range(4):
+                q[i, k] = qs[0, i, k]
+            for k in range(3):
+                force[i, k] = forces[0, i, k]
             continue
         a, b = qs[t - 2, i], qs[t - 1, i]
         s = 2 * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3])
@@ -84,7 +86,7 @@ def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
     steps, n = qs.shape[0], qs.shape[1]
     w, half = make_work(n), np.zeros((6, 6))
     v, p, strain = np.zeros((3, n + 1, 3)), np.zeros((3, n + 1, 4)), np.zeros((3, n, 3))
-    v[0] = v0
+    copy_rows(v0, v[0])
     set_bends(rod, drive.clamp[0], qs[0], p[0])
     set_strains(rod, xs[0], qs[0], half[:3, :3], strain[0])
     for t in range(1, steps):

@@ -7,12 +7,12 @@ import numpy as np
 from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
     factor,
     set_schur,
-    solve_border,
     solve_columns,
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
+from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
 from ropefit.solvers.equilibrium.kernels.state import set_state
-from ropefit.solvers.kernels.jit import helper, inlined
+from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
 
 
 @helper
@@ -163,8 +163,8 @@ def _pull_segments(rod, held, w, y, right, suffix, out):
         for a in range(3):
             shift[a] = right[count + a, 0]
     virtual = np.zeros((n, 3))
+    copy_rows(suffix, virtual)
     for i in range(n):
-        virtual[i] = suffix[i]
         for s in range(count):
             if held.active[s] and held.node[s] > i:
                 for a in range(3):

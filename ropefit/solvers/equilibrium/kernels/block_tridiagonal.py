@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from ropefit.solvers.equilibrium.kernels.small_matrices import negative_eigenvalues
 from ropefit.solvers.kernels.jit import helper, inlined
 
 
@@ -148,19 +147,6 @@ def set_schur(w, count, out):
 
 
 @helper
-def solve_border(matrix, right):
-    """Solve matrix y = right, y in the place of right; False when singular."""
-    try:
-        y = np.linalg.solve(matrix, right)
-    except (
-        Exception
-    ):  # the compiler knows no narrower one; it can only be that of a singular matrix
-        return False
-    right[:] = y
-    return True
-
-
-@helper
 def _unstable_directions(w, held, negative, schur):
     """Return how many directions allowed by the supports lower the energy.
 
@@ -184,11 +170,7 @@ def _unstable_directions(w, held, negative, schur):
         for t in range(size):
             if not math.isfinite(schur[s, t]):
                 return 1
-    values = np.linalg.eigvalsh(np.ascontiguousarray(schur[:size, :size]))
-    found = negative
-    for s in range(size):
-        if values[s] < 0:
-            found += 1
+    found = negative + negative_eigenvalues(schur, size)
     for s in range(count):
         if not held.active[s]:
             found -= 1

@@ -7,64 +7,80 @@ import math
 import numpy as np
 
 from ropefit.solvers.kernels.jit import exact_helper
-from ropefit.solvers.kernels.rotations import director, product, smallest_turn
+from ropefit.solvers.kernels.rotations import director, perpendicular, product, smallest_turn
+
+
+@exact_helper
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@exact_helper
+def _finite(v):
+    """Return whether all of v is finite."""
+    total = 0.0
+    for value in v:
+        total += 0.0 * value
+    return total == 0.0
 
 
 @exact_helper
 def hang(arc, gravity, ends, tangents, shape):
     """Write the shape; returns the tension's horizontal part over the weight per length [m]."""
-    size = math.sqrt((gravity**2).sum())
-    down = np.array([0.0, 0.0, -1.0])
+    down, size = np.zeros(3), math.sqrt(_dot(gravity, gravity))
+    down[2] = -1.0
     if size > 0:
-        down = gravity / size
-    length = arc[-1]
-    held0, held1 = np.isfinite(ends[0]).all(), np.isfinite(ends[1]).all()
-    if held0 and held1:
+        for a in range(3):
+            down[a] = gravity[a] / size
+    held = _finite(ends[0])
+    if held and _finite(ends[1]):
         return _catenary(arc, down, ends, shape)
-    end = 0 if held0 else 1
-    forward = down if end == 0 else -down
-    if np.isfinite(tangents[end]).all():
-        forward = tangents[end]
-    start = 0.0 if end == 0 else length
-    for k in range(arc.size):
-        shape[k] = ends[end] + (arc[k] - start) * forward
+    end, start, sign = (0, 0.0, 1.0) if held else (1, arc[-1], -1.0)
+    clamped = _finite(tangents[end])
+    for a in range(3):
+        forward = tangents[end, a] if clamped else sign * down[a]
+        for k in range(arc.size):
+            shape[k, a] = ends[end, a] + (arc[k] - start) * forward
     return 0.0
 
 
 @exact_helper
 def _catenary(arc, down, ends, shape):
-    length = arc[-1]
-    chord = ends[1] - ends[0]
-    span = math.sqrt((chord**2).sum())
+    length, chord, flat = arc[-1], np.empty(3), np.empty(3)
+    for a in range(3):
+        chord[a] = ends[1, a] - ends[0, a]
+    span = math.sqrt(_dot(chord, chord))
     if span >= length * (1 - 1e-9):
         for k in range(arc.size):
-            shape[k] = ends[0] + arc[k] / length * chord
+            for a in range(3):
+                shape[k, a] = ends[0, a] + arc[k] / length * chord[a]
         return 5 * length
-    rise = -(chord * down).sum()
-    flat = chord + rise * down
-    horizontal = math.sqrt((flat**2).sum())
+    rise = -_dot(chord, down)
+    for a in range(3):
+        flat[a] = chord[a] + rise * down[a]
+    horizontal = math.sqrt(_dot(flat, flat))
     # Nearly above each other: open the fold by a thousandth of the length in some direction.
     least = 1e-3 * length
     if horizontal < least and horizontal <= 1e-12 * length:
-        axis = np.zeros(3)
-        axis[np.argmin(np.abs(down))] = 1.0
-        flat = np.cross(down, axis)
-    ahead = flat / math.sqrt((flat**2).sum())
+        perpendicular(down, flat)
+    size = math.sqrt(_dot(flat, flat))
     width = max(horizontal, least)
-    # sinh(u)/u = ratio for u = width / (2 a), a the catenary's parameter.
+    # sinh(u)/u = ratio for u = width / (2 a), a (scale) the catenary's parameter.
     slack = max(length**2 - rise**2, width**2 * (1 + 1e-12))
     u = _inverse_sinhc(0.5 * math.log(slack) - math.log(width))
-    a = width / (2 * u)
+    scale = width / (2 * u)
     lowest = (length - rise / math.tanh(u)) / 2  # arc length from end 0 to the lowest point
     for k in range(arc.size):
         s = arc[k] - lowest
-        along = a * (math.asinh(s / a) - math.asinh(-lowest / a))
-        height = math.hypot(a, s) - math.hypot(a, lowest)
-        shape[k] = ends[0] + along * ahead - height * down
-    miss = ends[1] - shape[-1]  # only where the fold was opened
-    for k in range(arc.size):
-        shape[k] += arc[k] / length * miss
-    return a
+        along = scale * (math.asinh(s / scale) - math.asinh(-lowest / scale))
+        height = math.hypot(scale, s) - math.hypot(scale, lowest)
+        for a in range(3):
+            shape[k, a] = ends[0, a] + along * (flat[a] / size) - height * down[a]
+    for a in range(3):
+        miss = ends[1, a] - shape[-1, a]  # only where the fold was opened
+        for k in range(arc.size):
+            shape[k, a] += arc[k] / length * miss
+    return scale
 
 
 @exact_helper
@@ -93,28 +109,32 @@ def frames_of(shape, arc, clamp, turns, q):
     """Return frames along a shape, from the first clamp without twist; what then is missing to the
     second clamp (and `turns` whole turns) is spread evenly over the arc length."""
     n = shape.shape[0] - 1
-    tangent, before, turn = np.empty(3), np.array([0.0, 0.0, 1.0]), np.empty(4)
-    frame = np.array([1.0, 0.0, 0.0, 0.0])
-    held0, held1 = np.isfinite(clamp[0]).all(), np.isfinite(clamp[1]).all()
-    if held0:
-        frame[:] = clamp[0]
+    tangent, before, turn, frame = np.empty(3), np.zeros(3), np.empty(4), np.zeros(4)
+    before[2], frame[0], held = 1.0, 1.0, _finite(clamp[0])
+    if held:
+        for k in range(4):
+            frame[k] = clamp[0, k]
         director(frame, before)
     for i in range(n):
-        tangent[:] = shape[i + 1] - shape[i]
-        size = math.sqrt((tangent**2).sum())
+        for a in range(3):
+            tangent[a] = shape[i + 1, a] - shape[i, a]
+        size = math.sqrt(_dot(tangent, tangent))
         if size > 0:
-            tangent /= size
+            for a in range(3):
+                tangent[a] /= size
             smallest_turn(before, tangent, turn)
             product(turn, frame, frame)
-            before[:] = tangent
-        q[i] = frame
-    if not held1:
+            for a in range(3):
+                before[a] = tangent[a]
+        for k in range(4):
+            q[i, k] = frame[k]
+    if not _finite(clamp[1]):
         return
     director(clamp[1], tangent)
     smallest_turn(before, tangent, turn)
     product(turn, frame, frame)
     # About the common tangent: frame* clamp = (cos, 0, 0, sin) of half the missing angle.
-    c = (frame * clamp[1]).sum()
+    c = frame[0] * clamp[1, 0] + _dot(frame[1:], clamp[1, 1:])
     s = (
         frame[0] * clamp[1, 3]
         - clamp[1, 0] * frame[3]
@@ -125,7 +145,7 @@ def frames_of(shape, arc, clamp, turns, q):
     angle += 2 * math.pi * turns
     for i in range(n):
         # With nothing held at end 0 the whole rope takes the clamp's turn.
-        share = 0.5 * (arc[i] + arc[i + 1]) / arc[n] if held0 else 1.0
+        share = 0.5 * (arc[i] + arc[i + 1]) / arc[n] if held else 1.0
         turn[0], turn[1], turn[2] = math.cos(0.5 * share * angle), 0.0, 0.0
         turn[3] = math.sin(0.5 * share * angle)
-        product(q[i].copy(), turn, q[i])
+        product(q[i], turn, q[i])

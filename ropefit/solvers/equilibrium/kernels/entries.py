@@ -26,7 +26,7 @@ from ropefit.solvers.equilibrium.kernels.records import (
 from ropefit.solvers.equilibrium.kernels.stability import smallest_eigenvalue
 from ropefit.solvers.equilibrium.kernels.state import set_state
 from ropefit.solvers.equilibrium.kernels.tangent import tangent_rope
-from ropefit.solvers.kernels.jit import SHARED, exact_kernel, kernel, source_key
+from ropefit.solvers.kernels.jit import SHARED, copy_rows, exact_kernel, kernel, source_key
 from ropefit.solvers.kernels.rotations import director
 
 
@@ -50,8 +50,8 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
                 rod, here, q[t], lam[t], x0[t], tolerance, limit, w
             )
             set_state(rod, here, q[t], lam[t], x0[t], w)
-            x[t] = w.x
-            force[t] = w.force
+            copy_rows(w.x, x[t])
+            copy_rows(w.force, force[t])
 
     @kernel
     def tangent_ropes(rods, of, held, q, lam, x0, changes, clamp, anchor, offset, dx, turn):

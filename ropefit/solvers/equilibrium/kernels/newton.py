@@ -8,13 +8,13 @@ import numpy as np
 
 from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
     factor_system,
-    solve_border,
     solve_columns,
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, set_corner
 from ropefit.solvers.equilibrium.kernels.merit import curvature_along, end_work, merit
+from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
 from ropefit.solvers.equilibrium.kernels.state import set_state, violations
-from ropefit.solvers.kernels.jit import helper, inlined
+from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
 from ropefit.solvers.kernels.rotations import turn_by
 from ropefit.solvers.status import Status
 
@@ -103,7 +103,9 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
                 continue
             return STUCK, iteration, worst
         last_step = largest if share == 1.0 and used <= NEUTRAL * size else np.inf
-        q[:], x0[:] = trial_q, trial_x
+        copy_rows(trial_q, q)
+        for a in range(3):
+            x0[a] = trial_x[a]
         for s in range(count):
             lam[s] += share * right[s, 0]
         if share == 1.0:  # the last state tried is the next one
@@ -244,6 +246,8 @@ def _kick(rod, held, q, w, schur):
                     t -= w.solved[i, a, s] * right[s, 0]
                 vector[i, a] = t
                 largest = max(largest, abs(t))
-        vector /= largest
+        for i in range(n):
+            for a in range(3):
+                vector[i, a] /= largest
     for i in range(n):
         turn_by(q[i], vector[i], 0.1, q[i])

@@ -7,10 +7,10 @@ import numpy as np
 from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
     factor,
     set_schur,
-    solve_border,
     solve_columns,
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
+from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
 from ropefit.solvers.equilibrium.kernels.state import set_state
 from ropefit.solvers.kernels.jit import helper
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ropefit.solvers.kernels.jit import SHARED, exact_helper, exact_kernel, source_key
+from ropefit.solvers.kernels.jit import SHARED, copy_rows, exact_helper, exact_kernel, source_key
 from ropefit.solvers.xpbd.kernels.adjoint import begin_step_adjoint, iterate_adjoint
 from ropefit.solvers.xpbd.kernels.iterations import begin_step, iterate
 from ropefit.solvers.xpbd.kernels.tables import (
@@ -22,7 +22,6 @@ from ropefit.solvers.xpbd.kernels.tables import (
     WORK_COLUMNS,
     Q,
     Weights,
-    copy,
     fill,
 )
 
@@ -79,22 +78,22 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
             s, g, weights = state[rope], g_state[rope], rope_weights(eta[rope])
             for k in range(4):
                 dots[k] = 0.0
-            copy(s, starts[0])
+            copy_rows(s, starts[0])
             for index in range((blocks - 1) * block):
                 if index % options.iterations == 0:
                     begin_step(s, gravity[rope], rod)
                 iterate(s, rod, options, weights, changes[0], work)
                 if (index + 1) % block == 0:
-                    copy(s, starts[(index + 1) // block])
+                    copy_rows(s, starts[(index + 1) // block])
             for number in range(blocks - 1, -1, -1):
                 first, last = number * block, min((number + 1) * block, options.total)
-                copy(starts[number], s)
+                copy_rows(starts[number], s)
                 for index in range(first, last):
                     if index % options.iterations == 0:
                         begin_step(s, gravity[rope], rod)
-                    copy(s, path[index - first])
+                    copy_rows(s, path[index - first])
                     iterate(s, rod, options, weights, changes[index - first], work)
-                copy(s, path[last - first])
+                copy_rows(s, path[last - first])
                 if last == options.total and not finite(s):
                     fill(g, math.nan)
                 for i in range(last - first - 1, -1, -1):

@@ -84,13 +84,6 @@ def fill(a, value):
 
 
 @exact_helper
-def copy(source, target):
-    for i in range(source.shape[0]):
-        for j in range(source.shape[1]):
-            target[i, j] = source[i, j]
-
-
-@exact_helper
 def scale(f, a):
     return f * a[0], f * a[1], f * a[2]
 
