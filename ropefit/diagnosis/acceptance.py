@@ -14,7 +14,8 @@ LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
-MOST_RMS_RATIO_FAR_OFF = 0.95  # where the mesh explains next to nothing of what is missed
+# Where the mesh explains next to nothing of what is missed, and all held-out clips gain.
+MOST_RMS_RATIO_ALIKE = 0.95
 BEYOND_SENSOR = 3.0  # times what markers and mesh explain
 CHANCE_GAIN = 1.0  # nats that a held-out block may gain by chance
 LEAST_BLOCKS = 2  # that gain more than that
@@ -52,7 +53,8 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     supported = effect.prior_decides or agreeing(candidate.gains)
     if after > MOST_RMS_RATIO * before or not supported:
         return "held-out frames do not support it"
-    most = MOST_RMS_RATIO_FAR_OFF if far_beyond_sensor(current) else MOST_RMS_RATIO_IN_MOTION
+    alike = far_beyond_sensor(current) and bool((candidate.gains > CHANCE_GAIN).all())
+    most = MOST_RMS_RATIO_ALIKE if alike else MOST_RMS_RATIO_IN_MOTION
     if moving and not _allowed_for(effect, current) and after > most * before:
         return "the error of held-out clips hardly falls"
     return ""
