@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from ropefit.diagnosis.acceptance import _allowed_for
+from ropefit.diagnosis.held_out import block_of_rows, predicted
 from ropefit.diagnosis.search import search
 from ropefit.effects import Effect, PointMass
 from ropefit.effects.gravity_misalignment import GravityMisalignment
@@ -143,3 +144,20 @@ def test_a_weight_on_a_moving_rope_is_named(effect):
     mass, place = found.values()
     assert mass == pytest.approx(0.012, rel=0.15)
     assert place == pytest.approx(0.36, abs=0.02)
+
+
+def test_held_out_clips_are_predicted_as_a_fit_to_the_others_predicts_them():
+    """Against fits from which each part of a clip was really left out."""
+    lines, data = recorded(None, [], 4)
+    setup = driven(24)
+    forward, problem = model(setup, lines, FREE), FitProblem(data, Noise(marker=5e-4), 12)
+    found = fit(forward, problem, forward.start(), 8, tolerance=1e-5)
+    mine, block = predicted(found), block_of_rows(found, False)
+    frame, true = np.repeat(found.stations.frame, 3), np.empty_like(mine)
+    for number in np.unique(block):
+        gone = np.isin(np.arange(len(setup.ends)), frame[block == number])
+        others = fit(forward, problem.without(gone), found.point.u, 8, tolerance=1e-5)
+        whole = found.whitener(problem.match(others.point.seen).residual)
+        true[block == number] = whole[block == number]
+    gap, change = (np.linalg.norm(v - true) for v in (mine, found.z))
+    assert gap < 0.5 * change

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ropefit.inference.bins import Stations
-from ropefit.inference.discrepancy import inflation
+from ropefit.inference.discrepancy import inflation, unequal
 
 FRAMES, BINS, DIMS = 40, 20, 2
 ORDER = np.random.default_rng(5).permutation(FRAMES)  # in which poses are recorded
@@ -52,3 +52,17 @@ def test_few_samples_tell_little_of_their_variance():
     assert inflated(white, share=True) > 0.9
     assert inflated(2 * white, share=True) > 0.4
     assert 0.2 < inflated(white + shape, share=True) * FRAMES * BINS * DIMS < 20
+
+
+def test_a_clip_that_is_missed_by_more_counts_for_less():
+    """Its variance is found, shrunk where its samples are few; equal clips stay equal."""
+    rng = np.random.default_rng(6)
+    clips = np.split(np.arange(FRAMES), 4)
+    sd = np.repeat([1.0, 1.0, 5.0, 1.0], FRAMES // 4)
+    white = rng.normal(size=(FRAMES, BINS, DIMS)) * sd[:, None, None]
+    found = unequal(stations(), white.reshape(-1, DIMS), clips, FRAMES)
+    np.testing.assert_allclose(found, sd**2, rtol=0.25)
+    lasting = rng.normal(size=(1, BINS, DIMS)) * np.ones((FRAMES, 1, 1)) * sd[:, None, None]
+    few = unequal(stations(), lasting.reshape(-1, DIMS), clips, FRAMES)
+    assert 3 < few[clips[2]].mean() < 0.9 * 25
+    assert (few[clips[2]] > few[clips[0]]).all()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.diagnosis.candidate import NORMAL_QUANTILE, Candidate
-from ropefit.diagnosis.held_out import by_stretches, heldout_rms
+from ropefit.diagnosis.held_out import by_stretches, heldout_rms, weighted_error
+from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
 from ropefit.inference.least_squares import Fit
 
@@ -14,6 +15,9 @@ MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
 AT_BOUND = 1e-3  # of the range of a quantity
+# Where the mesh explains next to nothing of what is missed, and all held-out clips gain.
+MOST_RMS_RATIO_ALIKE = 0.95
+BEYOND_SENSOR = 3.0  # times what markers and mesh explain
 CHANCE_GAIN = 1.0  # nats that a held-out block may gain by chance
 LEAST_BLOCKS = 2  # that gain more than that
 LOST_SHARE = 0.3  # of what blocks gain, at most lost by the others
@@ -39,7 +43,8 @@ def first_acceptable(
 def refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
     along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
-    before, after = (heldout_rms(fit, along)[0] for fit in (current, candidate.fit))
+    moving = not current.forward.instantaneous
+    before, after = (_error(fit, along) for fit in (current, candidate.fit))
     if effect.linear and np.abs(candidate.usual_sizes()).max() > effect.implausible:
         return "larger than anything plausible"
     if effect.law(current.point.setup) is not None and _at_most(candidate):
@@ -51,8 +56,9 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     supported = effect.prior_decides or agreeing(candidate.gains)
     if after > MOST_RMS_RATIO * before or not supported:
         return "held-out frames do not support it"
-    moving = not current.forward.instantaneous
-    if moving and not _allowed_for(effect, current) and after > MOST_RMS_RATIO_IN_MOTION * before:
+    alike = far_beyond_sensor(current) and bool((candidate.gains > CHANCE_GAIN).all())
+    most = MOST_RMS_RATIO_ALIKE if alike else MOST_RMS_RATIO_IN_MOTION
+    if moving and not _allowed_for(effect, current) and after > most * before:
         return "the error of held-out clips hardly falls"
     return ""
 
@@ -64,6 +70,23 @@ def _at_most(candidate: Candidate) -> bool:
     limited = np.isfinite(low) & np.isfinite(high)
     values, low, high = (v[: len(limited)][limited] for v in (candidate.values(), low, high))
     return bool((values > high - AT_BOUND * (high - low)).any())
+
+
+def far_beyond_sensor(fitted: Fit) -> bool:
+    """Return whether a motion is missed by far more than markers and mesh explain."""
+    sensor = fitted.problem.noise.sensor
+    if fitted.forward.instantaneous or not sensor:
+        return False
+    length = float(fitted.point.setup.properties.length.sum())
+    missed = float(np.sqrt((fitted.stations.residual**2).mean()))
+    return missed > BEYOND_SENSOR * float(np.hypot(sensor, MESH_ERROR * length))
+
+
+def _error(fitted: Fit, along: bool) -> float:
+    """Return the rms error of held-out data [m]; of a motion in units of its noise, as a clip that
+    no prediction keeps in step with misses by more than all others."""
+    instantaneous = fitted.forward.instantaneous
+    return heldout_rms(fitted, along)[0] if instantaneous else weighted_error(fitted, along)
 
 
 def _allowed_for(effect: Effect, fitted: Fit) -> bool:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.special import ndtr
 
-from ropefit.inference.bins import Stations
+from ropefit.inference.bins import Stations, aligned
 from ropefit.inference.least_squares import Fit
 
 BLOCKS = 5
+FURTHEST_STEP = 3.0  # search variables: how far a fit to the other blocks goes in a motion
+FAR_AWAY = 10.0  # m: how far off a motion is that cannot be simulated
 
 
 def by_stretches(fitted: Fit) -> bool:
@@ -29,7 +33,8 @@ def block_of_rows(fitted: Fit, along: bool) -> np.ndarray:
 def predicted(fitted: Fit, along: bool = False) -> np.ndarray:
     """Return (M D,) the whitened residual of each block as predicted by a fit to the others.
 
-    To first order around the fit to all data: z_b + J_b (H - J_bᵀJ_b)⁻¹ J_bᵀ z_b.
+    The values that a fit to the others has are those of first order around the fit to all data. At
+    rest so is the residual: z_b + J_b (H - J_bᵀJ_b)⁻¹ J_bᵀ z_b; a motion is simulated with them.
     """
     return _predicted(fitted, along)[0]
 
@@ -43,6 +48,12 @@ def held_out_pit(fitted: Fit, along: bool) -> np.ndarray:
 
 def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the predicted residuals (M D,) and their variances (M D,), noise included."""
+    if along not in fitted.held_out:
+        fitted.held_out[along] = _computed(fitted, along)
+    return fitted.held_out[along]
+
+
+def _computed(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
     held = np.isfinite(fitted.prior)
     whole = fitted.jacobian.T @ fitted.jacobian + np.diag(np.where(held, 1 / fitted.prior**2, 0.0))
     block = block_of_rows(fitted, along)
@@ -52,14 +63,34 @@ def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
         j, z = fitted.jacobian[mine], fitted.z[mine]
         rest = np.linalg.pinv(whole - j.T @ j, rcond=1e-12, hermitian=True)
         residual[mine] = z + j @ (rest @ (j.T @ z))
+        if not fitted.forward.instantaneous:
+            damped = whole - j.T @ j + np.eye(len(whole)) / FURTHEST_STEP**2
+            residual[mine] = _simulated(fitted, np.linalg.solve(damped, j.T @ z), mine)
         variance[mine] = 1 + np.maximum(((j @ rest) * j).sum(axis=1), 0.0)
     return residual, variance
+
+
+def _simulated(fitted: Fit, change: np.ndarray, mine: np.ndarray) -> np.ndarray:
+    """Return the whitened residual of some rows (M D,) bool, simulated with values (P,) changed."""
+    (low, high), s = fitted.forward.bounds(), fitted.stations
+    frames = np.unique(np.repeat(s.frame, s.residual.shape[1])[mine])
+    clips = [c for c in fitted.forward.clips if np.isin(c, frames).any()]
+    forward = replace(fitted.forward, clips=clips)
+    point = forward.at(np.clip(fitted.point.u - change, low, high))
+    lost = np.nan_to_num(fitted.point.seen) + FAR_AWAY
+    now = fitted.problem.match(np.where(np.isnan(point.seen), lost, point.seen))
+    return fitted.whitener(aligned(now, s, now.residual))[mine]
 
 
 def block_losses(fitted: Fit, along: bool) -> np.ndarray:
     """Return (BLOCKS,) half the squared predicted residual of each block."""
     z, block = predicted(fitted, along), block_of_rows(fitted, along)
     return np.array([0.5 * float(z[block == b] @ z[block == b]) for b in range(BLOCKS)])
+
+
+def weighted_error(fitted: Fit, along: bool = False) -> float:
+    """Return the rms of the predicted residuals, each in units of its noise."""
+    return float(np.sqrt((predicted(fitted, along) ** 2).mean()))
 
 
 def heldout_rms(fitted: Fit, along: bool = False) -> tuple[float, float]:

@@ -8,7 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ropefit.diagnosis.acceptance import MOST_RMS_RATIO_IN_MOTION
+from ropefit.diagnosis.acceptance import (
+    BEYOND_SENSOR,
+    MOST_RMS_RATIO_IN_MOTION,
+    far_beyond_sensor,
+)
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import best_of, fit_candidate
@@ -25,7 +29,6 @@ from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
 from ropefit.diagnosis.short_horizons import by_short_horizons
 from ropefit.diagnosis.wander import (
-    MESH_ERROR,
     no_larger_than_left,
     wandering_noise,
     with_what_is_missed_alike,
@@ -35,7 +38,6 @@ from ropefit.inference.noise import Noise
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
-BEYOND_SENSOR = 3.0  # times what markers and mesh explain
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -124,7 +126,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
             scan.contact(rules), limits.threshold, rules.effects,
         )  # fmt: skip
-        if _far_beyond_sensor(current):
+        if far_beyond_sensor(current):
             scanned = [s.hypothesis for s in scan.sensitivities]
             near = by_short_horizons(current, scanned, limits.threshold)
             candidates = best_of([*candidates, *near])
@@ -165,7 +167,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     assert first is not None
     assert limits is not None
     return Diagnosis(
-        _verdict(nominal, current, accepted, latent, crowded), accepted, nominal, current,
+        _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
 
@@ -247,9 +249,11 @@ def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
 
 
 def _verdict(
-    nominal: Fit, final: Fit, accepted: list[Accepted], latent: LatentForce, crowded: bool
-) -> str:
-    """Return none, found or unknown. crowded: more effects would be needed than may be accepted."""
+    nominal: Fit, final: Fit, accepted: list[Accepted], latent: LatentForce, crowded: bool,
+    refused: list[str],
+) -> str:  # fmt: skip
+    """Return none, found or unknown. crowded: more effects would be needed than may be accepted;
+    refused: candidates that were not accepted, and why."""
     left, was = unexplained(final), max(unexplained(nominal), 1e-9)
     effects = [one.candidate.hypothesis.effect for one in accepted]
     may_leave = max((effect.may_leave for effect in effects), default=0.0)
@@ -258,20 +262,12 @@ def _verdict(
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"
-    if not accepted and _far_beyond_sensor(final):
+    if not accepted and far_beyond_sensor(final):  # what no effect lowers is no noise for that
+        return "unknown"
+    noise = final.problem.noise  # with what the rope missed in the recording it is known from
+    if not accepted and refused and noise.marker > BEYOND_SENSOR * noise.sensor > 0:
         return "unknown"
     return "found" if accepted else "none"
-
-
-def _far_beyond_sensor(final: Fit) -> bool:
-    """Return whether a motion is missed by far more than markers and mesh explain: what no effect
-    lowers on held-out clips is no noise for that."""
-    sensor = final.problem.noise.sensor
-    if final.forward.instantaneous or not sensor:
-        return False
-    length = float(final.point.setup.properties.length.sum())
-    missed = float(np.sqrt((final.stations.residual**2).mean()))
-    return missed > BEYOND_SENSOR * float(np.hypot(sensor, MESH_ERROR * length))
 
 
 def _as_good_as_noise(final: Fit) -> bool:

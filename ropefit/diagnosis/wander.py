@@ -13,7 +13,7 @@ import numpy as np
 
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
-from ropefit.inference.discrepancy import orders, repeats, repeats_in
+from ropefit.inference.discrepancy import orders, repeats, repeats_in, unequal
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 
@@ -29,14 +29,17 @@ def wandering_noise(fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:
     """
     left = _left_by_the_best(fitted, sensitivities)
     residual = fitted.whitener.undo(left).reshape(fitted.stations.residual.shape)
+    clips, s = fitted.forward.clips, fitted.stations
+    clipwise = unequal(s, residual, clips, len(fitted.point.seen))
+    residual = residual / np.sqrt(clipwise[s.frame])[:, None]
     marker = float(np.sqrt((residual**2).mean()))
-    clips = fitted.forward.clips
     # What the mesh misses is the same in all frames of a clip and along much of the rope.
     length = float(fitted.point.setup.properties.length.sum())
     alike = len(residual) / max(len(clips), 1)
     mesh = alike * (MESH_ERROR * length / marker) ** 2
-    many = max(repeats_in(fitted.stations, residual, clips), 1 + mesh)
-    return replace(fitted.problem.noise, marker=marker, repeats=many)
+    many = max(repeats_in(s, residual, clips), 1 + mesh)
+    noise = fitted.problem.noise
+    return replace(noise, marker=marker, repeats=many, unequal=tuple(clipwise))
 
 
 def with_what_is_missed_alike(noise: Noise, fitted: Fit, sensitivities: list[Sensitivity]) -> Noise:

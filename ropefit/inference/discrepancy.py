@@ -12,6 +12,7 @@ import numpy as np
 from ropefit.inference.bins import Stations
 
 MOST_POSES = 500  # more are a motion
+TYPICAL = 4.0  # independent samples that a clip's typical variance counts for
 LEAST_CORRELATION = 0.05  # of the residual with itself: later lags count as independent
 
 
@@ -72,3 +73,24 @@ def repeats_in(s: Stations, residual: np.ndarray, clips: list[np.ndarray]) -> fl
         if shared < LEAST_CORRELATION:
             return float(max(1 + 2 * correlation, 1.0) * max(alike, 1.0))
         correlation, lag = correlation + shared, lag + 1
+
+
+def unequal(s: Stations, residual: np.ndarray, clips: list[np.ndarray], frames: int) -> np.ndarray:
+    """Return (F,) the variance of each frame's residual, that of its clip over the typical clip's.
+
+    A motion that goes the wrong way in one clip misses it by far more than the others, and would
+    count for most of them together. A clip's variance is shrunk towards the typical one, as its
+    samples (M, D) are not independent.
+    """
+    own = [(residual[np.isin(s.frame, clip)] ** 2).sum(1) for clip in clips]
+    shown = [k for k, part in enumerate(own) if len(part)]
+    mean = {k: float(own[k].mean()) for k in shown}
+    typical = float(np.median(list(mean.values())))
+    out = np.ones(frames)
+    for k in shown:
+        out[clips[k]] = mean[k] / typical
+    many = repeats_in(s, residual / np.sqrt(out[s.frame])[:, None], clips)
+    for k in shown:
+        count = residual.shape[1] * len(own[k]) / many
+        out[clips[k]] = (TYPICAL + count * mean[k] / typical) / (TYPICAL + count)
+    return out

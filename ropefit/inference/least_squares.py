@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import optimize
@@ -54,6 +54,8 @@ class Fit:
     evaluations: int
     trace: list[float]
     stopped: bool = False  # before its minimum: there was no prospect of what was needed
+    # Residuals that were predicted with stretches (True) or frames held out, once computed.
+    held_out: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
 
     @property

@@ -46,7 +46,8 @@ class EndNoise:
 class Noise:
     """sd [m] of the correlated part and its length, a share of the rope's; marker: sd [m] of
     markers, whose scatter cannot be seen within one frame; repeats: of how many samples one is
-    independent, where what a motion misses wanders; sensor: sd [m] of markers by themselves; white
+    independent, where what a motion misses wanders; unequal (F,): variance of each frame's markers
+    over marker squared; sensor: sd [m] of markers by themselves; white
     (D,) [m²]: variance of a point, measured at the start of a fit if not given; ends. Fits that are
     compared must share it."""
 
@@ -54,6 +55,7 @@ class Noise:
     length: float = 0.06
     marker: float = 0.0
     repeats: float = 1.0
+    unequal: tuple[float, ...] | None = None
     sensor: float = 0.0
     white: tuple[float, ...] | None = None
     ends: EndNoise | None = None
@@ -110,7 +112,10 @@ def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndar
     """Yield of n frames with as many stations their rows (n, k) in (M D,), and the covariances
     (n, k, k) [m²]."""
     dims = s.residual.shape[1]
-    white = s.white() + (FLOOR**2 + noise.repeats * noise.marker**2) * np.eye(dims)
+    marker = np.full(len(s.frame), noise.repeats * noise.marker**2)
+    if noise.unequal is not None:
+        marker *= np.array(noise.unequal)[s.frame]
+    white = s.white() + (FLOOR**2 + marker)[:, None, None] * np.eye(dims)
     ends = noise.ends.columns(s) if noise.ends is not None and any(noise.ends.sd) else None
     starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
     counts = np.diff(starts, append=len(s.frame))
