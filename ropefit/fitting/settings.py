@@ -14,8 +14,8 @@ from ropefit.solvers.names import SolverName
 # What a fit uses besides what every fit does; a search adds its own limits.
 EVERY_FIT = {"solver", "loss", "search", "free", "control_at", "holdout", "most_frames"}
 OF_WEIGHTS = {"start", "groups", "two_sided", "steps", "iterations", "dt", "compliance"}
+OF_BATCHED_EQUILIBRIUM = {"start", "groups", "from_run", "device"}
 OF_EQUILIBRIUM = {"start", "groups", "from_run", "law"}
-OF_BATCHED_EQUILIBRIUM = {*OF_EQUILIBRIUM, "device"}
 OF_SEARCH = {
     "gradient": {"evaluations"},
     "grid": {"levels", "rounds"},
