@@ -15,6 +15,7 @@ from ropefit.effects.depth_bias import DepthBias, DepthGain
 from ropefit.effects.distributed_load import DistributedLoad
 from ropefit.effects.end_offset import EndOffset
 from ropefit.effects.end_twist import EndTwist
+from ropefit.effects.follower_force import FollowerForce
 from ropefit.effects.force_field import ForceField
 from ropefit.effects.gravity_misalignment import GravityMisalignment
 from ropefit.effects.inertia import Inertia
@@ -76,6 +77,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     LostOutOfPlane,
     BendingLaw,
     ForceField,
+    FollowerForce,
     TooCoarse,
     UnderConverged,
 )

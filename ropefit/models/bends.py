@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import torch
@@ -117,7 +118,7 @@ def merged(parts: list[Solution]) -> Solution:
         conditions = Conditions(
             ends, clamp, node, direction, offset, compliance, active, friction_elements
         )  # fmt: skip
-    arrays = {name: np.concatenate([getattr(s, name) for s in parts])
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(s, name) for s in parts])
               for name in ARRAYS if name != "reaction"}  # fmt: skip
     return Solution(**arrays, reaction=reaction, rod=rods, conditions=conditions)
 

@@ -17,6 +17,7 @@ from ropefit.runs.arrays import as_arrays, from_arrays
 from ropefit.runs.journal import Arrays
 from ropefit.solvers.equilibrium.branches import wound
 from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import following
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
 from ropefit.solvers.equilibrium.solve import solve
@@ -71,7 +72,7 @@ class Equilibrium(Model):
             arrays = as_arrays(point.path, "path.")
         else:
             arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
-            if point.setup.potentials:  # what stands for them comes out of settling
+            if _settled_loads(point.setup):  # what stands for them comes out of settling
                 arrays |= as_arrays(solution.rod, "rod.")
                 held = replace(solution.conditions, friction_elements=None)  # the setup's law
                 arrays |= as_arrays(held, "conditions.")
@@ -87,18 +88,25 @@ class Equilibrium(Model):
         else:
             rod = _rod_of(setup)
             held = conditions_of(setup, rod)
-            if setup.potentials:
+            if _settled_loads(setup):
                 rod = from_arrays(Rod, "rod.", arrays)
                 law = held.friction_elements
                 held = from_arrays(Conditions, "conditions.", arrays)
                 held = replace(held, friction_elements=law)
             # The journal's own arrays stay as they were.
             known = {name: arrays[f"solution.{name}"].copy() for name in ARRAYS}
-            point = _point(u, setup, Solution(**known, rod=rod, conditions=held))
+            point = _point(
+                u, setup, Solution(**known, rod=rod, conditions=held, followers=setup.followers)
+            )
         self._remember(point)
         if "last.x" in arrays:
             self.last = from_arrays(States, "last.", arrays)
         return point
+
+
+def _settled_loads(setup: Setup) -> bool:
+    """Return whether the rod's loads depend on its state."""
+    return bool(setup.potentials or setup.followers)
 
 
 def _rod_of(setup: Setup) -> Rod:
@@ -116,6 +124,18 @@ def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
 def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
     """Return equilibria of frames, each by itself."""
     rod = _rod_of(setup)
+    if not setup.followers:
+        return _under_dead_loads(setup, rod, start, deepest)
+
+    def settle(load: np.ndarray, near: States | None) -> Solution:
+        own = rod.each(len(setup.ends))
+        with_load = own._replace(load=own.load + torch.from_numpy(load)) if load.size else own
+        return _under_dead_loads(setup, with_load, near, deepest)
+
+    return following(settle, setup.followers, start)
+
+
+def _under_dead_loads(setup: Setup, rod: Rod, start: States | None, deepest: float) -> Solution:
     conditions = conditions_of(setup, rod)
     if setup.potentials:
         return solve_with_potentials(rod, conditions, setup.potentials, start, deepest)

@@ -15,7 +15,7 @@ from ropefit.rod.setup import Setup
 from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
-from ropefit.solvers.equilibrium.implicit import settled
+from ropefit.solvers.equilibrium.implicit import following, settled
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.equilibrium.solve import solve
@@ -138,11 +138,19 @@ class EquilibriumRope:
     def _states(self, rod: Rod, held: Conditions, start: States | None) -> State:
         """Return nodes and frames of every segment, on the CPU: from `start`, or else from
         catenaries."""
-        device, potentials = self.device, self.setup.potentials
+        device, potentials, followers = self.device, self.setup.potentials, self.setup.followers
         if held.friction_elements is not None:  # by the compiled path only, like all below
             device = None
         if potentials:  # contact and tethers: by the compiled path only
             return settled(solve_with_potentials(rod, held, potentials, start))
+        if followers:  # so are forces that turn with the rope
+
+            def under(load: np.ndarray, near: States | None) -> Solution:
+                own = rod.each(len(held.ends))
+                more = own._replace(load=own.load + torch.from_numpy(load)) if load.size else own
+                return solve(more, held, near)
+
+            return settled(following(under, followers, start))
 
         def found(start: States | None) -> Solution:
             if device is None:

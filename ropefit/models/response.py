@@ -19,6 +19,7 @@ from ropefit.rod.bending import Springs, moment_changes, springs
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import SensorModel, Setup
+from ropefit.solvers.equilibrium.followers import loads
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import force_and_stiffness
 from ropefit.solvers.equilibrium.solution import Solution, States
@@ -63,7 +64,7 @@ def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slo
     """Return the slopes of every change of a setup, with the rope in the states of a solution."""
     x = torch.from_numpy(solution.x)
     still = [np.zeros(tuple(field.shape)) for field in setup.rod()]
-    return [_slopes(setup, changed, x, still) for changed in changes]
+    return [_slopes(setup, changed, x, solution.q, still) for changed in changes]
 
 
 def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
@@ -145,7 +146,9 @@ class Slopes:
     springs: tuple[Springs, Springs] | None
 
 
-def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> Slopes:
+def _slopes(
+    now: Setup, changed: Change, x: Tensor, q: np.ndarray, still: list[np.ndarray]
+) -> Slopes:
     """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
     is built from changes."""
     a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
@@ -159,6 +162,10 @@ def _slopes(now: Setup, changed: Change, x: Tensor, still: list[np.ndarray]) -> 
     force = None
     if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
         force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
+    if a.followers is not b.followers:
+        low, high = (loads(s.followers, q, x.shape[-2]) for s in (a, b))
+        following = (high - low) / (2 * STEP)
+        force = following if force is None else force + following
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
     return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x), law)

@@ -79,6 +79,15 @@ class Potential(NamedTuple):
     derivatives: Callable[[Tensor], tuple[Tensor, Tensor]] | None = None
 
 
+class Follower(NamedTuple):
+    """A force (3,) [N] in the rope's own frame, which turns with it: on the nodes by their share
+    (N+1,), carried by the segments' frames by their weight (N,); both sum to 1."""
+
+    share: Tensor
+    weight: Tensor
+    force: Tensor
+
+
 class Motion(NamedTuple):
     """How the rope moved in each of F frames, as observed: velocity (F, N+1, 3) [m/s] and
     acceleration (F, N+1, 3) [m/s²] of the nodes."""
@@ -110,7 +119,7 @@ class Setup(NamedTuple):
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
     points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
     [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
-    bending: the law of bending, where it is not linear.
+    bending: the law of bending, where it is not linear; followers: forces that turn with the rope.
     """
 
     properties: Properties
@@ -134,6 +143,7 @@ class Setup(NamedTuple):
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
     bending: Bending | None = None
+    followers: tuple[Follower, ...] = ()
 
     @property
     def remembers(self) -> bool:

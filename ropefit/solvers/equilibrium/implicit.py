@@ -14,8 +14,15 @@ import torch
 from ropefit.errors import WrongUsage
 from ropefit.rod.fields import ROD, names, shapes, zeros
 from ropefit.rod.rod import Rod
+from ropefit.rod.setup import Follower
 from ropefit.solvers.arrays import as_numpy, in_threads
 from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.followers import (
+    Settle,
+    closed,
+    pulled_through,
+    solve_with_followers,
+)
 from ropefit.solvers.equilibrium.kernels.entries import adjoint_ropes, tangent_ropes
 from ropefit.solvers.equilibrium.kernels.records import HELD_GRADIENT, Change, Pull
 from ropefit.solvers.equilibrium.problem import Problem, cut
@@ -127,6 +134,8 @@ def _adjoint(s: Solution, gx: np.ndarray, gq: np.ndarray) -> Pull:
     """Return the gradients of each frame from those in its nodes and frames."""
     problem, (frames, segments) = s.problem, s.q.shape[:2]
     check_shapes(gx=(gx, (frames, segments + 1, 3)), gq=(gq, (frames, segments, 4)))
+    if s.followers:
+        gq = pulled_through(s, gx, gq, _by_loads)
     supports = problem.held.node.size
     pulls = Pull(**zeros((*ROD, *HELD_GRADIENT), (frames,), segments, S=supports))
 
@@ -167,6 +176,16 @@ def tangent(solution: Solution, directions: Directions) -> tuple[np.ndarray, np.
     Directions of F ropes may be given for the one rope of a solution's F frames. Raises ShapeError
     where a direction is not of the solution's shape.
     """
+    dx, turn = _under_dead_loads(solution, directions)
+    return closed(solution, dx, turn, _by_loads) if solution.followers else (dx, turn)
+
+
+def _by_loads(solution: Solution, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return _under_dead_loads(solution, Directions(load=load))
+
+
+def _under_dead_loads(solution: Solution, directions: Directions) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `tangent` does, with the loads of followers as they are."""
     frames, segments = solution.q.shape[:2]
     problem = solution.problem
     given = [item for name in names(ROD) if (item := getattr(directions, name)) is not None]
@@ -215,3 +234,9 @@ def _or_zero(given: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     if given is None:
         return np.zeros(shape)
     return np.array(np.broadcast_to(given, shape), dtype=np.float64, order="C")
+
+
+def following(settle: Settle, followers: tuple[Follower, ...], start: States | None) -> Solution:
+    """Return equilibria under forces that turn with the rope, as `settle` finds them under loads
+    that stay (empty for none)."""
+    return solve_with_followers(settle, followers, start, _by_loads)

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ropefit.rod.rod import Rod
+from ropefit.rod.setup import Follower
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.problem import Problem, problem_of
 from ropefit.solvers.shapes import check_shapes
@@ -54,9 +55,9 @@ class Solution(States):
 
     reaction (F, S) [N] of all supports, the far end's first; force (F, N, 3) [N] in the segments;
     status (F,) of `Status`, iterations (F,), residual (F,); member (F,): which of the rod's R ropes
-    each frame shows. Derivatives and stability are computed from a solution alone, so that no state
-    meets conditions which are not its own. Raises ShapeError where the arrays do not belong
-    together.
+    each frame shows; followers: of the rod's load, forces that turn with it.
+    Derivatives and stability are computed from a solution alone, so that no state meets conditions
+    which are not its own. Raises ShapeError where the arrays do not belong together.
     """
 
     force: np.ndarray
@@ -66,6 +67,7 @@ class Solution(States):
     rod: Rod = field(repr=False)
     conditions: Conditions = field(repr=False)
     member: np.ndarray | None = field(repr=False, default=None)
+    followers: tuple[Follower, ...] = field(repr=False, default=())
 
     def __post_init__(self) -> None:
         frames, segments = len(self.conditions.ends), self.rod.length.shape[-1]
@@ -105,7 +107,8 @@ class Solution(States):
         arrays = {name: getattr(self, name)[index] for name in ARRAYS}
         member = None if self.member is None else self.member[index]
         rod = self.rod if member is not None else self.rod.frames(index)
-        return Solution(**arrays, rod=rod, conditions=self.conditions.frames(index), member=member)
+        held = self.conditions.frames(index)
+        return Solution(**arrays, rod=rod, conditions=held, member=member, followers=self.followers)
 
     def put(self, mine: Index, other: Solution, theirs: Index = slice(None)) -> None:
         """Replace frames `mine` by the frames `theirs` of another solution of the same frames.

@@ -1,0 +1,138 @@
+"""Equilibria under forces that turn with the rope: Newton's method on those forces.
+
+A force in the rope's own frame has no energy. Under the force as it was in the last state the rope
+is at rest as under any load; how the frame that carries it answers to the load closes the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ropefit.rod.setup import Follower
+from ropefit.solvers.equilibrium.solution import Solution, States
+from ropefit.solvers.status import Status
+
+ROUNDS = 25
+STILL = 1e-9  # of the force: a change below it ends the search
+
+Followers = tuple[Follower, ...]
+Settle = Callable[[np.ndarray, States | None], Solution]  # under loads (F, N+1, 3) [N], from states
+Response = Callable[[Solution, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def rotated(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 3) of the frames q (..., 4) in space."""
+    w, axis = q[..., :1], q[..., 1:]
+    across = np.cross(axis, v)
+    return v + 2 * w * across + 2 * np.cross(axis, across)
+
+
+def in_space(followers: Followers, q: np.ndarray) -> np.ndarray:
+    """Return (F, 3 m) [N] the m forces in space, carried by frames q (F, N, 4)."""
+    forces = [
+        np.einsum("n,fna->fa", k.weight.numpy(), rotated(q, k.force.numpy())) for k in followers
+    ]
+    return np.concatenate(forces, axis=1)
+
+
+def on_nodes(followers: Followers, forces: np.ndarray) -> np.ndarray:
+    """Return loads (F, N+1, 3) [N] of forces (F, 3 m) [N]."""
+    parts = forces.reshape(len(forces), -1, 3)
+    share = np.stack([k.share.numpy() for k in followers])
+    return np.einsum("kn,fka->fna", share, parts)
+
+
+def loads(followers: Followers, q: np.ndarray, nodes: int) -> np.ndarray:
+    """Return loads (F, N+1, 3) [N] of followers, perhaps none, carried by frames q (F, N, 4)."""
+    if not followers:
+        return np.zeros((len(q), nodes, 3))
+    return on_nodes(followers, in_space(followers, q))
+
+
+def turned(followers: Followers, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return (F, P, 3 m) changes of the forces by turns (F, P, N, 3) [rad] of the frames q about
+    their own directors."""
+    parts = [
+        np.einsum("n,fpna->fpa", k.weight.numpy(), rotated(q[:, None], np.cross(turn, k.force)))
+        for k in followers
+    ]
+    return np.concatenate(parts, axis=-1)
+
+
+def unit_loads(followers: Followers) -> np.ndarray:
+    """Return (1, 3 m, N+1, 3) the loads of a unit of each component in space."""
+    return np.stack([k.share.numpy()[:, None] * np.eye(3)[a] for k in followers for a in range(3)])[
+        None
+    ]
+
+
+def closed(
+    solution: Solution, dx: np.ndarray, turn: np.ndarray, dead: Response
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return changes (F, P, N+1, 3) and turns (F, P, N, 3) under forces that follow, of those under
+    forces that stay. dead: the response to loads (1, P, N+1, 3) that stay."""
+    by, turning = dead(solution, unit_loads(solution.followers))
+    loop = turned(solution.followers, solution.q, turning).swapaxes(1, 2)
+    begun = turned(solution.followers, solution.q, turn).swapaxes(1, 2)
+    forces = np.linalg.solve(np.eye(loop.shape[-1]) - loop, begun)
+    dx = dx + np.einsum("fkp,fkna->fpna", forces, by)
+    return dx, turn + np.einsum("fkp,fkna->fpna", forces, turning)
+
+
+def solve_with_followers(
+    settle: Settle, followers: Followers, start: States | None, dead: Response
+) -> Solution:
+    """Return equilibria of F frames under forces that turn with the rope. Frames in which these do
+    not come to rest are marked."""
+    first = start if start is not None else settle(np.zeros(0), None)
+    forces = in_space(followers, np.nan_to_num(first.q))
+    size = max(float(k.force.norm()) for k in followers)
+    state: States = first
+    for _ in range(ROUNDS):
+        found = settle(on_nodes(followers, forces), state)
+        gap = in_space(followers, found.q) - forces
+        moved = np.abs(gap).max(axis=1)
+        settled = found.converged & np.isfinite(moved)
+        if not settled.any() or moved[settled].max() <= STILL * size:
+            break
+        _, turning = dead(found, unit_loads(followers))
+        loop = turned(followers, found.q, turning).swapaxes(1, 2)
+        step = np.linalg.solve(np.eye(loop.shape[-1]) - loop, gap[..., None])[..., 0]
+        far = np.linalg.norm(step, axis=1, keepdims=True) / size
+        step /= np.maximum(far, 1.0)
+        forces = np.where(settled[:, None], forces + step, forces)
+        state = found
+    late = found.converged & ~(moved <= 1e3 * STILL * size)
+    found.status[late] = Status.LIMIT
+    return replace(found, followers=followers)
+
+
+def pulled_through(
+    solution: Solution, gx: np.ndarray, gq: np.ndarray, dead: Response
+) -> np.ndarray:
+    """Return the gradient (F, N, 4) in the frames with what the following forces add to it, of
+    gradients gx (F, N+1, 3) in the nodes and gq (F, N, 4): the transpose of `closed`."""
+    followers, q = solution.followers, solution.q
+    by, turning = dead(solution, unit_loads(followers))
+    loop = turned(followers, q, turning).swapaxes(1, 2)
+    own = 0.5 * _imaginary(q, gq)
+    begun = np.einsum("fkna,fna->fk", by, gx) + np.einsum("fkna,fna->fk", turning, own)
+    forces = np.linalg.solve((np.eye(loop.shape[-1]) - loop).swapaxes(1, 2), begun[..., None])
+    turn = np.zeros_like(own)
+    for k, follower in enumerate(followers):
+        # f = R(q) g changes by R (ω × g): its gradient in ω is g × Rᵀ λ.
+        part = forces[:, 3 * k : 3 * k + 3, 0][:, None]
+        back = rotated(q * np.array([1.0, -1.0, -1.0, -1.0]), np.broadcast_to(part, own.shape))
+        turn += follower.weight.numpy()[:, None] * np.cross(follower.force.numpy(), back)
+    w, v = q[..., :1], q[..., 1:]
+    more = np.concatenate([-(v * turn).sum(-1, keepdims=True), w * turn + np.cross(v, turn)], -1)
+    return gq + 2 * more
+
+
+def _imaginary(q: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Return the imaginary part (..., 3) of q* g."""
+    w, v = q[..., :1], q[..., 1:]
+    return w * g[..., 1:] - g[..., :1] * v - np.cross(v, g[..., 1:])
