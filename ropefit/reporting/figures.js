@@ -97,7 +97,7 @@ const Figures = (() => {
 
   // Return the height [px] at which a text as long as that covers none of those taken, and take it.
   function clear(left, v, long, taken) {
-    const hit = () => taken.find(([a, b, w]) => Math.abs(b - v) < LINE && a < left + long && left < a + w);
+    const hit = () => taken.find(([a, b, w]) => Math.abs(b - v) < LINE - 1 && a < left + long && left < a + w);
     for (let other = hit(); other; other = hit()) v = other[1] + LINE;
     taken.push([left, v, long]);
     return v;
