@@ -33,6 +33,11 @@ def headline(run: RunContents) -> str:
     if d is None:
         return _fit(run.observations, f)
     noise, before, after = (millimetres(v, 3) for v in (d.noise_white, d.rms_before, d.rms_after))
+    if d.verdict == "none" and d.rms_before > SMALL_REST * d.noise_white:
+        return (
+            f"No missing effect was found, but the error on unseen data is {before} and noise "
+            f"alone is {noise}: what is left is not explained."
+        )
     if d.verdict == "none":
         return (
             f"Nothing is missing that this recording could show: the error on unseen data is "

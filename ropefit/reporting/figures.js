@@ -3,6 +3,7 @@
 const Figures = (() => {
   const OWN = { ink: "var(--ink)", soft: "var(--soft)", ground: "var(--ground)", band: "var(--soft)" };
   const DASHES = { dot: "2 4", dash: "7 5" };
+  const LINE = 19;  // [px] from one label to the next below it
   const colour = (name) => OWN[name] || name;
   const plain = (text) => String(text).replace(/&lt;/g, "<").replace(/&gt;/g, ">").replace(/&#39;/g, "'")
     .replace(/&#34;/g, '"').replace(/&amp;/g, "&");
@@ -39,6 +40,7 @@ const Figures = (() => {
       low = axis.rangemode === "tozero" && low === 0 ? 0 : low - edge;
       high = axis.rangemode === "tozero" && high === 0 ? 0 : high + edge;
     }
+    if (low === high) high = low + 1;  // zeros only
     if (axis.reversed) [low, high] = [high, low];
     const place = (v) => from + ((size(v) - low) / (high - low)) * (to - from);
     const bounds = [Math.min(low, high), Math.max(low, high)], most = Math.abs(to - from) / (axis.across ? 70 : 38);
@@ -93,8 +95,17 @@ const Figures = (() => {
     circle: (u, v, s) => `M${u - s},${v}a${s},${s} 0 1 0 ${2 * s},0a${s},${s} 0 1 0 ${-2 * s},0z`,
   };
 
+  // Return the height [px] at which a text as long as that covers none of those taken, and take it.
+  function clear(left, v, long, taken) {
+    const hit = () => taken.find(([a, b, w]) => Math.abs(b - v) < LINE - 1 && a < left + long && left < a + w);
+    for (let other = hit(); other; other = hit()) v = other[1] + LINE;
+    taken.push([left, v, long]);
+    return v;
+  }
+
   // A trace as a path through points (u, v) on the paper; null breaks it.
-  function drawn(trace, points, width) {
+  // taken: the boxes of texts already there, which a text moves down to clear.
+  function drawn(trace, points, width, taken = []) {
     const mode = trace.mode || "lines", line = trace.line || {}, marker = trace.marker || {};
     let out = "";
     if (mode.includes("lines")) {
@@ -115,8 +126,9 @@ const Figures = (() => {
     }
     if (mode === "text") points.forEach((p, i) => {
       if (!p || !trace.text[i]) return;
-      const before = p[0] + 9 * (trace.text[i].length + 1) > width;  // no room behind the place
-      out += `<text class="halo" x="${before ? width - 4 : p[0] + 9}" y="${p[1] + 4}" text-anchor="${before ? "end" : "start"}" style="fill:${colour(line.color || "ink")}">${raised(trace.text[i])}</text>`;
+      const long = 9 * (trace.text[i].length + 1), before = p[0] + long > width;  // no room behind the place
+      const v = clear(before ? width - 4 - long : p[0] + 9, p[1] + 4, long, taken);
+      out += `<text class="halo" x="${before ? width - 4 : p[0] + 9}" y="${v}" text-anchor="${before ? "end" : "start"}" style="fill:${colour(line.color || "ink")}">${raised(trace.text[i])}</text>`;
     });
     return out;
   }
@@ -134,13 +146,16 @@ const Figures = (() => {
   function flat(figure, data, width, height) {
     const { xaxis, yaxis } = figure.layout, map = data.find((t) => t.type === "heatmap" && t.showscale !== false);
     const sideways = data.some((t) => t.orientation === "h");
-    const right = map ? 58 : 14, top = 8, bottom = 44, high = height - top - bottom;
+    // Names without room beside each other stand upright.
+    const names = sideways ? [] : [...new Set(data.flatMap((t) => t.x || []))].filter((v) => typeof v === "string");
+    const longest = 6.7 * Math.max(0, ...names.map((v) => v.length)), upright = longest * names.length > width - 150;
+    const right = map ? 58 : 14, top = 8, bottom = upright ? 34 + longest : 44, high = height - top - bottom;
     const base = data.filter((t) => t.type === "bar").length ? [0] : [];
     const across = (t) => (t.type === "heatmap" ? edges(t.x) : t.x), up = (t) => (t.type === "heatmap" ? edges(t.y) : t.y);
     const tight = { tight: !!map };
     let xs = data.flatMap(across).concat(sideways ? base : []), ys = data.flatMap(up).concat(sideways ? [] : base);
     let y = scale({ ...tight, ...yaxis }, ys, top + high, top);
-    const left = 30 + 6.7 * Math.max(...y.ticks.map(([, text]) => plain(text).replace(/<.*?>/g, "").length));
+    const left = 30 + 6.7 * Math.max(0, ...y.ticks.map(([, text]) => plain(text).replace(/<.*?>/g, "").length));
     const wide = Math.max(40, width - left - right);
     const whole = data.every((t) => (t.x || []).every(Number.isInteger));
     let x = scale({ ...tight, ...xaxis, across: true, whole }, xs, left, left + wide);
@@ -151,7 +166,7 @@ const Figures = (() => {
       y = scale({ ...yaxis, reversed: false, range: grown(y, high) }, ys, top + high, top);
     }
     let back = "", front = "";
-    for (const [u, text] of x.ticks) back += `<path class="grid" d="M${u},${top}V${top + high}"/><text x="${u}" y="${top + high + 16}" text-anchor="middle">${raised(text)}</text>`;
+    for (const [u, text] of x.ticks) back += `<path class="grid" d="M${u},${top}V${top + high}"/><text ${upright ? `transform="translate(${u + 4},${top + high + 8}) rotate(-90)" text-anchor="end"` : `x="${u}" y="${top + high + 16}" text-anchor="middle"`}>${raised(text)}</text>`;
     for (const [v, text] of y.ticks) back += `<path class="grid" d="M${left},${v}H${left + wide}"/><text x="${left - 7}" y="${v + 4}" text-anchor="end">${raised(String(text).replace(/_/g, " "))}</text>`;
     for (const s of figure.layout.shapes || []) {
       const within = (low, most) => (p) => Math.min(Math.max(p, low), most);
@@ -211,14 +226,18 @@ const Figures = (() => {
     const size = (state.zoom || 1) * Math.min((width - 80) / spread(0), (height - 64) / spread(1));
     const place = (x, y, z) => { const [u, v] = along(x, y, z); return [width / 2 + size * (u - (least[0] + most[0]) / 2), height / 2 - 12 - size * (v - (least[1] + most[1]) / 2)]; };
     const path = (t) => t.x.map((v, i) => (known(v) ? place(v, t.y[i], t.z[i]) : null));
-    let body = data.map((t) => drawn(t, path(t), width)).join("");
+    const taken = [];
+    let frame = "";
     const bars = [1, 2, 5].flatMap((m) => [-3, -2, -1, 0, 1].map((p) => m * 10 ** p)).sort((a, b) => a - b);
     const length = bars.filter((v) => v * size < width / 4).at(-1) || bars[0];
-    body += `<path class="axis" d="M14,${height - 12}v-5v5h${length * size}v-5"/><text class="soft" x="${14 + (length * size) / 2}" y="${height - 19}" text-anchor="middle">${length < 0.1 ? number(1000 * length) + " mm" : number(length) + " m"}</text>`;
+    frame += `<path class="axis" d="M14,${height - 12}v-5v5h${length * size}v-5"/><text class="soft" x="${14 + (length * size) / 2}" y="${height - 19}" text-anchor="middle">${length < 0.1 ? number(1000 * length) + " mm" : number(length) + " m"}</text>`;
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((axis, i) => {
-      const u = 26 * dot(axis, right), v = -26 * dot(axis, above);
-      if (Math.hypot(u, v) > 5) body += `<path class="axis" d="M${width - 38},${height - 38}l${u},${v}"/><text class="soft" x="${width - 38 + 1.3 * u}" y="${height - 34 + 1.3 * v}" text-anchor="middle">${"xyz"[i]}</text>`;
+      const u = 26 * dot(axis, right), v = -26 * dot(axis, above), at = [width - 38 + 1.3 * u, height - 34 + 1.3 * v];
+      if (Math.hypot(u, v) <= 5 || taken.some(([a, b]) => Math.abs(a + 4 - at[0]) < 10 && Math.abs(b - at[1]) < 12)) return;
+      taken.push([at[0] - 4, at[1], 8]);
+      frame += `<path class="axis" d="M${width - 38},${height - 38}l${u},${v}"/><text class="soft" x="${at[0]}" y="${at[1]}" text-anchor="middle">${"xyz"[i]}</text>`;
     });
+    const body = data.map((t) => drawn(t, path(t), width, taken)).join("") + frame;
     return [body, { up }];
   }
 
