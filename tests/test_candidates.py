@@ -1,9 +1,11 @@
 """Candidates whose fits were stopped for want of prospect: fitted to the end where they count."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.candidates import completed, fit_candidates
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection, Scorer
@@ -33,3 +35,27 @@ def test_stopped_fits_change_no_answer():
     for candidate in ended[1:]:  # what was not expected of them, they do not have
         assert candidate.evidence < 0.5 * found[0].evidence
     assert np.isfinite([c.evidence for c in found]).all()
+
+
+class Given(Candidate):
+    """A candidate of given sizes, whose covariance has a direction without variance."""
+
+    rounding = 0.0
+
+    def usual_sizes(self) -> np.ndarray:
+        return np.array([3.0, 4.0, 5.0])
+
+    def covariance(self) -> np.ndarray:
+        turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+        return turn @ np.diag([self.rounding, 0.5, 2.0]) @ turn.T
+
+
+@pytest.mark.parametrize("rounding", [-1e-14, 1e-14])
+def test_what_nothing_determines_is_not_counted(rounding):
+    """Rounding leaves a variance of either sign where there is none."""
+    size, fit = SimpleNamespace(size=3), SimpleNamespace(quantile=1.96)
+    one = Given(size, None, fit, 0.0, np.zeros(0))  # type: ignore[arg-type]
+    exact = one.significance()
+    one.rounding = rounding
+    assert exact > 1.0
+    assert one.significance() == pytest.approx(exact, rel=1e-6)

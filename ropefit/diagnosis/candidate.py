@@ -25,6 +25,7 @@ DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the m
 UNMOVED = 1e-8  # m
 NORMAL_QUANTILE = 1.96  # of 95 %, where Student has many degrees of freedom
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
+NO_VARIANCE = 1e-10  # of the largest: less is rounding
 
 
 @dataclass
@@ -78,7 +79,9 @@ class Candidate:
         """
         off, k = self.usual_sizes(), self.hypothesis.size
         covariance = self.covariance()[:k, :k]
-        apart = np.sqrt(max(off @ np.linalg.pinv(covariance, hermitian=True) @ off, 0.0))
+        # What nothing determines has no variance in it but for rounding, and is not counted.
+        information = np.linalg.pinv(covariance, rcond=NO_VARIANCE, hermitian=True)
+        apart = np.sqrt(max(off @ information @ off, 0.0))
         return float(apart * NORMAL_QUANTILE / self.fit.quantile)
 
     def magnitude(self) -> tuple[float, float]:
