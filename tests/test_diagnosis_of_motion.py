@@ -61,14 +61,16 @@ def model(setup: Setup, lines: np.ndarray, free: tuple[str, ...] = ()) -> Dynami
     return Dynamics(setup, parts, time=time, clips=clips, observed=lines, every=every)
 
 
-def recorded(effect: Effect | None, values: list[float], seed: int) -> tuple[np.ndarray, Data]:
+def recorded(
+    effect: Effect | None, values: list[float], seed: int, segments: int = 48
+) -> tuple[np.ndarray, Data]:
     """Centrelines at 13 places and markers with noise, of a rope twice as fine as is fitted."""
-    setup = driven(48)
+    setup = driven(segments)
     if effect:
         setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
     still = np.linspace(setup.ends[:, 0].numpy(), setup.ends[:, 1].numpy(), 13, axis=1)
     still[:, :, 2] -= 0.3 * np.sin(np.linspace(0, np.pi, 13))
-    x = model(setup, still).at(np.empty(0)).seen[:, ::4]
+    x = model(setup, still).at(np.empty(0)).seen[:, :: segments // 12]
     rng = np.random.default_rng(seed)
     lines = x + 2e-4 * rng.normal(size=x.shape)
     share = np.broadcast_to(np.linspace(0, 1, 13), lines.shape[:2]).copy()

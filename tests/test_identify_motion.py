@@ -20,31 +20,32 @@ from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.moving_ropes import rope, stepped
 
 EI, GJ, LOSS, AIR, MASS, LENGTH = 2e-3, 1.5e-3, 1e-4, 0.03, 0.06, 0.8
-FRAMES, MARKERS = 160, 9
+FRAMES, MARKERS, STEPS = 160, 9, 4
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """Two clips of a clamped rope that is shaken, from a rod four times as fine as is fitted."""
+    """Two clips of a clamped rope that is shaken, from a rod four times as fine."""
     folder = tmp_path_factory.mktemp("shaken")
     p = uniform(length=LENGTH, segments=160, bend=EI, twist=GJ, density=MASS / LENGTH)
     moved = rope(p, clamped=(True, True), bend=LOSS, twist=LOSS, air=AIR)
-    time = np.arange(FRAMES) * 0.01
+    count = (FRAMES - 1) * STEPS + 1
+    time = np.arange(count) * 0.01 / STEPS
     rows, markers, times = [], [], []
     for clip in range(2):
         t = torch.from_numpy(time + 3 * clip)
         grow = torch.from_numpy(np.minimum(time / 0.3, 1) ** 2)[:, None]
         sway = torch.stack([0.1 * torch.sin(6 * t), 0.12 * torch.sin(9 * t), 0.05 * t], -1)
         ends = torch.tensor([[0.0, 0, 0], [0.5, 0.05, 0.1]], dtype=torch.float64).repeat(
-            FRAMES, 1, 1
+            count, 1, 1
         )
         ends[:, 0] += grow * (sway - sway[:1])
         level = torch.from_numpy(
             np.stack([quaternion_along(np.array(v)) for v in ((1.0, 0, -1), (1.0, 0, 1))])
         )
-        nod = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
+        nod = torch.zeros(count, 2, 3, dtype=torch.float64)
         nod[:, 0, 0] = 0.3 * grow[:, 0] * torch.sin(5 * t)
-        clamp = multiply(level.expand(FRAMES, 2, 4), from_rotation_vector(nod))
+        clamp = multiply(level.expand(count, 2, 4), from_rotation_vector(nod))
         first = settle(moved.rod, Conditions(ends[:1], clamp[:1]))
         assert first.converged.all()
         start = Start(
@@ -52,11 +53,12 @@ def recording(tmp_path_factory):
         )
         found = stepped(moved, Drive(torch.from_numpy(time)[None], ends[None], clamp[None]), start)
         noise = 2e-5 * np.random.default_rng(clip).normal(size=(FRAMES, MARKERS, 3))
-        markers.append(found.x[0][:, :: 160 // (MARKERS - 1)] + noise)
-        times.append(time + 10 * clip)
+        markers.append(found.x[0][::STEPS, :: 160 // (MARKERS - 1)] + noise)
+        times.append(time[::STEPS] + 10 * clip)
         for k in range(FRAMES):
             for end in range(2):
-                pose = [*ends[k, end].tolist(), *clamp[k, end].tolist()]
+                at = STEPS * k
+                pose = [*ends[at, end].tolist(), *clamp[at, end].tolist()]
                 told = ",".join(map(repr, pose))
                 rows.append(f"{k + FRAMES * clip},{float(times[-1][k])!r},{end},{told}")
     arc = np.linspace(0, LENGTH, MARKERS)

@@ -51,8 +51,9 @@ def span_of(o: Observations) -> Span:
     arc = np.linspace(first, last, SEGMENTS // EVERY + 1)
     lines = centrelines(o, arc)
     held = o.end_position.copy()
-    for end, place in ((0, 0), (1, -1)):
-        if np.isfinite(held[:, end]).all():
+    for end, (place, inside) in enumerate(((0, first > 0), (-1, last < o.length))):
+        # Poses that a recording tells are kept, as at rest: they may be late, or off.
+        if np.isfinite(held[:, end]).all() and (inside or o.ends_assumed):
             held[:, end] = lines[:, place]
     # Frames in which a grip is not seen tell nothing of the rope.
     part = o.model_copy(update={"length": last - first, "end_position": held})

@@ -35,9 +35,11 @@ from ropefit.diagnosis.wander import (
 )
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
+REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -155,13 +157,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         best = accepted[-1].candidate
         most += not best.hypothesis.effect.counted
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
-        if not current.forward.instantaneous:  # less is left, and what is left wanders less
-            problem = problem.under(wandering_noise(best.fit, scan.sensitivities))
-        else:
-            noise = no_larger_than_left(problem.noise, best.fit, [])
-            problem = problem.under(with_what_is_missed_alike(noise, best.fit, []))
-        forward = best.fit.forward.starting_from(best.fit.point.solution)
-        current = fit(forward, problem, best.fit.point.u, 10, tolerance=1e-5)
+        current = _with_it(best.fit, problem, scan.sensitivities)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
         current, accepted = as_points(current, accepted, limits.threshold)
     assert first is not None
@@ -170,6 +166,20 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) -> Fit:
+    """Return the fit of an accepted effect to all data, with the noise that is left then."""
+    forward = found.forward.starting_from(found.point.solution)
+    if found.forward.instantaneous:
+        noise = no_larger_than_left(problem.noise, found, [])
+        problem = problem.under(with_what_is_missed_alike(noise, found, []))
+        return fit(forward, problem, found.point.u, 10, tolerance=1e-5)
+    for _ in range(REMEASURED):  # less is left, and what is left wanders less
+        problem = problem.under(wandering_noise(found, sensitivities))
+        forward = forward.corrected(found.point.u)
+        found = fit(forward, problem, found.point.u, 10, tolerance=1e-5)
+    return found
 
 
 def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
@@ -265,7 +275,8 @@ def _verdict(
     if not accepted and far_beyond_sensor(final):  # what no effect lowers is no noise for that
         return "unknown"
     noise = final.problem.noise  # with what the rope missed in the recording it is known from
-    if not accepted and refused and noise.marker > BEYOND_SENSOR * noise.sensor > 0:
+    known = final.forward.instantaneous and noise.marker > BEYOND_SENSOR * noise.sensor > 0
+    if not accepted and refused and known:
         return "unknown"
     return "found" if accepted else "none"
 

@@ -69,10 +69,14 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         rms = float(np.sqrt((near.stations.residual**2).mean()))
         noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
     context.progress(0.3, "least squares")
-    found = fit(forward, _within(span, noise, train), start, settings.evaluations, tolerance=1e-4)
+    problem = _within(span, noise, train)
+    found = fit(forward, problem, start, settings.evaluations, tolerance=1e-4)
+    context.progress(0.7, "error of the mesh")
+    forward = forward.corrected(found.point.u)
+    found = fit(forward, problem, found.point.u, settings.evaluations, tolerance=1e-4)
     context.progress(0.8, "all clips")
     whole = _forward(o, span, terms, clips)
-    point, first = whole.at(found.point.u), whole.at(forward.start())
+    point, first = whole.corrected(found.point.u).at(found.point.u), whole.at(forward.start())
     _check(point, clips)
     estimates = block_estimates(found, train, times_of(o))
     model = motion_model(
@@ -94,7 +98,7 @@ def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPo
     another of the same rope in the same grips: each clip open loop from its first two frames."""
     span = span_of(o)
     forward, u = model_of(o, model, span, long_clips(o, span))
-    return span, forward.at(u)
+    return span, forward.corrected(u).at(u)
 
 
 def diagnosed_motion(
@@ -113,7 +117,7 @@ def diagnosed_motion(
             values = [found.rope[term.name].value / stated[term.name].factor]
         setup = term.apply(setup, torch.tensor(values, dtype=torch.float64))
     known = _forward(o, replace(span, setup=with_causes(setup, found)), [], clips)
-    return span, known.at(np.empty(0))
+    return span, known.corrected(np.empty(0)).at(np.empty(0))
 
 
 def model_of(

@@ -58,6 +58,11 @@ def nominal_in_motion(
         span.data, Noise(marker=LEAST_NOISE, sensor=noise_of(o, span.data).marker), STATIONS
     ).without(~compared)
     found = fit(forward, problem, start, EVALUATIONS, tolerance=1e-4)
+    # The mesh's error is that of this rope: with one that is far off, others would be corrected
+    # wrongly.
+    corrected = forward.corrected(found.point.u)
+    again = fit(corrected, problem, found.point.u, EVALUATIONS, tolerance=1e-4)
+    found = again if again.cost < found.cost else found
     if not found.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
     return span, found

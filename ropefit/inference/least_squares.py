@@ -216,7 +216,7 @@ def fit(
     free = int((~held).sum())
     freedom = max(len(z) - free, 1)
     stations = objective.stations
-    elsewhere = forward.instantaneous and problem.noise.repeats > 1  # of a motion: measured here
+    elsewhere = problem.noise.repeats > 1
     spread, share = inflation(
         objective.stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere
     )

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
+from ropefit.models import mesh
 from ropefit.models.first_state import SMOOTHED, FirstStates, begun_smoothly, first_states
 from ropefit.models.model import Model
 from ropefit.models.response import STEP as RESPONSE
@@ -91,12 +92,15 @@ class MotionPoint(Point):
 class Dynamics(Model):
     """Clips of one rope, each from its first two frames on.
 
-    time (F,) [s]; observed (F, K, 3) [m]: centrelines, at every `every`-th node.
+    time (F,) [s]; observed (F, K, 3) [m]: centrelines, at every `every`-th node; finer: times as
+    many steps as `LONGEST_STEP` asks for; mesh_error (F, N+1, 3) [m]: added to what is simulated.
     """
 
     time: np.ndarray = field(default_factory=lambda: np.empty(0))
     observed: np.ndarray = field(default_factory=lambda: np.empty(0))
     every: int = 1
+    finer: int = 1
+    mesh_error: np.ndarray | None = None
 
     instantaneous: ClassVar[bool] = False
 
@@ -125,12 +129,28 @@ class Dynamics(Model):
             force[reached] = found.force[0, frames_of]
             status[reached], iterations[clip] = 0, found.iterations[0, :: went.fine]
         seen = setup.seen(torch.from_numpy(x)).numpy().copy()
+        if self.mesh_error is not None:
+            seen += self.mesh_error
         held = Conditions(setup.ends, setup.clamp)
         unknown = np.full((frames, held.supports), np.nan)  # no rest: no reactions either
         solution = Solution(
             q, x, x[:, 0], unknown, force, status, iterations, np.zeros(frames), rope.rod, held
         )
         return MotionPoint(u, setup, solution, seen, self, first, runs)
+
+    def corrected(self, u: np.ndarray) -> Self:
+        """Return the model with the error of its mesh and steps at u added to all it predicts.
+
+        That error changes little with u: derivatives leave it out (deferred correction).
+        """
+        base = mesh.refined(self.base)
+        if base is None:
+            return self
+        plain = replace(self, mesh_error=None)
+        fine = replace(
+            plain, base=base, every=mesh.FINER * self.every, finer=mesh.FINER * self.finer
+        )
+        return replace(self, mesh_error=mesh.mesh_error(plain.at(u).seen, fine.at(u).seen))
 
     def kept(self, point: Point) -> Arrays:
         """Return nothing: a motion is simulated from its start again, and long."""
@@ -153,7 +173,7 @@ class Dynamics(Model):
         parts = [part for part in parts if np.isfinite(observed[part[:2]]).all()]
         few = np.linspace(0, len(parts) - 1, int(min(len(parts), max(1, most / seconds))))
         parts = [parts[k] for k in few.round().astype(int)]
-        return replace(self, clips=parts, observed=observed)
+        return replace(self, clips=parts, observed=observed, mesh_error=None)
 
     def folds(self, frames: int, count: int) -> np.ndarray:
         """Return whole clips in one fold, or parts of them where there are fewer clips."""
@@ -175,7 +195,7 @@ class Dynamics(Model):
         time = torch.from_numpy(self.time[clip])[None]
         drive = Drive(time, setup.ends[index][None], setup.clamp[index][None])
         least = math.ceil(float(time.diff().median()) / LONGEST_STEP - SAME_STEP)
-        for fine in (max(least, 1) * more for more in FINER):
+        for fine in (self.finer * max(least, 1) * more for more in FINER):
             refined = refine(drive, fine)
             found = solve(rope, refined, first)
             if found.converged[0]:

@@ -69,6 +69,11 @@ class Model(ABC):
         together at most `most` [s], evenly spread."""
         return self
 
+    def corrected(self, u: np.ndarray) -> Self:
+        """Return the model with its discretisation error at u (P,) added to what it predicts; by
+        default itself, of a mesh that is fine enough."""
+        return self
+
     def with_terms(self, terms: list[Term], states: States | None = None) -> Self:
         """Return the model with other terms, which goes on from other states."""
         return replace(self, terms=terms, last=states)
