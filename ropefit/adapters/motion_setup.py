@@ -16,8 +16,9 @@ from ropefit.rod.carried import continuous, third, unrolled
 from ropefit.rod.moving import Damping
 from ropefit.rod.setup import Setup
 
-SEGMENTS = 48  # with 24 a soft rope comes out some 5 % too stiff
-EVERY = 4  # nodes between which a clip's first state is pulled to the observed rope
+SEGMENTS = 24  # with the error of the mesh extrapolated, enough for most ropes
+FINER_SEGMENTS = 48  # where the mesh's error asks for it
+PULLED = 12  # parts, between which a clip's first state is pulled to the observed rope
 ON_LINE = 1e-6  # of a unit vector: a marker is the second of a held pair
 
 
@@ -36,19 +37,24 @@ class Span:
     twist: float | None = None
 
     @property
+    def every(self) -> int:
+        """Return the number of segments of a part that is pulled."""
+        return self.setup.segments // PULLED
+
+    @property
     def node_arc(self) -> np.ndarray:
         """Return (N+1,) [m] of the rod's nodes, in the recording's arc length."""
-        return np.linspace(self.first, self.last, SEGMENTS + 1)
+        return np.linspace(self.first, self.last, self.setup.segments + 1)
 
 
-def span_of(o: Observations) -> Span:
-    """Return the rope between its grips.
+def span_of(o: Observations, segments: int = SEGMENTS) -> Span:
+    """Return the rope between its grips, a multiple of `PULLED` segments.
 
     Two held markers tell a clamp: the rope is free from the second on. Clamps whose twist is not
     seen are transported through each clip: they do not roll about the rope.
     """
     first, last = (_grip(o, end) for end in range(2))
-    arc = np.linspace(first, last, SEGMENTS // EVERY + 1)
+    arc = np.linspace(first, last, PULLED + 1)
     lines = centrelines(o, arc)
     held = o.end_position.copy()
     for end, (place, inside) in enumerate(((0, first > 0), (-1, last < o.length))):
@@ -57,7 +63,7 @@ def span_of(o: Observations) -> Span:
             held[:, end] = lines[:, place]
     # Frames in which a grip is not seen tell nothing of the rope.
     part = o.model_copy(update={"length": last - first, "end_position": held})
-    setup = base_setup(part, SEGMENTS)
+    setup = base_setup(part, segments)
     clips, clamp = clips_of(times_of(o)), continuous(setup.clamp.numpy())
     clamp_compliance, twist = setup.clamp_compliance, None
     if not o.end_twist_known and all(setup.clamped):

@@ -14,6 +14,7 @@ from ropefit.diagnosis.acceptance import (
     far_beyond_sensor,
 )
 from ropefit.diagnosis.accepted import Accepted, accept
+from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import best_of, fit_candidate
 from ropefit.diagnosis.candidates import completed, fit_candidates, unexplained
@@ -132,6 +133,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             scanned = [s.hypothesis for s in scan.sensitivities]
             near = by_short_horizons(current, scanned, limits.threshold)
             candidates = best_of([*candidates, *near])
+            current, candidates = with_noise_beside_leader(current, candidates)
         if candidates and candidates[0].evidence >= limits.threshold:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:

@@ -27,6 +27,7 @@ SHORT = 0.4  # s
 LONGER = (1.2,)  # s: horizons between the short one and whole clips
 MOST_SECONDS = 12.0  # of motion that is looked at over horizons
 MOST_LEADERS = 3
+PROMISING = 0.0  # nats to first order: what is far off gains more than that when it is fitted
 MOST_WHOLE = 2  # candidates that are fitted to whole clips
 LOOK = 8  # evaluations of a fit over horizons
 
@@ -48,7 +49,7 @@ def by_short_horizons(
     supported = [
         candidate
         for score in _leaders(near, every)
-        if score.log_factor > threshold
+        if score.log_factor > PROMISING
         for candidate in [fit_candidate(near, score.hypothesis, np.concatenate(score.starts()[0]))]
         if candidate and candidate.evidence > threshold and agreeing(candidate.gains)
     ]

@@ -214,13 +214,12 @@ class Effect(ABC):
 
     def scan_places(self, setup: Setup) -> np.ndarray:
         """Return (Q, p) what the scan tries: shaping quantities, or places on the rope [m]."""
-        length = float(setup.properties.length.sum())
         if self.shaping:
             usual = [q.size(setup) for q in self.quantities[-self.shaping :]]
             return np.array([[share * size for size in usual] for share in self.tries])
         if self.locus == "point":
-            return points_along(length)
-        return intervals_along(length) if self.locus == "interval" else np.zeros((1, 0))
+            return points_along(setup)
+        return intervals_along(setup) if self.locus == "interval" else np.zeros((1, 0))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
         """Return values (n,) from which full fits start, as proposed by what a fit leaves.

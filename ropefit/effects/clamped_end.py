@@ -17,6 +17,7 @@ RIGID = 1e3  # N m/rad: no rope shows that a clamp this stiff yields
 LARGEST = 1e12  # rad/(N m): beyond, it is no clamp
 # From the middle of a cube to its corners, edges and faces.
 DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+EDGES = (DIRECTIONS != 0).sum(axis=1) == 2
 
 
 class ClampedEnd(Effect):
@@ -36,13 +37,19 @@ class ClampedEnd(Effect):
     shaping = 3
     direction = ("direction_x", "direction_y", "direction_z")
 
+    @property
+    def tangent(self) -> bool:
+        return False  # a stepped rope has no joint there before
+
     def applies(self, setup: Setup) -> bool:
         free = bool(torch.isnan(setup.ends[:, self.end]).any())
         return not setup.clamped[self.end] and not free
 
     def scan_places(self, setup: Setup) -> np.ndarray:
-        """Return (26, 3) directions, evenly spread."""
-        return DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+        """Return (26, 3) directions, evenly spread; (14, 3) in motion, where each is a
+        simulation."""
+        some = DIRECTIONS if setup.damping is None else DIRECTIONS[~EDGES]
+        return some / np.linalg.norm(some, axis=1, keepdims=True)
 
     def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Return the clamp's moment on the last segment t, t x direction, as the force across it

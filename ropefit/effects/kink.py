@@ -46,7 +46,7 @@ class Kink(Effect):
         return twist_held(setup)
 
     def scan_places(self, setup: Setup) -> np.ndarray:
-        places = points_along(float(setup.properties.length.sum()))
+        places = points_along(setup)
         return np.hstack([np.full_like(places, log_width(setup)), places])
 
     def start_sd(self, setup: Setup) -> np.ndarray:

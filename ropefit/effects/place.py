@@ -15,20 +15,27 @@ SCAN_WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
 SPREAD = (torch.arange(16, dtype=torch.float64) + 0.5) / 16 - 0.5  # of a width: where it is summed
 
 
-def points_along(length: float) -> np.ndarray:
+def points_along(setup: Setup) -> np.ndarray:
     """Return (Q, 1) arc lengths [m] at which a scan tries a point effect."""
-    return (np.linspace(0.02, 0.98, SCAN_POINTS) * length)[:, None]
+    length = float(setup.properties.length.sum())
+    return _tried(setup, (np.linspace(0.02, 0.98, SCAN_POINTS) * length)[:, None])
 
 
-def intervals_along(length: float) -> np.ndarray:
+def intervals_along(setup: Setup) -> np.ndarray:
     """Return (Q, 2) centres and widths [m] at which a scan tries an interval effect."""
-    return np.array(
-        [
-            (c * length, w * length)
-            for w in SCAN_WIDTHS
-            for c in np.linspace(w / 2, 1 - w / 2, round(2.0 / w))
-        ]
-    )
+    length = float(setup.properties.length.sum())
+    every = [
+        (c * length, w * length)
+        for w in SCAN_WIDTHS
+        for c in np.linspace(w / 2, 1 - w / 2, round(2.0 / w))
+    ]
+    return _tried(setup, np.array(every))
+
+
+def _tried(setup: Setup, places: np.ndarray) -> np.ndarray:
+    """Return every place of a rope at rest, every second of one in motion, where each is a
+    simulation."""
+    return places if setup.damping is None else places[::2]
 
 
 def at_point(arc: Tensor, place: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ import torch
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.motion_model import motion_model
 from ropefit.adapters.motion_of import clips_of, times_of
-from ropefit.adapters.motion_setup import EVERY, Span, span_of
+from ropefit.adapters.motion_setup import FINER_SEGMENTS, Span, span_of
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.restore import with_causes
 from ropefit.adapters.units import stated_units
@@ -36,6 +36,7 @@ OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes
 HORIZONS = (0.5, 1.5)  # s of each clip that are fitted before all of it
 LEAST_MOTION = 0.01  # of the length: a rope that moves less shows neither inertia nor damping
 LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get below
+MOST_MESH_ERROR = 1e-3  # of the length, rms
 LOOK = 15  # evaluations of a first fit
 
 
@@ -73,6 +74,12 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     found = fit(forward, problem, start, settings.evaluations, tolerance=1e-4)
     context.progress(0.7, "error of the mesh")
     forward = forward.corrected(found.point.u)
+    if _too_coarse(forward, span):
+        span = span_of(o, FINER_SEGMENTS)
+        terms = terms_of(o, span, free)
+        forward, problem = _forward(o, span, terms, train), _within(span, noise, train)
+        found = fit(forward, problem, found.point.u, settings.evaluations, tolerance=1e-4)
+        forward = forward.corrected(found.point.u)
     found = fit(forward, problem, found.point.u, settings.evaluations, tolerance=1e-4)
     context.progress(0.8, "all clips")
     whole = _forward(o, span, terms, clips)
@@ -96,7 +103,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
     """Return the motion of a recording as an identified rope makes it, of this recording or of
     another of the same rope in the same grips: each clip open loop from its first two frames."""
-    span = span_of(o)
+    span = identified_span(o, model)
     forward, u = model_of(o, model, span, long_clips(o, span))
     return span, forward.corrected(u).at(u)
 
@@ -106,7 +113,7 @@ def diagnosed_motion(
 ) -> tuple[Span, MotionPoint]:
     """Return `restored_motion` of the rope with the causes of a diagnosis, and with the values that
     were fitted along with them. Raises StageFailed for effects not installed."""
-    span = span_of(o)
+    span = identified_span(o, model)
     clips = long_clips(o, span)
     forward, _ = model_of(o, model, span, clips)
     setup, stated = span.setup, stated_units(o)
@@ -118,6 +125,12 @@ def diagnosed_motion(
         setup = term.apply(setup, torch.tensor(values, dtype=torch.float64))
     known = _forward(o, replace(span, setup=with_causes(setup, found)), [], clips)
     return span, known.corrected(np.empty(0)).at(np.empty(0))
+
+
+def identified_span(o: Observations, model: FittedModel) -> Span:
+    """Return the rope between its grips with as many segments as it was identified with."""
+    assert model.stepped is not None
+    return span_of(o, model.stepped.segments)
 
 
 def model_of(
@@ -198,7 +211,7 @@ def terms_of(o: Observations, span: Span, free: list[str]) -> list[Term]:
 
 def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndarray]) -> Dynamics:
     return Dynamics(
-        span.setup, terms, time=times_of(o), clips=clips, observed=span.lines, every=EVERY
+        span.setup, terms, time=times_of(o), clips=clips, observed=span.lines, every=span.every
     )
 
 
@@ -206,6 +219,14 @@ def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:
     """Return the data of some clips."""
     used = np.isin(np.arange(len(span.data.points)), np.concatenate(clips))
     return FitProblem(span.data, noise, 1).without(~used)
+
+
+def _too_coarse(corrected: Dynamics, span: Span) -> bool:
+    """Return whether the mesh's error is too large for its extrapolation."""
+    if corrected.mesh_error is None:
+        return False
+    error = corrected.mesh_error[np.concatenate(corrected.clips)]
+    return float(np.sqrt((error**2).mean())) > MOST_MESH_ERROR * (span.last - span.first)
 
 
 def _check_that_it_moves(span: Span, clips: list[np.ndarray]) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 
 from ropefit.adapters.frozen import frozen_values
 from ropefit.adapters.motion_of import times_of
-from ropefit.adapters.motion_setup import Span, span_of
+from ropefit.adapters.motion_setup import Span
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Model, Observations
 from ropefit.errors import NotConverged
-from ropefit.fitting.motion import LEAST_NOISE, OF_MOTION, long_clips, model_of
+from ropefit.fitting.motion import LEAST_NOISE, OF_MOTION, identified_span, long_clips, model_of
 from ropefit.fitting.nominal import as_known, calibrated, set_up_errors
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
@@ -35,7 +35,7 @@ def nominal_in_motion(
     known: another run's model, whose rope is known; calibration: one whose camera and gravity are.
     Raises BadInput, NotConverged, WrongUsage.
     """
-    span = span_of(o)
+    span = identified_span(o, model.nominal)
     clips = long_clips(o, span)
     most = max(1, most_frames * OF_MOTION // max(len(c) for c in clips))
     spread = np.linspace(0, len(clips) - 1, min(most, len(clips))).round().astype(int)

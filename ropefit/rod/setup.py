@@ -44,13 +44,18 @@ class SensorModel(NamedTuple):
 
     def __call__(self, x: Tensor) -> Tensor:
         """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
-        x = x + self.lag * (self.toward - x) + self.drift
-        arm = x - self.place
-        ray = arm / torch.linalg.norm(arm, dim=-1, keepdim=True)
-        turned = torch.linalg.cross(self.rotation.expand_as(arm), arm)
-        seen = x + turned + self.gain * arm + self.shift + self.depth * ray
-        off = ((seen - self.origin) * self.normal).sum(-1, keepdim=True)
-        return seen - self.flat * off * self.normal
+        if acts(self.lag, self.drift):
+            x = x + self.lag * (self.toward - x) + self.drift
+        seen = x
+        if acts(self.rotation, self.gain, self.shift, self.depth):
+            arm = x - self.place
+            ray = arm / torch.linalg.norm(arm, dim=-1, keepdim=True)
+            turned = torch.linalg.cross(self.rotation.expand_as(arm), arm)
+            seen = x + turned + self.gain * arm + self.shift + self.depth * ray
+        if acts(self.flat):
+            off = ((seen - self.origin) * self.normal).sum(-1, keepdim=True)
+            seen = seen - self.flat * off * self.normal
+        return seen
 
     def frames(self, index: Tensor) -> SensorModel:
         """Return the model of some of the frames."""
@@ -59,6 +64,11 @@ class SensorModel(NamedTuple):
             value = getattr(self, name)
             few[name] = value if value.ndim == 1 else value[index]
         return self._replace(**few)
+
+
+def acts(*errors: Tensor) -> bool:
+    """Return whether any of some errors is not zero, or asked for its derivative."""
+    return any(error.requires_grad or bool(error.any()) for error in errors)
 
 
 class Potential(NamedTuple):
