@@ -218,41 +218,55 @@ def judge(concealed: Concealed | None, answer: dict[str, Any] | None) -> dict[st
 
 
 def table(found: list[dict[str, Any]]) -> str:
+    seeds = [row["seed"] for row in found]
     rows = [
-        f"MuJoCo's rope, shaken: {CLIPS} clips of {FRAMES} frames, {MARKERS} markers; written by",
-        "`python -m benchmarks.discovery.motions`.",
+        f"{len(found)} recordings of MuJoCo's rope, shaken: {CLIPS} clips of {FRAMES} frames, "
+        f"{MARKERS} markers; by",
+        f"`python -m benchmarks.discovery.motions --seeds {min(seeds)}:{max(seeds) + 1}`. Errors "
+        "(rms of held-out markers) and times are medians.",
         "",
-        "| seed | concealed | verdict | named (equivalent to) | size in its interval "
-        "| held out before → after [mm] |",
-        "|---" * 6 + "|",
+        "| concealed | recordings | named first | in the set | size in its 95 % interval "
+        "| error before → after [mm] | time of `diagnose` [s] |",
+        "|---" * 7 + "|",
     ]
-    for row in found:
-        a = row["answer"]
-        if a is None:
-            rows.append(f"| {row['seed']} | {row['cause']} | {row['error']} | - | - | - |")
-            continue
-        names = ", ".join(
-            e["name"] + (f" ({', '.join(e['equivalent_to'])})" if e["equivalent_to"] else "")
-            for e in a["effects"]
-        )
-        held = a["heldout"]
-        change = f"{1e3 * held['rms_before_m']:.2f} → {1e3 * held['rms_after_m']:.2f}"
-        size = {None: "-", True: "yes", False: "no"}[row["size"]]
-        rows.append(
-            f"| {row['seed']} | {row['cause']} | {a['verdict']} | {names or '-'} | {size} "
-            f"| {change} |"
-        )
-    clean = [r for r in found if r["cause"] == "nothing"]
-    others = [r for r in found if r["cause"] != "nothing"]
-    sized = [r["size"] for r in others if r["size"] is not None]
-    rows += [
-        "",
-        f"Clean and called so: {sum(r['right'] for r in clean)} of {len(clean)}. Named first: "
-        f"{sum(r['first'] for r in others)} of {len(others)}; in the set: "
-        f"{sum(r['in_set'] for r in others)}; size in its 95 % interval: {sum(sized)} of "
-        f"{len(sized)}.",
-    ]
+    causes = [name for name in CAUSES if any(row["cause"] == name for row in found)]
+    rows += [_row(name, [row for row in found if row["cause"] == name]) for name in causes]
+    wrong = [f"{row['seed']} ({row['cause']}): {_said(row)}" for row in found if not row["right"]]
+    outside = [f"{row['seed']} ({row['cause']})" for row in found if row["size"] is False]
+    rows.append(_row("all with a cause", [row for row in found if row["cause"] != "nothing"]))
+    rows += ["", f"Not right: {'; '.join(wrong) or 'none'}."]
+    rows += ["", f"Size outside its interval: {', '.join(outside) or 'none'}."]
     return "\n".join(rows) + "\n"
+
+
+def _row(name: str, found: list[dict[str, Any]]) -> str:
+    """Return a line of the table, of the recordings with one cause."""
+    sized = [row["size"] for row in found if row["size"] is not None]
+    held = [row["answer"]["heldout"] for row in found if row["answer"]]
+    before, after = (
+        1e3 * float(np.median([one[key] for one in held])) if held else np.nan
+        for key in ("rms_before_m", "rms_after_m")
+    )
+    seconds = float(np.median([row["seconds"].get("diagnose", np.nan) for row in found]))
+    return (
+        f"| {name} | {len(found)} | {sum(row['first'] for row in found)} "
+        f"| {sum(row['in_set'] for row in found)} "
+        f"| {f'{sum(sized)} of {len(sized)}' if sized else '-'} "
+        f"| {before:.2f} → {after:.2f} | {seconds:.0f} |"
+    )
+
+
+def _said(row: dict[str, Any]) -> str:
+    """Return in words what was answered."""
+    answer = row["answer"]
+    if answer is None:
+        return row["error"]
+    names = ", ".join(
+        effect["name"]
+        + (f" ({', '.join(effect['equivalent_to'])})" * bool(effect["equivalent_to"]))
+        for effect in answer["effects"]
+    )
+    return names or answer["verdict"]
 
 
 def main() -> None:
