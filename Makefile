@@ -49,11 +49,11 @@ schemas: $(STAMP)
 	$(BIN)/python -m ropefit.artifacts.export schemas
 	$(BIN)/python -m benchmarks.robustness.commands --write docs/commands.md
 
-# The tables of docs/results.md, and those of docs/paper.md that are not of its experiments.
+# The tables of docs/results.md and docs/robustness.md, and those of docs/paper.md that are not of its experiments.
 results: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy.recordings --write docs/paper.md
 	$(BIN)/python -m benchmarks.accuracy.equilibrium --write docs/results.md
-	$(BIN)/python -m benchmarks.robustness.stress --write docs/results.md
+	$(BIN)/python -m benchmarks.robustness.stress --write docs/robustness.md
 	$(BIN)/python -m benchmarks.felt --write docs/results.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
 	$(BIN)/python -m benchmarks.speed.devices --write docs/results.md

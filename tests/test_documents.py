@@ -118,10 +118,11 @@ def test_the_benchmarks_that_are_named_exist():
             assert importlib.util.find_spec(f"{module}.__main__"), f"{where} names {module}"
 
 
-def test_every_section_of_the_results_has_its_command():
-    text = (DOCS / "results.md").read_text()
+@pytest.mark.parametrize(("page", "fewest"), [("results", 10), ("robustness", 2)])
+def test_every_section_of_the_results_has_its_command(page, fewest):
+    text = (DOCS / f"{page}.md").read_text()
     sections = re.findall(r"<!-- begin ([\w-]+) -->\n(.*?)<!-- end \1 -->", text, re.DOTALL)
-    assert len(sections) == text.count("<!-- begin") == text.count("<!-- end") > 10
+    assert len(sections) == text.count("<!-- begin") == text.count("<!-- end") > fewest
     for name, section in sections:
         assert "`python -m benchmarks." in section, name
     assert len(text.splitlines()) <= 400

@@ -110,7 +110,7 @@ def table(found: list[dict[str, Any]]) -> str:
     rows = [
         f"A rod with one cause (score {SCORE:g}), and MuJoCo's rope in its poses without it:",
         "`ropefit diagnose --simulation`; by `python -m benchmarks.discovery.simulators`. *rms*:",
-        "the simulation from the recording, then a rope in equilibrium, then with what was missing;",
+        "the simulation from the recording, then a rope in equilibrium, then with what is missing;",
         "the noise. MuJoCo's edges are constraints that yield: its rope stretches a little.",
         "",
         "| withheld | seed | simulation lacks (equivalent to) | named | size in its 95 % interval "

@@ -1,6 +1,6 @@
 """Kill -9 at random instants of all stages: is every artifact the old one or the new one?
 
-    python -m benchmarks.robustness.kills [--kills 300] [--chain 0|1] [--write docs/results.md]
+    python -m benchmarks.robustness.kills [--kills 300] [--chain 0|1] [--write docs/robustness.md]
                                           [--json FILE]
 
 Two sets of settings take turns in one run directory, so that there is always something old to lose.

@@ -1,6 +1,6 @@
 """Random ropes in random motions: how many states are found, marked, or wrong.
 
-python -m benchmarks.robustness.stress [--ropes 10800] [--write docs/results.md] [--json FILE]
+python -m benchmarks.robustness.stress [--ropes 10800] [--write docs/robustness.md] [--json FILE]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Fuzz every reader, coverage-guided, until there are enough executions.
 
-    python -m benchmarks.robustness.fuzz [--executions 1000000] [--write docs/results.md]
+    python -m benchmarks.robustness.fuzz [--executions 1000000] [--write docs/robustness.md]
                                          [--json FILE]
 
 Counts add up over calls (in build/fuzz); --fresh begins anew. Needs atheris: pip install atheris.
