@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.motion_setup import FINER_SEGMENTS, SEGMENTS
 from ropefit.artifacts import Diagnosis, Model, Observations, read
-from ropefit.fitting.motion import diagnosed_motion
+from ropefit.fitting.motion import diagnosed_motion, restored_motion
 from ropefit.inference.bins import match
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.quaternion import from_rotation_vector, multiply
@@ -75,7 +76,7 @@ def recording(tmp_path_factory):
     return folder
 
 
-def test_parameters_come_back(ropefit, recording):
+def test_parameters_come_back(ropefit, recording, tmp_path):
     ropefit("preprocess", recording, "--run", "run")
     told = ropefit.json("identify", "--solver", "dynamics", "--holdout", 0.5, "--run", "run")
     assert told["solver"] == "dynamics"
@@ -86,6 +87,15 @@ def test_parameters_come_back(ropefit, recording):
         assert p["verdict"] == "determined"
         assert p["value"] == pytest.approx(truth, rel=0.12)
     assert told["rms_heldout_m"] < 2e-3
+    model, _ = read(tmp_path / "run" / Model.file_name, Model)
+    assert model.nominal.stepped is not None
+    assert model.nominal.stepped.segments in (SEGMENTS, FINER_SEGMENTS)
+    assert (
+        restored_motion(
+            read(tmp_path / "run" / Observations.file_name, Observations)[0], model.nominal
+        )[1].setup.segments
+        == model.nominal.stepped.segments
+    )
     report = ropefit("report", "--run", "run")
     assert "Traceback" not in report.stderr
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.fitting.motion import finer_mesh_needed
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -33,6 +34,14 @@ def test_the_corrected_motion_is_that_of_a_much_finer_mesh():
     before, after = (np.sqrt(((x - reference) ** 2).mean()) for x in (plain, corrected))
     assert before > 5e-4 * LENGTH
     assert after < before / 4
+
+
+@pytest.mark.parametrize(("share", "finer"), [(5e-4, False), (2e-3, True)])
+def test_a_large_error_asks_for_a_finer_mesh(share, finer):
+    plain = model(driven(24, clips=1), hung(24))
+    error = np.full((len(plain.time), 25, 3), share * LENGTH)
+    assert finer_mesh_needed(replace(plain, mesh_error=error), LENGTH) == finer
+    assert not finer_mesh_needed(plain, LENGTH)
 
 
 def test_refining_keeps_weight_and_length():

@@ -74,7 +74,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     found = fit(forward, problem, start, settings.evaluations, tolerance=1e-4)
     context.progress(0.7, "error of the mesh")
     forward = forward.corrected(found.point.u)
-    if _too_coarse(forward, span):
+    if finer_mesh_needed(forward, span.last - span.first):
         span = span_of(o, FINER_SEGMENTS)
         terms = terms_of(o, span, free)
         forward, problem = _forward(o, span, terms, train), _within(span, noise, train)
@@ -221,12 +221,12 @@ def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:
     return FitProblem(span.data, noise, 1).without(~used)
 
 
-def _too_coarse(corrected: Dynamics, span: Span) -> bool:
-    """Return whether the mesh's error is too large for its extrapolation."""
+def finer_mesh_needed(corrected: Dynamics, length: float) -> bool:
+    """Return whether the mesh's error is too large to be extrapolated; length [m] of the rope."""
     if corrected.mesh_error is None:
         return False
     error = corrected.mesh_error[np.concatenate(corrected.clips)]
-    return float(np.sqrt((error**2).mean())) > MOST_MESH_ERROR * (span.last - span.first)
+    return float(np.sqrt((error**2).mean())) > MOST_MESH_ERROR * length
 
 
 def _check_that_it_moves(span: Span, clips: list[np.ndarray]) -> None:
