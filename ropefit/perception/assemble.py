@@ -3,7 +3,7 @@ image."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,26 +38,12 @@ def assemble(
         raise BadInput(
             f"{tracer.recording.path}: the rope comes out {length:.4g} m long; data are in metres"
         )
-    gravity = tracer.recording.gravity
-    planes = [
-        hanging_plane(ends, gravity, trace.centreline)
-        for ends, trace in zip(position, traces, strict=True)
-    ]
-    offsets = [
-        ((trace.points - origin) @ normal, (trace.centreline - origin) @ normal)
-        for trace, (origin, normal) in zip(traces, planes, strict=True)
-    ]
     noise = np.array([_noise(tracer, trace) for trace in traces])
-    out_of_plane = float(np.sqrt(np.mean(np.concatenate([line**2 for _, line in offsets]))))
-    known = float(np.median(noise)) if tracer.noise_known else None
-    flatten, reason = _whether_to_project(project, out_of_plane, length, known)
-
+    typical = float(np.median(noise)) if tracer.noise_known else None
+    gravity = tracer.recording.gravity
+    flat = _flattened(traces, position, gravity, project, length, typical)
+    points, lines = flat.points, flat.lines
     node_arc = np.linspace(0.0, length, nodes)
-    points, lines = [], []
-    for trace, (_, normal), (off, off_line) in zip(traces, planes, offsets, strict=True):
-        factor = 1.0 if flatten else 0.0
-        points.append(trace.points - factor * off[:, None] * normal)
-        lines.append(trace.centreline - factor * off_line[:, None] * normal)
     arcs = [_rescale(trace, length) for trace in traces]
     camera = tracer.view(np.concatenate(lines))
     seen = np.stack([_seen(a, t.reach, node_arc) for t, (a, _) in zip(traces, arcs, strict=True)])
@@ -88,12 +74,12 @@ def assemble(
         "end_orientation": orientation,
         "points": np.concatenate(points),
         "point_arc": np.concatenate([a for a, _ in arcs]),
-        "point_offset": np.concatenate([off for off, _ in offsets]),
+        "point_offset": np.concatenate(flat.offsets),
         "point_start": _starts(points),
-        "projected": flatten,
-        "projection_reason": reason,
-        "plane_origin": np.stack([origin for origin, _ in planes]),
-        "plane_normal": np.stack([normal for _, normal in planes]),
+        "projected": flat.projected,
+        "projection_reason": flat.reason,
+        "plane_origin": np.stack([origin for origin, _ in flat.planes]),
+        "plane_normal": np.stack([normal for _, normal in flat.planes]),
         "camera": camera,
         "pixels": np.concatenate(pixels),
         "pixel_arc": np.concatenate(pixel_arcs),
@@ -110,6 +96,41 @@ def assemble(
         "point_before": _before(traces),
         **_spread(traces),
     }
+
+
+class _Flattened(NamedTuple):
+    """Of each frame: points (P, 3) and line (K, 3) [m], in the plane (origin, normal) of gravity
+    and the ends if projected; the points' offsets (P,) [m] from it. reason: of that choice."""
+
+    points: list[np.ndarray]
+    lines: list[np.ndarray]
+    offsets: list[np.ndarray]
+    planes: list[tuple[np.ndarray, np.ndarray]]
+    projected: bool
+    reason: str
+
+
+def _flattened(
+    traces: list[Trace], position: np.ndarray, gravity: np.ndarray, project: str, length: float,
+    noise: float | None,
+) -> _Flattened:  # fmt: skip
+    """Project every frame onto the plane of gravity and its ends, unless that would hide shape."""
+    planes = [
+        hanging_plane(ends, gravity, trace.centreline)
+        for ends, trace in zip(position, traces, strict=True)
+    ]
+    offsets = [
+        ((trace.points - origin) @ normal, (trace.centreline - origin) @ normal)
+        for trace, (origin, normal) in zip(traces, planes, strict=True)
+    ]
+    out_of_plane = float(np.sqrt(np.mean(np.concatenate([line**2 for _, line in offsets]))))
+    projected, reason = _whether_to_project(project, out_of_plane, length, noise)
+    factor = 1.0 if projected else 0.0
+    points, lines = [], []
+    for trace, (_, normal), (off, off_line) in zip(traces, planes, offsets, strict=True):
+        points.append(trace.points - factor * off[:, None] * normal)
+        lines.append(trace.centreline - factor * off_line[:, None] * normal)
+    return _Flattened(points, lines, [off for off, _ in offsets], planes, projected, reason)
 
 
 def _pixels(
