@@ -32,6 +32,7 @@ MARKERS = 11
 NOISE = (5e-5, 2e-4)  # m per coordinate
 DRAG = (0.1, 0.8)  # 1/s, of the medium
 RISE = 0.3  # s, until the sway is at its height
+FARTHEST = 0.985  # of the rope's length: no farther are the ends ever apart
 MOST_FRAMES = "8"  # hundreds of frames in motion: all clips
 
 
@@ -144,18 +145,27 @@ def make(folder: Path, seed: int) -> tuple[str, Concealed | None]:
 
 def sway(world: World, frame: int, rng: np.random.Generator) -> Callable[[float], Any]:
     """Return place (3,) [m] and direction (3,) of end 0 at a time [s]: shaken about a pose."""
-    first = world.held.positions[frame, 0]
+    first, other = world.held.positions[frame, :2]
     way = np.array([1.0, 0.0, 0.0])  # of a pinned end: says nothing
-    inward = world.held.positions[frame, 1] - first
-    first = first + 0.1 * inward  # room to be shaken in
+    first = first + 0.1 * (other - first)  # room to be shaken in
     reach: Array = 0.07 * world.rod.length * rng.uniform(0.7, 1.2, 3)
     rate, phase = rng.uniform(4, 9, 3), rng.uniform(0, 2 * np.pi, 3)
 
-    def pose(time: float) -> tuple[Array, Array]:
+    def shaken(time: float) -> Array:
         grown = min(max(time, 0.0) / RISE, 1.0) ** 2
-        return first + grown * reach * (np.sin(rate * time + phase) - np.sin(phase)), way
+        return grown * reach * (np.sin(rate * time + phase) - np.sin(phase))
 
-    return pose
+    times = np.arange(-0.1, STEP * FRAMES + 0.1, STEP / 2)
+    size = 1.0
+    while _apart(first + size * np.stack([shaken(t) for t in times]), other) > (
+        FARTHEST * world.rod.length
+    ):
+        size *= 0.9
+    return lambda time: (first + size * shaken(time), way)
+
+
+def _apart(ends: Array, other: Array) -> float:
+    return float(np.linalg.norm(ends - other, axis=-1).max())
 
 
 def _write(
