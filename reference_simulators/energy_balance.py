@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ropefit.rod.energy import energy, own
-from ropefit.rod.moving import Moving
+from ropefit.rod.moving import DRAG_SPEEDS, Moving
 from ropefit.rod.quaternion import conjugate_product, director, normalise
 from ropefit.rod.rod import Rod
 from ropefit.solvers.dynamics.problem import Drive, Start
@@ -76,6 +76,15 @@ def bends(rope: Moving, q: Tensor, clamp: Tensor) -> Tensor:
     return torch.where(nearer < 0, -1.0, 1.0)[..., None] * p[..., 1:]
 
 
+def drag_factor(drag: Tensor, speed: Tensor) -> Tensor:
+    """Return what the air's resistance is multiplied by at speeds (C, ...) [m/s]."""
+    octaves = np.log2(np.maximum(speed.detach().numpy(), 1e-9))
+    knots = np.log2(DRAG_SPEEDS.numpy())
+    laws = drag.detach().expand(len(speed), -1).numpy()
+    values = [np.interp(o, knots, law) for o, law in zip(octaves, laws, strict=True)]
+    return torch.from_numpy(np.exp(np.stack(values)))
+
+
 def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -> np.ndarray:
     """Return the residual (C, T) of every step of the implicit dynamics.
 
@@ -94,7 +103,12 @@ def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -
     edge = x[:, :, 1:] - x[:, :, :-1]
     speed = rates(drive.time, x.detach(), start.v)
     push = rates(drive.time, speed) * rope.mass[:, None, :, None]
-    push = push + rope.air[:, None, :, None] * speed
+    before = torch.cat([speed[:, :1], speed[:, :-1]], dim=1)
+    further = torch.cat([before[:, :1], before[:, :-1]], dim=1)
+    share = torch.ones_like(drive.time)
+    share[:, 2:] = drive.time.diff()[:, 1:] / drive.time.diff()[:, :-1]
+    ahead = (before + share[..., None, None] * (before - further)).norm(dim=-1)
+    push = push + (rope.air[:, None] * drag_factor(rope.drag, ahead))[..., None] * speed
     p = bends(rope, frames, clamp)
     loss = rates(drive.time, p.detach()) * rope.bend_viscosity[:, None]
     value = energy(rod, x, frames, clamp) + (loss * p).sum((-1, -2)) + (push * x).sum((-1, -2))

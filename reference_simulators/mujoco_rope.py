@@ -33,6 +33,7 @@ HARDER = 100  # friction against normal force, as constraints
 EDGES = 120
 LONG_BAR = 5.0  # m
 STILL = (np.zeros(3), np.zeros(3))
+Drag = float | Callable[[Array], Array]
 # One record of `flex_bending` a bend: 4 vertices, bending, two rest values, joint, twist, spare.
 RECORD, BENDING, TWISTING = 10, 4, 8
 
@@ -93,12 +94,12 @@ class Rope:
         self._lead((self.ends[0, 0], self.directions[0, 0]), FIRST_MOVE_TIME)
 
     def filmed(
-        self, pose: Callable[[float], tuple[Array, Array]], times: Array, drag: float
+        self, pose: Callable[[float], tuple[Array, Array]], times: Array, drag: Drag
     ) -> Array:
         """Return the centrelines (T, n, 3) [m] at times (T,) [s], from 0 on, of the moving rope.
 
         pose: place (3,) [m] and direction (3,) of end 0 at a time, the first of which it rests in;
-        drag: [1/s] force against the velocity, per mass.
+        drag: [1/s] force against the velocity, per mass, or that as a function of speeds (n,).
         """
         out, step = [], 0
         for time in times:
@@ -141,11 +142,15 @@ class Rope:
         self,
         pose: tuple[Array, Array],
         rate: tuple[Array, Array] = STILL,
-        drag: float = DAMPING,
+        drag: Drag = DAMPING,
     ) -> None:
         data, count = self.data, 3 * self.held
+        if callable(drag):
+            speeds = np.linalg.norm(data.qvel[: 3 * len(self.at)].reshape(-1, 3), axis=1)
+            data.qvel[: 3 * len(self.at)] *= np.repeat(np.exp(-drag(speeds) * TIMESTEP), 3)
+        else:
+            data.qvel *= np.exp(-drag * TIMESTEP)
         data.qpos[:count] = (self._led(pose) - self.straight[: self.held]).ravel()
-        data.qvel *= np.exp(-drag * TIMESTEP)
         data.qvel[:count] = self._led(rate).ravel()
         for body, spring, anchor, steady in self.tethers:
             data.xfrc_applied[body, :3] = steady + spring * (anchor - data.xpos[body])

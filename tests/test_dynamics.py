@@ -7,6 +7,7 @@ import pytest
 import torch
 from scipy import optimize, special
 
+from ropefit.rod.moving import DRAG_SPEEDS
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.dynamics.derivatives import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
@@ -146,6 +147,24 @@ def test_air_drag():
     assert frequency(found, time, 4.4)[1] == pytest.approx(drag / 0.3 / 2, rel=0.01)
 
 
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_drag_that_grows_as_a_power_of_speed(power):
+    """A pendulum's swing A under c v^n: dA/dt = -c w^n A^n k, k the mean of |cos|^(n+1) over m."""
+    length, drag, first = 0.5, 0.8, 0.06
+    p = uniform(length=length, segments=1, bend=1.0, density=0.3)
+    law = (power - 1) * torch.log(DRAG_SPEEDS)
+    moved = rope(p, air=drag)._replace(drag=law)
+    time = np.arange(0, 12, 0.004)
+    x = np.array([[0.0, 0, 0], [first, 0, -math.sqrt(length**2 - first**2)]])
+    found = stepped(moved, hung(time), in_plane(x)).x[0, :, 1, 0]
+    last = 2600 + int(np.argmax(found[2600:]))
+    phase = np.linspace(0, 2 * math.pi, 2001)[:-1]
+    omega, mean = math.sqrt(G / length), (np.abs(np.cos(phase)) ** (power + 1)).mean()
+    lost = drag / 0.3 * omega ** (power - 1) * mean * time[last]
+    expected = first * math.exp(-lost) if power == 1 else 1 / (1 / first + lost)
+    assert found[last] == pytest.approx(expected, rel=0.02)
+
+
 def test_stretch_damping():
     """A mass on a damped spring, let go unstretched."""
     length, density, axial, viscous = 0.5, 0.4, 40.0, 0.5
@@ -221,6 +240,24 @@ def test_a_pinned_rope_swung_in_space_is_stepped_quickly():
     start = Start(x, torch.from_numpy(still.q), torch.zeros_like(x))
     found = stepped(rope(p, air=0.05), Drive(time[None], path, clamp), start)
     assert found.iterations.max() <= 5
+
+
+def test_a_spin_that_hardly_anything_resists_is_not_taken_for_motion():
+    """A pinned rope, shaken, whose bending is damped by next to nothing."""
+    p = uniform(length=1.0, segments=48, bend=3e-4, density=0.05)
+    time = torch.arange(300, dtype=torch.float64) * 0.005
+    grown = (time / 0.6).clamp(max=1)
+    grown = 0.2 * grown**3 * (10 - 15 * grown + 6 * grown**2)
+    sway = [torch.sin(7 * time), torch.cos(9.1 * time), torch.sin(4.9 * time)]
+    moving = torch.stack([grown * s for s in sway], dim=-1) + torch.tensor([0.0, 0.5, 0.0])
+    path = torch.stack([moving, torch.zeros_like(moving)], dim=1)[None]
+    clamp = torch.full((1, 300, 2, 4), torch.nan, dtype=torch.float64)
+    still = settle(build(p, DOWN, (False, False)), Conditions(path[:, 0], clamp[:, 0]))
+    x = torch.from_numpy(still.x)
+    start = Start(x, torch.from_numpy(still.q), torch.zeros_like(x))
+    assert solve(
+        rope(p, air=0.01, bend=1e-8, twist=1e-8), Drive(time[None], path, clamp), start
+    ).converged.all()
 
 
 def test_what_cannot_be_stepped_is_said():

@@ -1,9 +1,10 @@
 """Blind benchmark of `ropefit diagnose` in motion: MuJoCo's rope, shaken, with one thing concealed.
 
-    python -m benchmarks.discovery.motions [--seeds FIRST:LAST] [--out DIR] [--json FILE]
-                                           [--write docs/results.md]
+    python -m benchmarks.discovery.motions [--cases standard|drag] [--seeds FIRST:LAST]
+                                           [--out DIR] [--json FILE] [--write docs/results.md]
 
 Every seed draws a rope, its motion and what is concealed (`CAUSES` in turn, among them nothing).
+With `--cases drag` the medium's drag grows as a power of the speed.
 The ends are pinned: between clamps clean ropes of ropefit and MuJoCo were 3 to 7 mm (rms) apart,
 for a reason that is not known (MuJoCo's rope does not twist).
 What is told is diagnosed by `ropefit run --solver dynamics`. Finished seeds are kept in DIR.
@@ -31,6 +32,7 @@ PAUSE = 10.0  # s between clips
 MARKERS = 11
 NOISE = (5e-5, 2e-4)  # m per coordinate
 DRAG = (0.1, 0.8)  # 1/s, of the medium
+LAW_DRAG, LAW_SPEED = 4.0, 0.5  # times that, at a speed [m/s], where it is not linear
 RISE = 0.3  # s, until the sway is at its height
 FARTHEST = 0.985  # of the rope's length: no farther are the ends ever apart
 MOST_FRAMES = "8"  # hundreds of frames in motion: all clips
@@ -49,12 +51,14 @@ class Told:
 
 @dataclass(frozen=True)
 class Concealed:
-    """What is concealed: the names that count as found, the size by key, and where [m]."""
+    """What is concealed: the names that count as found, the size by key, and where [m]; drag: the
+    power of the speed with which the medium's drag grows."""
 
     names: tuple[str, ...]
     key: str
     size: float
     place: tuple[float, float] | None = None
+    drag: float = 1.0
 
 
 Drawn = tuple[World, Told, Concealed | None]
@@ -110,29 +114,37 @@ def time_lag(s: Setting, rng: np.random.Generator) -> Drawn:
     return s.world, Told(lag=lag), Concealed(("time_lag",), "lag", lag)
 
 
-CAUSES: dict[str, Callable[[Setting, np.random.Generator], Drawn]] = {
-    one.__name__: one
-    for one in (
+def drag(s: Setting, rng: np.random.Generator) -> Drawn:
+    power = float(rng.choice([0.3, 1.6, 2.0, 2.4]) + rng.uniform(-0.1, 0.1))
+    return s.world, Told(), Concealed(("drag_law",), "n", power, drag=power)
+
+
+Cause = Callable[[Setting, np.random.Generator], Drawn]
+CAUSES: dict[str, tuple[Cause, ...]] = {
+    "standard": (
         nothing, point_mass, time_lag, mass_section, gravity_tilt, length, stiff_section,
         gravity_scale,
-    )
+    ),
+    "drag": (nothing, drag, drag, drag),
 }  # fmt: skip
 
 
-def make(folder: Path, seed: int) -> tuple[str, Concealed | None]:
+def make(folder: Path, seed: int, cases: str) -> tuple[str, Concealed | None]:
     """Write a recording; return what is concealed in it."""
     rng = np.random.default_rng([seed, 77])
-    kind = list(CAUSES)[seed % len(CAUSES)]
+    cause = CAUSES[cases][seed % len(CAUSES[cases])]
     setting = draw(False, rng, count=12)
-    world, told, concealed = CAUSES[kind](setting, rng)
-    drag, noise = float(rng.uniform(*DRAG)), float(rng.uniform(*NOISE))
+    world, told, concealed = cause(setting, rng)
+    rate, noise = float(rng.uniform(*DRAG)), float(rng.uniform(*NOISE))
+    power = concealed.drag if concealed else 1.0
+    law = rate if power == 1 else _powered(rate, power)
     lines, ends = [], []
     times = np.arange(0.0, STEP * (FRAMES - 0.5), STEP)
     for clip in range(CLIPS):
         pose = sway(world, 4 * clip, rng)
         rope = mujoco_rope.Rope(world.rod, world.held, setting.diameter)
         rope.rest(pose(0.0))
-        seen = rope.filmed(pose, times, drag)
+        seen = rope.filmed(pose, times, law)
         at = np.linspace(0, world.rod.length, MARKERS)
         lines.append(CubicSpline(rope.arc_length, seen, axis=1)(at))
         late = times - told.lag
@@ -140,7 +152,13 @@ def make(folder: Path, seed: int) -> tuple[str, Concealed | None]:
     markers = np.concatenate(lines)
     markers += noise * rng.standard_normal(markers.shape)
     _write(folder, f"motion-{seed}", setting, told, np.concatenate(ends), markers)
-    return kind, concealed
+    return cause.__name__, concealed
+
+
+def _powered(rate: float, power: float) -> mujoco_rope.Drag:
+    """Return a drag per mass and speed that grows with the speed, LAW_DRAG times `rate` at
+    LAW_SPEED."""
+    return lambda speeds: LAW_DRAG * rate * np.maximum(speeds / LAW_SPEED, 0.01) ** (power - 1)
 
 
 def sway(world: World, frame: int, rng: np.random.Generator) -> Callable[[float], Any]:
@@ -194,10 +212,10 @@ def _write(
     )
 
 
-def one(seed: int, out: Path) -> dict[str, Any]:
+def one(seed: int, out: Path, cases: str) -> dict[str, Any]:
     """Make, run and judge a seed."""
     recording, run = out / f"recording-{seed}", out / f"run-{seed}"
-    kind, concealed = make(recording, seed)
+    kind, concealed = make(recording, seed, cases)
     done = kept(
         out / f"{seed}.json",
         lambda: stages(
@@ -220,26 +238,32 @@ def judge(concealed: Concealed | None, answer: dict[str, Any] | None) -> dict[st
     in_set = any(n & set(concealed.names) for n in named)
     size = None
     own = next((e for e in effects if e["name"] in concealed.names), None)
-    told = own["parameters"].get(concealed.key) if own else None
+    told = None
+    if own:
+        of_law = (own.get("law") or {}).get("parameters", {})
+        told = (own["parameters"] | of_law).get(concealed.key)
     if told:
         low, high = told["ci95"]
         size = bool(low <= concealed.size <= high)
     return {"right": first, "first": first, "in_set": in_set, "size": size, "true": concealed.size}
 
 
-def table(found: list[dict[str, Any]]) -> str:
+def table(found: list[dict[str, Any]], cases: str) -> str:
     seeds = [row["seed"] for row in found]
+    asked = "" if cases == "standard" else f"--cases {cases} "
+    command = f"motions {asked}--seeds {min(seeds)}:{max(seeds) + 1}"
     rows = [
         f"{len(found)} recordings of MuJoCo's rope, shaken: {CLIPS} clips of {FRAMES} frames, "
         f"{MARKERS} markers; by",
-        f"`python -m benchmarks.discovery.motions --seeds {min(seeds)}:{max(seeds) + 1}`. Errors "
-        "(rms of held-out markers) and times are medians.",
+        f"`python -m benchmarks.discovery.{command}`. Errors (rms of held-out markers) and times "
+        "are medians.",
         "",
         "| concealed | recordings | named first | in the set | size in its 95 % interval "
         "| error before → after [mm] | time of `diagnose` [s] |",
         "|---" * 7 + "|",
     ]
-    causes = [name for name in CAUSES if any(row["cause"] == name for row in found)]
+    causes = list(dict.fromkeys(cause.__name__ for cause in CAUSES[cases]))
+    causes = [name for name in causes if any(row["cause"] == name for row in found)]
     rows += [_row(name, [row for row in found if row["cause"] == name]) for name in causes]
     wrong = [f"{row['seed']} ({row['cause']}): {_said(row)}" for row in found if not row["right"]]
     outside = [f"{row['seed']} ({row['cause']})" for row in found if row["size"] is False]
@@ -282,15 +306,17 @@ def _said(row: dict[str, Any]) -> str:
 def main() -> None:
     """Make, run, score, print."""
     arguments = parser(__doc__)
+    arguments.add_argument("--cases", choices=list(CAUSES), default="standard")
     arguments.add_argument("--seeds", default="100:127", help="FIRST:LAST")
     arguments.add_argument("--out", type=Path, default=Path("motions"), help="results' folder")
     options = arguments.parse_args()
     first, last = (int(part) for part in options.seeds.split(":"))
     found = []
     for seed in range(first, last):
-        found.append(one(seed, options.out))
+        found.append(one(seed, options.out, options.cases))
         print(seed, found[-1]["cause"], "right" if found[-1]["right"] else "WRONG", flush=True)
-    publish(options, "discovery-motions", table(found), {"found": found})
+    section = "discovery-motions" if options.cases == "standard" else "discovery-drag"
+    publish(options, section, table(found, options.cases), {"found": found})
 
 
 if __name__ == "__main__":

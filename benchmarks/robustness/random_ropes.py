@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.rod.moving import Damping, Moving, moving
+from ropefit.rod.moving import DRAG_SPEEDS, Damping, Moving, moving
 from ropefit.rod.quaternion import from_rotation_vector, multiply, normalise
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.dynamics.problem import Drive, Start
@@ -109,7 +109,8 @@ def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed:
         held[:, :, 1] = torch.nan
     start = Start(tensor(at.x), tensor(at.q), torch.zeros(count, nodes, 3, dtype=torch.float64))
     few = torch.from_numpy(np.flatnonzero(at.converged))
-    rod, *others = moving(p, rod, damping)
+    linear = torch.zeros(count, len(DRAG_SPEEDS), dtype=torch.float64)
+    rod, *others = moving(p, rod, damping, drag=linear)
     rope = Moving(Rod(*(t[few] for t in rod)), *(t[few] for t in others))
     return Motions(
         rope, Drive(tensor(time), held, clamp).clips(few), Start(*(s[few] for s in start)), rest

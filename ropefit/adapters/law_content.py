@@ -28,7 +28,7 @@ def law_of(o: Observations, candidate: Candidate, final: Fit) -> tuple[Law, str]
     for c, (low, high) in zip(*_constants(found), strict=True):
         times, of = (factor, unit) if c.of_ei else (1.0, "")
         parameters[c.name] = Size(
-            value=times * float(c.value), unit=times_metre(of, c.power),
+            value=times * float(c.value), unit=c.unit or times_metre(of, c.power),
             ci95=(times * low, times * high),
         )  # fmt: skip
     out = Law(form=forms[0] if found.named else "", forms=forms, parameters=parameters, curve=curve)

@@ -181,7 +181,7 @@ def _fitted(
     It begins with those of its tries whose curve is most like that of the law `inside` the data.
     """
     model, mine = final.forward, _place(final, term)
-    begin = mean[np.setdiff1d(np.arange(len(mean)), mine)]
+    begin = final.point.u[np.setdiff1d(np.arange(len(mean)), mine)]  # where the rope settles
     without = model.with_terms([t for t in model.terms if t is not term])
     plain, wanted = without.setup_at(begin), law.curve(model.setup_at(mean), x[inside])
 

@@ -13,6 +13,7 @@ from ropefit.effects.contact_friction import ContactFriction
 from ropefit.effects.damping import Damping, DampingInMotion
 from ropefit.effects.depth_bias import DepthBias, DepthGain
 from ropefit.effects.distributed_load import DistributedLoad
+from ropefit.effects.drag_law import DragLaw
 from ropefit.effects.end_offset import EndOffset
 from ropefit.effects.end_twist import EndTwist
 from ropefit.effects.follower_force import FollowerForce
@@ -76,6 +77,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     LengthError,
     LostOutOfPlane,
     BendingLaw,
+    DragLaw,
     ForceField,
     FollowerForce,
     TooCoarse,

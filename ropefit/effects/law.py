@@ -17,12 +17,13 @@ from ropefit.rod.setup import Setup
 
 class Constant(NamedTuple):
     """A constant of a formula: value in SI, of the unit of a rigidity EI (or 1, if not of_ei) times
-    metre to a power."""
+    metre to a power; or of a unit of its own."""
 
     name: str
     value: float
     power: float
     of_ei: bool = True
+    unit: str = ""
 
 
 class Form(NamedTuple):

@@ -11,6 +11,8 @@ import numpy as np
 
 Axis = str | int
 
+OCTAVES = (-6, 4)  # of speeds in m/s: from 2^-6 to 2^4, beyond which drag is linear
+
 
 class Field(NamedTuple):
     """One array of the rod.
@@ -40,6 +42,12 @@ MOTION = (
     Field("bend_viscosity", ("N+1", 3), "N m s", "of C^B at each node"),
     Field("mass", ("N+1",), "kg", "of each node"),
     Field("air", ("N+1",), "N s/m", "resistance of the air to each node"),
+    Field(
+        "drag",
+        (OCTAVES[1] - OCTAVES[0] + 1,),
+        "1",
+        "logarithm of the factor on `air`, at speeds of whole octaves",
+    ),
 )
 # End moments have no place in the dynamics.
 MOVING_ROD = (*(field for field in ROD if field.name != "moment"), *MOTION)

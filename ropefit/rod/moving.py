@@ -7,7 +7,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.fields import OCTAVES
 from ropefit.rod.rod import Properties, Rod, at_nodes
+
+# [m/s]: at these the air's resistance is given where it is not in proportion to the speed.
+DRAG_SPEEDS = 2.0 ** torch.arange(OCTAVES[0], OCTAVES[1] + 1, dtype=torch.float64)
 
 
 class Damping(NamedTuple):
@@ -29,7 +33,8 @@ class Moving(NamedTuple):
 
     Besides the rod, the fields of `fields.MOTION`: strain_viscosity (N, 3) [N s] of the strains,
     bend_viscosity (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the
-    nodes. The segments have no spin inertia.
+    nodes, drag (11,): what the air's resistance is multiplied by at other speeds, its logarithm at
+    the speeds of `DRAG_SPEEDS`. The segments have no spin inertia.
     """
 
     rod: Rod
@@ -37,6 +42,7 @@ class Moving(NamedTuple):
     bend_viscosity: Tensor
     mass: Tensor
     air: Tensor
+    drag: Tensor
 
 
 def undamped(p: Properties) -> Damping:
@@ -45,8 +51,16 @@ def undamped(p: Properties) -> Damping:
     return Damping(zero, zero, zero, zero)
 
 
-def moving(p: Properties, rod: Rod, damping: Damping, attached: Tensor | None = None) -> Moving:
+def moving(
+    p: Properties,
+    rod: Rod,
+    damping: Damping,
+    attached: Tensor | None = None,
+    drag: Tensor | None = None,
+) -> Moving:
     """Return the rod of properties p in motion; attached (N+1,) [kg]: masses on its nodes.
+
+    drag (11,): as in `Moving`; None: the air's resistance is in proportion to the speed.
 
     The viscosity of a bend is its stiffness times the relaxation times bend/EI and twist/GJ [s] of
     the segments beside it, averaged by length.
@@ -62,4 +76,5 @@ def moving(p: Properties, rod: Rod, damping: Damping, attached: Tensor | None = 
         bend_viscosity=rod.stiffness * torch.stack([bend, bend, twist], dim=-1),
         mass=own if attached is None else own + attached,
         air=at_nodes(0.5 * damping.air * p.length),
+        drag=torch.zeros_like(DRAG_SPEEDS) if drag is None else drag,
     )

@@ -129,7 +129,8 @@ class Setup(NamedTuple):
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
     points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
     [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
-    bending: the law of bending, where it is not linear; followers: forces that turn with the rope.
+    bending: the law of bending, where it is not linear; drag (11,): that of the air, see `Moving`;
+    followers: forces that turn with the rope.
     """
 
     properties: Properties
@@ -153,6 +154,7 @@ class Setup(NamedTuple):
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
     bending: Bending | None = None
+    drag: Tensor | None = None
     followers: tuple[Follower, ...] = ()
 
     @property

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ropefit.rod.fields import OCTAVES
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.solvers.batched.ropes import skew, turned
 
@@ -33,6 +34,7 @@ class Clips(NamedTuple):
     bend_viscosity: Tensor
     mass: Tensor
     air: Tensor
+    drag: Tensor
     gauge: Tensor
 
 
@@ -106,10 +108,27 @@ def combined(c1: Tensor, c2: Tensor, one: Past, two: Past) -> Past:
     return Past(*(a * f + b * g for f, g in zip(one, two, strict=True)))
 
 
-def known(r: Clips, d: Drives, c0: Tensor, past: Past) -> Known:
-    """Return what one step starts from; past: the combined states before."""
+def resistance(r: Clips, time: Tensor, t: int, one: Tensor, two: Tensor) -> Tensor:
+    """Return (B, N+1) [N s/m] the air's resistance to the nodes in the step to time t.
+
+    one, two (B, N+1, 3) [m/s]: speeds one and two steps before. See `dynamics/kernels/drag.py`.
+    """
+    ahead = one
+    if t > 1:
+        w = (time[:, t] - time[:, t - 1]) / (time[:, t - 1] - time[:, t - 2])
+        ahead = one + w[:, None, None] * (one - two)
+    square = torch.nan_to_num((ahead**2).sum(-1))  # NaN: a clip that failed
+    lowest, highest = (4.0**octave for octave in OCTAVES)
+    octave = 0.5 * torch.log2(square.clamp(lowest, highest)) - OCTAVES[0]
+    knot = octave.detach().floor().clamp(max=r.drag.shape[-1] - 2).long()
+    below, above = r.drag.gather(1, knot), r.drag.gather(1, knot + 1)
+    return r.air * torch.exp(below + (octave - knot) * (above - below))
+
+
+def known(r: Clips, d: Drives, c0: Tensor, past: Past, air: Tensor) -> Known:
+    """Return what one step starts from; past: the combined states before; air: `resistance`."""
     c = c0[:, None]
-    drag = r.mass * c + r.air
+    drag = r.mass * c + air
     give = 1 / (drag * c)
     y = give[..., None] * (r.load - drag[..., None] * past.x - r.mass[..., None] * past.v)
     for end, node in ((0, 0), (1, r.length.shape[1])):

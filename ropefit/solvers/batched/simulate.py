@@ -31,11 +31,12 @@ from ropefit.solvers.batched.moving import (
     nodes,
     rates,
     residual,
+    resistance,
     segments,
     strains,
 )
 from ropefit.solvers.batched.ropes import turned
-from ropefit.solvers.dynamics.kernels.simulate import PATIENCE, REACH, TURN_LIMIT
+from ropefit.solvers.dynamics.kernels.simulate import PATIENCE, REACH, SPIN_LIMIT, TURN_LIMIT
 from ropefit.solvers.dynamics.problem import Drive, Problem, Start, problem_of
 from ropefit.solvers.dynamics.solve import LIMIT, Trajectory
 from ropefit.solvers.status import Status
@@ -132,7 +133,8 @@ def _stepped(
     force = torch.zeros_like(clips.flexibility)
     for t in range(1, steps):
         c0, c1, c2 = rates(task.time, t)
-        k = known(clips, task.drives(t), c0, combined(c1, c2, one, two))
+        air = resistance(clips, task.time, t, one.v, two.v)
+        k = known(clips, task.drives(t), c0, combined(c1, c2, one, two), air)
         q = q0 if t == 1 else _gone_on(qs[t - 2], qs[t - 1])
         q, force, iterations[:, t], how = _newton(task, t, k, q, force, limit)
         bad = (how != int(Status.CONVERGED)) & (status == int(Status.CONVERGED))
@@ -160,14 +162,16 @@ def _newton(
     """Return frames, forces, iterations (B,) and status (B,) of one step, from q and force on."""
     clips, count = task.clips, len(q)
     clamp = task.clamp[:, t]
-    spins = (clips.gauge > 0) & ~(clips.bend_viscosity != 0).any(-1).any(-1)
+    damped = (clips.bend_viscosity != 0).any(-1).any(-1)
+    most = torch.where(clips.gauge > 0, SPIN_LIMIT, torch.inf).to(q)
+    most = torch.where((clips.gauge > 0) & ~damped, 0.0, most)
     going = torch.isfinite(q).all(-1).all(-1)
     status = torch.where(going, int(Status.LIMIT), int(Status.NOT_FINITE))
     iterations = torch.full((count,), limit, dtype=torch.int64, device=q.device)
     for iteration in range(limit):
         b, s = bends(clips, k, clamp, q), segments(clips, k, q, force)
         step = eliminated(factor(*matrix(clips, k, s, b)), residual(k, s, b, force))
-        spin = torch.where(spins, step[:, 0, 2], 0.0)
+        spin = step[:, 0, 2] - torch.minimum(torch.maximum(step[:, 0, 2], -most), most)
         turn, change = step[..., :3].clone(), step[..., 3:]
         turn[..., 2] -= spin[:, None]
         size = turn.abs().amax((1, 2))
@@ -272,7 +276,8 @@ def _again(
     drives = Drives(leaves[m], _unit(leaves[m + 1]), task.held)
     one, two = Past._make(leaves[m + 2 : m + 6]), Past._make(leaves[m + 6 :])
     c0, c1, c2 = rates(task.time, t)
-    k = known(clips, drives, c0, combined(c1, c2, one, two))
+    air = resistance(clips, task.time, t, one.v, two.v)
+    k = known(clips, drives, c0, combined(c1, c2, one, two), air)
     f = _factor(clips, k, drives, q, force)
     return advanced(clips, drives, k, q, force, f)
 

@@ -104,6 +104,7 @@ class Directions(NamedTuple):
     load: np.ndarray | None = None
     mass: np.ndarray | None = None
     air: np.ndarray | None = None
+    drag: np.ndarray | None = None
     ends: np.ndarray | None = None
     clamp: np.ndarray | None = None
     x0: np.ndarray | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import solve_system
+from ropefit.solvers.dynamics.kernels.drag import steps_ahead
 from ropefit.solvers.dynamics.kernels.rates import across, across_back, histories, jointed, rates
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
@@ -46,6 +47,7 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
                 )
         solve_system(w, b, half[0])
         _pull_nodes(rod, drive, t, (c0, c1, c2), v[t], b, gx, gv, out, w)
+        _pull_drag(rod, drive, t, v[t], b, gx, gv, out, w)
         _pull_segments(rod, t, (c0, c1, c2), b, gs, out, w)
         _pull_bends(rod, t, (c0, c1, c2), b, gp, out, mu, block, w)
     copy_rows(gx[0], out.x0)
@@ -93,23 +95,51 @@ def _pull_nodes(rod, drive, t, c, v, b, gx, gv, out, w):
         end = 0 if k == 0 else 1
         fixed = (k == 0 or k == n) and drive.held[end]
         for a in range(3):
-            total = gx[t, k, a]
-            if k < n:
-                total -= b[k, 3 + a]
-            if k > 0:
-                total += b[k - 1, 3 + a]
+            total = _pulled(gx[t], b, k, a)
             if fixed:
                 out.ends[t, end, a] += total
                 continue
             s = w.inverse_mass[k] * total
             out.load[k, a] += s
             out.mass[k] -= s * (c[0] * v[k, a] + w.old_v[k, a])
-            out.air[k] -= s * v[k, a]
-            drag = (rod.mass[k] * c[0] + rod.air[k]) * s
+            out.air[k] -= s * w.drag[k, 0] * v[k, a]
+            drag = (rod.mass[k] * c[0] + w.air[k]) * s
             gx[t - 1, k, a] -= c[1] * drag
             gx[two, k, a] -= c[2] * drag
             gv[t - 1, k, a] -= c[1] * rod.mass[k] * s
             gv[two, k, a] -= c[2] * rod.mass[k] * s
+
+
+@inlined
+def _pulled(gx, b, k, a):
+    """Return the gradient in one coordinate of a node, what the solution b (N, 6) adds included."""
+    total = gx[k, a]
+    if k < b.shape[0]:
+        total -= b[k, 3 + a]
+    if k > 0:
+        total += b[k - 1, 3 + a]
+    return total
+
+
+@inlined
+def _pull_drag(rod, drive, t, v, b, gx, gv, out, w):
+    """Pull the gradient in the nodes of time t back to the law of drag, and to the speeds before
+    that it is taken at."""
+    n, two, ahead = rod.length.shape[0], max(t - 2, 0), steps_ahead(drive.time, t)
+    for k in range(n + 1):
+        end = 0 if k == 0 else 1
+        if (k == 0 or k == n) and drive.held[end]:
+            continue
+        total = 0.0
+        for a in range(3):
+            total -= w.inverse_mass[k] * _pulled(gx[t], b, k, a) * w.air[k] * v[k, a]
+        knot, above = int(w.drag[k, 1]), w.drag[k, 2]
+        out.drag[knot] += (1 - above) * total
+        out.drag[knot + 1] += above * total
+        for a in range(3):
+            faster = total * w.drag[k, 3] * w.ahead[k, a]
+            gv[t - 1, k, a] += (1 + ahead) * faster
+            gv[two, k, a] -= ahead * faster
 
 
 @inlined

@@ -59,6 +59,9 @@ class Work(NamedTuple):
     old_v: np.ndarray
     old_p: np.ndarray
     old_strain: np.ndarray
+    air: np.ndarray  # (N+1,) resistance of the air in this step
+    drag: np.ndarray  # (N+1, 4) what it follows from, see `drag.py`
+    ahead: np.ndarray  # (N+1, 3) the speed that it is taken at
 
 
 @helper
@@ -69,7 +72,7 @@ def make_work(n):
         np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1), np.zeros((n + 1, 4)),
         np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n, 6, 6)), np.zeros((n, 3, 3)),
         np.zeros((n, 6)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
-        np.zeros((n, 3)),
+        np.zeros((n, 3)), np.zeros(n + 1), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)),
     )  # fmt: skip
 
 
@@ -79,7 +82,7 @@ def rod_of(rods, k):
     return Rod(
         rods.length[k], rods.flexibility[k], rods.stiffness[k], rods.rest[k], rods.load[k],
         rods.strain_viscosity[k], rods.bend_viscosity[k], rods.mass[k], rods.air[k],
-        rods.gauge[k],
+        rods.drag[k], rods.gauge[k],
     )  # fmt: skip
 
 
@@ -94,6 +97,6 @@ def change_of(c, k, of):
     """Return the change of clip k that shows rope `of`."""
     return Change(
         c.length[of], c.flexibility[of], c.stiffness[of], c.rest[of], c.load[of],
-        c.strain_viscosity[of], c.bend_viscosity[of], c.mass[of], c.air[of], c.ends[k], c.clamp[k],
-        c.x0[k], c.v0[k], c.q0[k],
+        c.strain_viscosity[of], c.bend_viscosity[of], c.mass[of], c.air[of], c.drag[of], c.ends[k],
+        c.clamp[k], c.x0[k], c.v0[k], c.q0[k],
     )  # fmt: skip

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor, solve_system
+from ropefit.solvers.dynamics.kernels.drag import set_resistance, steps_ahead
 from ropefit.solvers.dynamics.kernels.rates import rates, set_bends, set_past, set_strains
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import assemble, prepare, set_nodes
@@ -16,6 +17,7 @@ from ropefit.solvers.status import Status
 
 CONVERGED, LIMIT, NOT_FINITE = int(Status.CONVERGED), int(Status.LIMIT), int(Status.NOT_FINITE)
 TURN_LIMIT = 0.5  # rad: largest turn of a segment in one iteration
+SPIN_LIMIT = 0.05  # rad: the same of a spin that only damping resists
 PATIENCE = 12  # iterations of full length, then as many of half, ...
 REACH = 1e-6  # rad, and relative in force: a step below it leaves an error of its square
 
@@ -48,15 +50,17 @@ def _predict(qs, forces, t, q, force):
 def newton_step(rod, drive, t, c0, q, force, w, half, limit):
     """Take one step by Newton's method, from q and force on. Returns (status, iterations)."""
     n = rod.length.shape[0]
-    free = rod.gauge > 0.0 and not rod.bend_viscosity.any()
+    most = math.inf  # largest spin of all segments alike in one iteration
+    if rod.gauge > 0.0:
+        most = SPIN_LIMIT if rod.bend_viscosity.any() else 0.0
     for iteration in range(limit):
         assemble(rod, drive, t, c0, q, force, w)
         factor(w, half)
         solve_system(w, w.right, half[0])
         turn, change, largest = 0.0, 0.0, 0.0
-        # A spin of all segments alike costs nothing here; away from the solution the matrix knows
-        # little of it, and the next step would take it for motion.
-        spin = w.right[0, 2] if free else 0.0
+        # A spin of all segments alike costs nothing here, or next to nothing; away from the
+        # solution the matrix knows little of it, and the next step would take it for motion.
+        spin = w.right[0, 2] - max(-most, min(most, w.right[0, 2]))
         for i in range(n):
             w.right[i, 2] -= spin
             for a in range(3):
@@ -97,6 +101,7 @@ def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
         set_past(c1, c2, p[one, :, 1:], p[two, :, 1:], w.old_p)
         set_past(c1, c2, strain[one], strain[two], w.old_strain)
         _predict(qs, forces, t, qs[t], forces[t])
+        set_resistance(rod, steps_ahead(drive.time, t), v[one], v[two], w)
         prepare(rod, drive, t, c0, w)
         status, count = newton_step(rod, drive, t, c0, qs[t], forces[t], w, half, limit)
         iterations[t] = count

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor
+from ropefit.solvers.dynamics.kernels.drag import set_resistance, steps_ahead
 from ropefit.solvers.dynamics.kernels.rates import jointed, rates, set_bends, set_past
 from ropefit.solvers.kernels.bends import add_square, cross_block, segment_block
 from ropefit.solvers.kernels.jit import helper, inlined
@@ -20,7 +21,7 @@ def prepare(rod, drive, t, c0, w):
             for a in range(3):
                 w.y[k, a] = drive.ends[t, end, a]
             continue
-        drag = rod.mass[k] * c0 + rod.air[k]
+        drag = rod.mass[k] * c0 + w.air[k]
         w.inverse_mass[k] = 1.0 / (drag * c0)
         for a in range(3):
             known = rod.load[k, a] - drag * w.old_x[k, a] - rod.mass[k] * w.old_v[k, a]
@@ -142,6 +143,7 @@ def settled(rod, drive, t, qs, xs, forces, v, p, strain, half, w):
     set_past(c1, c2, v[t - 1], v[two], w.old_v)
     set_past(c1, c2, p[t - 1, :, 1:], p[two, :, 1:], w.old_p)
     set_past(c1, c2, strain[t - 1], strain[two], w.old_strain)
+    set_resistance(rod, steps_ahead(drive.time, t), v[t - 1], v[two], w)
     prepare(rod, drive, t, c0, w)
     assemble(rod, drive, t, c0, qs[t], forces[t], w)
     factor(w, half)

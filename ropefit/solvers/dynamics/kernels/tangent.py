@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import solve_system
+from ropefit.solvers.dynamics.kernels.drag import steps_ahead
 from ropefit.solvers.dynamics.kernels.rates import (
     across,
     across_back,
@@ -47,7 +48,9 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
                 set_past(c1, c2, dv[s, one], dv[s, two], old_v)
                 set_past(c1, c2, dp[s, one], dp[s, two], old_p)
                 set_past(c1, c2, ds[s, one], ds[s, two], old_s)
+                ahead = steps_ahead(drive.time, t)
                 _move_nodes(rod, drive, d, s, t, c0, v[t], old_x, old_v, dy, w)
+                _change_drag(rod, drive, d, s, ahead, v[t], dv[s, one], dv[s, two], dy, w)
                 _change_segments(rod, d, s, c0, old_s, dy, b, vector, w)
                 _change_bends(rod, d, s, t, c0, old_p, b, vector, block, w)
                 solve_system(w, b, half[0])
@@ -72,10 +75,28 @@ def _move_nodes(rod, drive, d, s, t, c0, v, old_x, old_v, dy, w):
                 continue
             acc = c0 * v[k, a] + w.old_v[k, a]
             dy[k, a] = w.inverse_mass[k] * (
-                d.load[s, k, a] - d.mass[s, k] * acc - d.air[s, k] * v[k, a]
-                - (rod.mass[k] * c0 + rod.air[k]) * old_x[k, a]
+                d.load[s, k, a] - d.mass[s, k] * acc - d.air[s, k] * w.drag[k, 0] * v[k, a]
+                - (rod.mass[k] * c0 + w.air[k]) * old_x[k, a]
                 - rod.mass[k] * old_v[k, a]
             )  # fmt: skip
+
+
+@inlined
+def _change_drag(rod, drive, d, s, ahead, v, dv_one, dv_two, dy, w):
+    """Add to dy what a change of the law of drag, and of the speed it is taken at, does."""
+    n = rod.length.shape[0]
+    for k in range(n + 1):
+        end = 0 if k == 0 else 1
+        if (k == 0 or k == n) and drive.held[end]:
+            continue
+        knot, above, change = int(w.drag[k, 1]), w.drag[k, 2], 0.0
+        for a in range(3):
+            faster = dv_one[k, a] + ahead * (dv_one[k, a] - dv_two[k, a])
+            change += w.ahead[k, a] * faster
+        change *= w.drag[k, 3]
+        change += (1 - above) * d.drag[s, knot] + above * d.drag[s, knot + 1]
+        for a in range(3):
+            dy[k, a] -= w.inverse_mass[k] * w.air[k] * change * v[k, a]
 
 
 @inlined
