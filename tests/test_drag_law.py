@@ -8,7 +8,7 @@ import torch
 
 from ropefit.diagnosis.forms import described
 from ropefit.diagnosis.search import search
-from ropefit.effects import DragLaw
+from ropefit.effects import DragLaw, Effect
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -20,8 +20,14 @@ from tests.test_diagnosis_of_motion import FREE, driven, model, recorded
 AIR, POWER = 0.8, 2.0  # N/m at 1 m/s
 
 
-class Grown:
+class Grown(Effect):
     """The air as it is: AIR v^POWER."""
+
+    name = "grown"
+    quantities = ()
+
+    def sentence(self, values: dict[str, float]) -> str:
+        return ""
 
     def apply(self, setup: Setup, values: torch.Tensor) -> Setup:
         assert setup.damping is not None
