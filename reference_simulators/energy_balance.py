@@ -109,6 +109,7 @@ def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -
     share[:, 2:] = drive.time.diff()[:, 1:] / drive.time.diff()[:, :-1]
     ahead = (before + share[..., None, None] * (before - further)).norm(dim=-1)
     push = push + (rope.air[:, None] * drag_factor(rope.drag, ahead))[..., None] * speed
+    push = push + rope.spring[:, None, :, None] * x.detach()
     p = bends(rope, frames, clamp)
     loss = rates(drive.time, p.detach()) * rope.bend_viscosity[:, None]
     value = energy(rod, x, frames, clamp) + (loss * p).sum((-1, -2)) + (push * x).sum((-1, -2))

@@ -165,6 +165,23 @@ def test_drag_that_grows_as_a_power_of_speed(power):
     assert found[last] == pytest.approx(expected, rel=0.02)
 
 
+def test_a_spring_to_a_fixed_point():
+    """A pendulum that a soft spring pulls sideways: its frequency and where it comes to rest."""
+    length, density, stiffness = 0.5, 0.4, 0.6
+    p = uniform(length=length, segments=1, bend=1.0, density=density)
+    mass, time = density * length / 2, np.arange(0, 6, 0.002)
+    moved = rope(p)
+    spring = torch.tensor([0.0, stiffness], dtype=torch.float64)
+    anchor = torch.tensor([0.02, 0.0, -length], dtype=torch.float64)
+    load = moved.rod.load + spring[:, None] * anchor
+    moved = moved._replace(spring=spring, rod=moved.rod._replace(load=load))
+    found = stepped(moved, hung(time), in_plane(np.array([[0.0, 0, 0], [0, 0, -length]])))
+    omega = math.sqrt(G / length + stiffness / mass)
+    rest = stiffness * 0.02 / (mass * omega**2)
+    expected = rest * (1 - np.cos(omega * time))
+    assert np.abs(found.x[0, :, 1, 0] - expected).max() < 0.02 * rest
+
+
 def test_stretch_damping():
     """A mass on a damped spring, let go unstretched."""
     length, density, axial, viscous = 0.5, 0.4, 40.0, 0.5

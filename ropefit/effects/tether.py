@@ -30,7 +30,6 @@ class Tether(Effect):
 
     name = "tether"
     locus = "point"
-    in_motion = False
     quantities = (
         Quantity("stiffness", "N/m", 0.1, lower=0.0, by_weight=1.0, by_length=-1.0),
         *(Quantity(f"pull_{axis}", "N", 0.03, by_weight=1.0) for axis in "xyz"),
@@ -42,6 +41,10 @@ class Tether(Effect):
         share = at_point(setup.arc, values[4])
         middle = middle_of(setup)
         stiffness, pull = values[0], values[1:4]
+        if setup.damping is not None:  # in motion: part of every step
+            springs = torch.zeros_like(share) if setup.springs is None else setup.springs
+            steady = share[:, None] * (pull + stiffness * middle)
+            return setup._replace(springs=springs + share * stiffness, load=setup.load + steady)
 
         def energy(x: Tensor) -> Tensor:
             arm = x - middle

@@ -212,7 +212,9 @@ def _each(work: Callable[[int], None], clips: int) -> None:
 def rope_of(setup: Setup) -> Moving:
     """Return the rope of a setup in motion."""
     p = setup.properties
-    return moving(p, setup.rod(), setup.damping or undamped(p), setup.mass, setup.drag)
+    return moving(
+        p, setup.rod(), setup.damping or undamped(p), setup.mass, setup.drag, setup.springs
+    )
 
 
 def fields_of(rope: Moving) -> dict[str, torch.Tensor]:

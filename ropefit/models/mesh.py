@@ -27,6 +27,7 @@ def refined(setup: Setup) -> Setup | None:
         load=_nodes(setup.load),
         mass=_nodes(setup.mass[:, None])[:, 0],
         kinks=_nodes(setup.kinks),
+        springs=None if setup.springs is None else _nodes(setup.springs[:, None])[:, 0],
         stretch=_segments(setup.stretch),
         rigid=None if setup.rigid is None else _segments(setup.rigid),
         damping=None if damping is None else type(damping)(*(_segments(v) for v in damping)),

@@ -41,6 +41,7 @@ MOTION = (
     Field("strain_viscosity", ("N", 3), "N s", "of the strains of each segment"),
     Field("bend_viscosity", ("N+1", 3), "N m s", "of C^B at each node"),
     Field("mass", ("N+1",), "kg", "of each node"),
+    Field("spring", ("N+1",), "N/m", "stiffness of a spring from each node to the origin"),
     Field("air", ("N+1",), "N s/m", "resistance of the air to each node"),
     Field(
         "drag",

@@ -32,15 +32,16 @@ class Moving(NamedTuple):
     """The discrete rod in motion, with or without a dimension of R ropes in front.
 
     Besides the rod, the fields of `fields.MOTION`: strain_viscosity (N, 3) [N s] of the strains,
-    bend_viscosity (N+1, 3) [N m s] of the bends, mass (N+1,) [kg] and air (N+1,) [N s/m] of the
-    nodes, drag (11,): what the air's resistance is multiplied by at other speeds, its logarithm at
-    the speeds of `DRAG_SPEEDS`. The segments have no spin inertia.
+    bend_viscosity (N+1, 3) [N m s] of the bends; of the nodes mass (N+1,) [kg], spring (N+1,) [N/m]
+    to the origin (a load moves its anchor) and air (N+1,) [N s/m]; drag (11,): what `air` is
+    multiplied by at the speeds of `DRAG_SPEEDS`, its logarithm. The segments have no spin inertia.
     """
 
     rod: Rod
     strain_viscosity: Tensor
     bend_viscosity: Tensor
     mass: Tensor
+    spring: Tensor
     air: Tensor
     drag: Tensor
 
@@ -57,10 +58,11 @@ def moving(
     damping: Damping,
     attached: Tensor | None = None,
     drag: Tensor | None = None,
+    spring: Tensor | None = None,
 ) -> Moving:
     """Return the rod of properties p in motion; attached (N+1,) [kg]: masses on its nodes.
 
-    drag (11,): as in `Moving`; None: the air's resistance is in proportion to the speed.
+    spring (N+1,) and drag (11,): as in `Moving`; None: no springs, drag in proportion to speed.
 
     The viscosity of a bend is its stiffness times the relaxation times bend/EI and twist/GJ [s] of
     the segments beside it, averaged by length.
@@ -75,6 +77,7 @@ def moving(
         strain_viscosity=torch.stack([zero, zero, damping.stretch], dim=-1),
         bend_viscosity=rod.stiffness * torch.stack([bend, bend, twist], dim=-1),
         mass=own if attached is None else own + attached,
+        spring=torch.zeros_like(own) if spring is None else spring,
         air=at_nodes(0.5 * damping.air * p.length),
         drag=torch.zeros_like(DRAG_SPEEDS) if drag is None else drag,
     )

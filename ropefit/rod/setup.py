@@ -130,7 +130,8 @@ class Setup(NamedTuple):
     points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
     [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
     bending: the law of bending, where it is not linear; drag (11,): that of the air, see `Moving`;
-    followers: forces that turn with the rope.
+    springs (N+1,) [N/m]: of the nodes to the origin, in motion; followers: forces that turn with
+    the rope.
     """
 
     properties: Properties
@@ -155,6 +156,7 @@ class Setup(NamedTuple):
     past: Past | None = None
     bending: Bending | None = None
     drag: Tensor | None = None
+    springs: Tensor | None = None
     followers: tuple[Follower, ...] = ()
 
     @property

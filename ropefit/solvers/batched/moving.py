@@ -33,6 +33,7 @@ class Clips(NamedTuple):
     strain_viscosity: Tensor
     bend_viscosity: Tensor
     mass: Tensor
+    spring: Tensor
     air: Tensor
     drag: Tensor
     gauge: Tensor
@@ -129,7 +130,7 @@ def known(r: Clips, d: Drives, c0: Tensor, past: Past, air: Tensor) -> Known:
     """Return what one step starts from; past: the combined states before; air: `resistance`."""
     c = c0[:, None]
     drag = r.mass * c + air
-    give = 1 / (drag * c)
+    give = 1 / (drag * c + r.spring)
     y = give[..., None] * (r.load - drag[..., None] * past.x - r.mass[..., None] * past.v)
     for end, node in ((0, 0), (1, r.length.shape[1])):
         if d.held[end]:

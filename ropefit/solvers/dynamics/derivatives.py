@@ -103,6 +103,7 @@ class Directions(NamedTuple):
     rest: np.ndarray | None = None
     load: np.ndarray | None = None
     mass: np.ndarray | None = None
+    spring: np.ndarray | None = None
     air: np.ndarray | None = None
     drag: np.ndarray | None = None
     ends: np.ndarray | None = None

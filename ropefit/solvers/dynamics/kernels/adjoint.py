@@ -102,6 +102,7 @@ def _pull_nodes(rod, drive, t, c, v, b, gx, gv, out, w):
             s = w.inverse_mass[k] * total
             out.load[k, a] += s
             out.mass[k] -= s * (c[0] * v[k, a] + w.old_v[k, a])
+            out.spring[k] -= s * w.x[k, a]
             out.air[k] -= s * w.drag[k, 0] * v[k, a]
             drag = (rod.mass[k] * c[0] + w.air[k]) * s
             gx[t - 1, k, a] -= c[1] * drag

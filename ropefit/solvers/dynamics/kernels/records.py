@@ -81,8 +81,8 @@ def rod_of(rods, k):
     """Return rope k of R."""
     return Rod(
         rods.length[k], rods.flexibility[k], rods.stiffness[k], rods.rest[k], rods.load[k],
-        rods.strain_viscosity[k], rods.bend_viscosity[k], rods.mass[k], rods.air[k],
-        rods.drag[k], rods.gauge[k],
+        rods.strain_viscosity[k], rods.bend_viscosity[k], rods.mass[k], rods.spring[k],
+        rods.air[k], rods.drag[k], rods.gauge[k],
     )  # fmt: skip
 
 
@@ -97,6 +97,6 @@ def change_of(c, k, of):
     """Return the change of clip k that shows rope `of`."""
     return Change(
         c.length[of], c.flexibility[of], c.stiffness[of], c.rest[of], c.load[of],
-        c.strain_viscosity[of], c.bend_viscosity[of], c.mass[of], c.air[of], c.drag[of], c.ends[k],
-        c.clamp[k], c.x0[k], c.v0[k], c.q0[k],
+        c.strain_viscosity[of], c.bend_viscosity[of], c.mass[of], c.spring[of], c.air[of],
+        c.drag[of], c.ends[k], c.clamp[k], c.x0[k], c.v0[k], c.q0[k],
     )  # fmt: skip

@@ -22,7 +22,7 @@ def prepare(rod, drive, t, c0, w):
                 w.y[k, a] = drive.ends[t, end, a]
             continue
         drag = rod.mass[k] * c0 + w.air[k]
-        w.inverse_mass[k] = 1.0 / (drag * c0)
+        w.inverse_mass[k] = 1.0 / (drag * c0 + rod.spring[k])
         for a in range(3):
             known = rod.load[k, a] - drag * w.old_x[k, a] - rod.mass[k] * w.old_v[k, a]
             w.y[k, a] = w.inverse_mass[k] * known

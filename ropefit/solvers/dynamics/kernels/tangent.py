@@ -75,7 +75,8 @@ def _move_nodes(rod, drive, d, s, t, c0, v, old_x, old_v, dy, w):
                 continue
             acc = c0 * v[k, a] + w.old_v[k, a]
             dy[k, a] = w.inverse_mass[k] * (
-                d.load[s, k, a] - d.mass[s, k] * acc - d.air[s, k] * w.drag[k, 0] * v[k, a]
+                d.load[s, k, a] - d.mass[s, k] * acc - d.spring[s, k] * w.x[k, a]
+                - d.air[s, k] * w.drag[k, 0] * v[k, a]
                 - (rod.mass[k] * c0 + w.air[k]) * old_x[k, a]
                 - rod.mass[k] * old_v[k, a]
             )  # fmt: skip
