@@ -11,7 +11,7 @@ import torch
 from ropefit.diagnosis.acceptance import _allowed_for
 from ropefit.diagnosis.held_out import block_of_rows, predicted
 from ropefit.diagnosis.search import search
-from ropefit.effects import Effect, PointMass
+from ropefit.effects import Effect, PointMass, Tether
 from ropefit.effects.gravity_misalignment import GravityMisalignment
 from ropefit.inference.bins import Data
 from ropefit.inference.discrepancy import repeats_in
@@ -146,6 +146,17 @@ def test_a_weight_on_a_moving_rope_is_named(effect):
     mass, place = found.values()
     assert mass == pytest.approx(0.012, rel=0.15)
     assert place == pytest.approx(0.36, abs=0.02)
+
+
+def test_a_thread_that_pulls_a_moving_rope_is_named():
+    lines, data = recorded(Tether(), [0.25, 0.05, 0.04, -0.08, 0.4], seed=3)
+    forward = model(driven(24), lines, FREE)
+    nominal = fit(forward, FitProblem(data, Noise(marker=0.002), 40), None, 15, tolerance=1e-4)
+    found = search(nominal, 0, lambda share, text: None).accepted[0].candidate
+    assert found.hypothesis.name == "tether"
+    stiffness, *_, place = found.values()
+    assert stiffness == pytest.approx(0.25, rel=0.3)
+    assert place == pytest.approx(0.4, abs=0.02)
 
 
 def test_held_out_clips_are_predicted_as_a_fit_to_the_others_predicts_them():

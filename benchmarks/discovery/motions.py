@@ -1,10 +1,10 @@
 """Blind benchmark of `ropefit diagnose` in motion: MuJoCo's rope, shaken, with one thing concealed.
 
-    python -m benchmarks.discovery.motions [--cases standard|drag] [--seeds FIRST:LAST]
+    python -m benchmarks.discovery.motions [--cases standard|forces] [--seeds FIRST:LAST]
                                            [--out DIR] [--json FILE] [--write docs/results.md]
 
 Every seed draws a rope, its motion and what is concealed (`CAUSES` in turn, among them nothing).
-With `--cases drag` the medium's drag grows as a power of the speed.
+With `--cases forces` the medium's drag grows as a power of the speed, or a spring pulls the rope.
 The ends are pinned: between clamps clean ropes of ropefit and MuJoCo were 3 to 7 mm (rms) apart,
 for a reason that is not known (MuJoCo's rope does not twist).
 What is told is diagnosed by `ropefit run --solver dynamics`. Finished seeds are kept in DIR.
@@ -119,13 +119,27 @@ def drag(s: Setting, rng: np.random.Generator) -> Drawn:
     return s.world, Told(), Concealed(("drag_law",), "n", power, drag=power)
 
 
+def tether(s: Setting, rng: np.random.Generator) -> Drawn:
+    weight = 9.81 * s.rod.density * s.rod.length
+    at = s.rod.length * float(rng.uniform(0.3, 0.7))
+    stiffness = weight / s.rod.length * float(rng.uniform(0.3, 1.0))
+    ends = s.world.held.positions[0].mean(axis=0)
+    x, y, z = ends + s.rod.length * rng.uniform([-0.4, -0.4, -0.6], [0.4, 0.4, -0.2])
+    point = Point(at, spring=stiffness, anchor=(float(x), float(y), float(z)))
+    rod = replace(s.rod, points=(point,))
+    return (
+        replace(s.world, rod=rod), Told(),
+        Concealed(("tether",), "stiffness", stiffness, (at, at)),
+    )  # fmt: skip
+
+
 Cause = Callable[[Setting, np.random.Generator], Drawn]
 CAUSES: dict[str, tuple[Cause, ...]] = {
     "standard": (
         nothing, point_mass, time_lag, mass_section, gravity_tilt, length, stiff_section,
         gravity_scale,
     ),
-    "drag": (nothing, drag, drag, drag),
+    "forces": (nothing, drag, tether, drag),
 }  # fmt: skip
 
 
@@ -315,7 +329,7 @@ def main() -> None:
     for seed in range(first, last):
         found.append(one(seed, options.out, options.cases))
         print(seed, found[-1]["cause"], "right" if found[-1]["right"] else "WRONG", flush=True)
-    section = "discovery-motions" if options.cases == "standard" else "discovery-drag"
+    section = "discovery-motions" if options.cases == "standard" else "discovery-motions-forces"
     publish(options, section, table(found, options.cases), {"found": found})
 
 
