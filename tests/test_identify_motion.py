@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 
 import numpy as np
@@ -113,6 +114,10 @@ def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(
     span, point = diagnosed_motion(o, model.nominal, found)
     gap = match(span.data, point.seen, 1).residual
     assert np.sqrt((gap**2).sum(1).mean()) < 2e-3
+    said = ropefit("export", "--run", "run", "--to", "json", "--out", "rope.json")
+    assert "air_damping" in said.stdout + said.stderr
+    rope = json.loads((tmp_path / "rope.json").read_text())
+    assert np.median(rope["EI"]) == pytest.approx(EI, rel=0.12)
     ropefit("preprocess", recording, "--run", "again")
     said = ropefit("diagnose", "--run", "again", "--nominal", "run", "--most-frames", 4)
     assert "identify --solver dynamics" in said.stderr

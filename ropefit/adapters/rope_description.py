@@ -18,7 +18,7 @@ from ropefit.effects.place import nearest_node
 from ropefit.errors import NotConverged
 from ropefit.exporters import RopeDescription
 from ropefit.models.equilibrium import Equilibrium
-from ropefit.models.parameters import PARAMETERS
+from ropefit.models.parameters import AT_REST, PARAMETERS
 from ropefit.rod.setup import Setup
 
 POSES = 6
@@ -34,13 +34,14 @@ class Described:
 
 
 def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) -> Described:
-    """Return the rope of an equilibrium model in some poses, at rest with the causes of a
-    diagnosis.
+    """Return the rope of a model in some poses, at rest with the causes of a diagnosis.
 
-    The mass of `o` is known. Raises NotConverged.
+    Of a rope identified in motion the dampings are told in the notes. The mass of `o` is known.
+    Raises NotConverged.
     """
-    assert model.balance is not None
-    known = model.balance.mass_known
+    solved = model.balance or model.stepped
+    assert solved is not None
+    known = solved.mass_known
     nodes = len(o.node_arc)
     index = np.arange(len(o.frames))
     used = spread_evenly(index, np.zeros(len(index), dtype=np.int64), POSES)
@@ -53,8 +54,8 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
         fitted |= {name: size.value for name, size in diagnosis.rope.items()}
     weighs = {name for name, p in PARAMETERS.items() if p.unit != p.unit_per_weight}
     values = {name: value * (factor if name in weighs else 1.0) for name, value in fitted.items()}
-    setup = started_setup(setup, values, o)
-    notes = []
+    setup = started_setup(setup, {n: v for n, v in values.items() if n in AT_REST}, o)
+    notes = _dampings({n: v for n, v in values.items() if n not in AT_REST}, density)
     beside: tuple[Any, ...] = tuple(
         records.PointMass(nearest_node(setup, piece.arc_length, nodes), piece.mass)
         for piece in o.fittings.values()
@@ -80,6 +81,18 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
         raise NotConverged("the rope reaches no equilibrium in some poses; export fewer frames")
     rope = _description(o, setup, whole, point.solution.x, beside)
     return Described(rope, o.frames[used], notes)
+
+
+def _dampings(values: dict[str, float], density: float) -> list[str]:
+    """Return what to tell of the dampings of a rope identified in motion, density [kg/m]."""
+    if not values:
+        return []
+    told = ", ".join(f"{name} {v:.4g} {PARAMETERS[name].unit}" for name, v in values.items())
+    rate = values.get("air_damping", 0.0) / density
+    return [
+        f"dampings of a rope in motion ({told}) are not written: the text is of one that comes to "
+        f"rest. The air takes {rate:.3g} 1/s of every velocity"
+    ]
 
 
 def _description(

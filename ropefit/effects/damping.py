@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.inertia import node_share
 from ropefit.rod.setup import Setup
 
@@ -43,10 +45,18 @@ class DampingInMotion(Effect):
         return setup.damping is not None
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        assert setup.damping is not None
+        if setup.damping is None:  # a rope at rest is not damped
+            return setup
         d, (air, bend) = setup.damping, values
         more = d._replace(air=d.air + air, bend=d.bend + bend, twist=d.twist + bend)
         return setup._replace(damping=more)
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        air, bend = values["air"], values["bend"]
+        note = f"damping: {air:.4g} N s/m^2 more by the air, {bend:.4g} N m^2 s more in bending"
+        return Exported(beside, settles=False, note=note)
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

@@ -58,7 +58,7 @@ class DragLaw(Effect):
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
         note = "drag_law: resistance in proportion to speed only, that of the fitted linear law"
-        return Exported(beside, note=note)
+        return Exported(beside, settles=False, note=note)
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the air resists the rope as its speed to the power {1 + values['exponent']:.2g}"

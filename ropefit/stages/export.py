@@ -15,7 +15,6 @@ import numpy as np
 from ropefit import __version__
 from ropefit.adapters.contents import current_exports
 from ropefit.adapters.rope_description import described
-from ropefit.adapters.shapes_only import shapes_only
 from ropefit.artifacts import Diagnosis, Exports, Model, Observations, Provenance, write
 from ropefit.artifacts.exports import Check, Export
 from ropefit.errors import BadInput, StageFailed, WrongUsage
@@ -40,11 +39,10 @@ def export_run(
     o: Observations, model: Model, diagnosis: Diagnosis | None, target: str, mass: float | None
 ) -> Exported:
     """Return the rope as text for `target`. Raises WrongUsage, NotConverged."""
-    shapes_only(model.nominal, "export")
-    if model.nominal.balance is None:
+    if model.nominal.balance is None and model.nominal.stepped is None:
         raise WrongUsage(
             f"the model was fitted by {model.nominal.solver}, whose weights no simulator knows; "
-            "run ropefit identify --solver equilibrium first"
+            "run ropefit identify --solver equilibrium, or dynamics, first"
         )
     if o.mass is None and mass is None:
         raise WrongUsage(
