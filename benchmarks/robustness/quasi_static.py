@@ -3,7 +3,7 @@ the boundary-value problem of the rope's differential equations, and for whole t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -58,7 +58,9 @@ def rope(bend: float | np.ndarray, segments: int, clamped: bool) -> Rod:
 
 def concatenated(states: list[Solution], rod: Rod, conditions: Conditions) -> Solution:
     """Return one solution of all frames, each of a rope of its own."""
-    arrays = {name: np.concatenate([getattr(s, name) for s in states]) for name in ARRAYS}
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(s, name) for s in states]) for name in ARRAYS
+    }
     return Solution(**arrays, rod=rod, conditions=conditions)
 
 
