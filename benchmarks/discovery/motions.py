@@ -283,7 +283,7 @@ def table(found: list[dict[str, Any]], cases: str) -> str:
     outside = [f"{row['seed']} ({row['cause']})" for row in found if row["size"] is False]
     rows.append(_row("all with a cause", [row for row in found if row["cause"] != "nothing"]))
     rows += ["", f"Not right: {'; '.join(wrong) or 'none'}."]
-    rows += ["", f"Size outside its interval: {', '.join(outside) or 'none'}."]
+    rows += [f"Size outside its interval: {', '.join(outside) or 'none'}."]
     return "\n".join(rows) + "\n"
 
 
