@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 import pytest
 import torch
@@ -20,14 +22,8 @@ from tests.test_diagnosis_of_motion import FREE, driven, model, recorded
 AIR, POWER = 0.8, 2.0  # N/m at 1 m/s
 
 
-class Grown(Effect):
-    """The air as it is: AIR v^POWER."""
-
-    name = "grown"
-    quantities = ()
-
-    def sentence(self, values: dict[str, float]) -> str:
-        return ""
+class Grown:
+    """The air as it is: AIR v^POWER. Not an `Effect`, which every search would look for."""
 
     def apply(self, setup: Setup, values: torch.Tensor) -> Setup:
         assert setup.damping is not None
@@ -56,7 +52,7 @@ def test_the_effect_keeps_the_drag_at_its_middle_speed(values):
 
 
 def test_derivatives_are_those_of_differences():
-    lines, _ = recorded(Grown(), [], seed=0)
+    lines, _ = recorded(cast(Effect, Grown()), [], seed=0)
     effect = DragLaw()
     forward = model(driven(12), lines)
     values = torch.tensor([0.6, 0.3, -0.3], dtype=torch.float64)
@@ -91,7 +87,7 @@ def test_the_finer_mesh_has_the_same_law():
 
 
 def test_it_is_found_with_its_power():
-    lines, data = recorded(Grown(), [], seed=3)
+    lines, data = recorded(cast(Effect, Grown()), [], seed=3)
     forward = model(driven(24), lines, FREE)
     nominal = fit(forward, FitProblem(data, Noise(marker=0.002), 40), None, 15, tolerance=1e-4)
     d = search(nominal, 0, lambda share, text: None)
