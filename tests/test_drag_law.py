@@ -49,6 +49,9 @@ def test_the_effect_keeps_the_drag_at_its_middle_speed(values):
     law, middle = effect.law(setup), np.array([3.0 * 0.9**0.5 * 0.1448])  # √(g L) / √48
     near = law.curve(with_law, middle) / law.curve(setup, middle)
     assert near == pytest.approx(1.0, abs=0.12)  # the knots are an octave apart
+    two = np.array([0.25, 0.5])  # m/s, knots where `exponent` alone counts
+    factor = law.curve(with_law, two) / law.curve(setup, two)
+    assert factor[1] / factor[0] == pytest.approx(2 ** values[0])
 
 
 def test_derivatives_are_those_of_differences():
@@ -79,11 +82,15 @@ def test_derivatives_are_those_of_differences():
         assert np.abs(found - expected).max() < 1e-3 * scale
 
 
-def test_the_finer_mesh_has_the_same_law():
-    setup = Grown().apply(driven(12), torch.zeros(0))
+def test_the_finer_mesh_has_the_same_law_and_springs():
+    springs = torch.linspace(0.1, 0.4, 13, dtype=torch.float64)
+    setup = Grown().apply(driven(12), torch.zeros(0))._replace(springs=springs)
     fine = refined(setup)
     assert fine is not None
+    assert fine.springs is not None
     assert fine.drag is setup.drag
+    assert torch.equal(fine.springs[::2], springs)
+    assert not fine.springs[1::2].any()
 
 
 def test_it_is_found_with_its_power():

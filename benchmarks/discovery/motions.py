@@ -4,7 +4,7 @@
                                            [--out DIR] [--json FILE] [--write docs/results.md]
 
 Every seed draws a rope, its motion and what is concealed (`CAUSES` in turn, among them nothing).
-With `--cases forces` the medium's drag grows as a power of the speed, or a spring pulls the rope.
+With `--cases forces` the medium's drag grows as a power of the speed, or a tether pulls the rope.
 The ends are pinned: between clamps clean ropes of ropefit and MuJoCo were 3 to 7 mm (rms) apart,
 for a reason that is not known (MuJoCo's rope does not twist).
 What is told is diagnosed by `ropefit run --solver dynamics`. Finished seeds are kept in DIR.
@@ -13,19 +13,18 @@ What is told is diagnosed by `ropefit run --solver dynamics`. Finished seeds are
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.discovery.concealed import interval
+from benchmarks.discovery.motion_causes import CAUSES, Concealed, Told
 from benchmarks.discovery.run import kept, stages
 from benchmarks.discovery.setting import Setting, World, draw
 from benchmarks.document import parser, publish
 from reference_simulators import mujoco_rope
-from reference_simulators.rod_equations import Array, Point, Section
+from reference_simulators.rod_equations import Array
 
 CLIPS, FRAMES, STEP = 3, 150, 0.01  # s
 PAUSE = 10.0  # s between clips
@@ -36,111 +35,6 @@ LAW_DRAG, LAW_SPEED = 4.0, 0.5  # times that, at a speed [m/s], where it is not 
 RISE = 0.3  # s, until the sway is at its height
 FARTHEST = 0.985  # of the rope's length: no farther are the ends ever apart
 MOST_FRAMES = "8"  # hundreds of frames in motion: all clips
-
-
-@dataclass(frozen=True)
-class Told:
-    """What a recording tells wrongly: length and gravity by factors, gravity's direction by an
-    angle [rad], the ends by a lag [s]."""
-
-    length: float = 1.0
-    gravity: float = 1.0
-    gravity_tilt: float = 0.0
-    lag: float = 0.0
-
-
-@dataclass(frozen=True)
-class Concealed:
-    """What is concealed: the names that count as found, the size by key, and where [m]; drag: the
-    power of the speed with which the medium's drag grows."""
-
-    names: tuple[str, ...]
-    key: str
-    size: float
-    place: tuple[float, float] | None = None
-    drag: float = 1.0
-
-
-Drawn = tuple[World, Told, Concealed | None]
-
-
-def nothing(s: Setting, rng: np.random.Generator) -> Drawn:
-    return s.world, Told(), None
-
-
-def point_mass(s: Setting, rng: np.random.Generator) -> Drawn:
-    at = s.rod.length * float(rng.uniform(0.25, 0.75))
-    mass = s.rod.density * s.rod.length * float(rng.uniform(0.08, 0.3))
-    rod = replace(s.rod, points=(Point(at, mass=mass),))
-    return replace(s.world, rod=rod), Told(), Concealed(("point_mass",), "mass", mass, (at, at))
-
-
-def mass_section(s: Setting, rng: np.random.Generator) -> Drawn:
-    a, b = interval(s.rod, rng, 0.15, 0.3)
-    factor = float(rng.uniform(2.0, 3.5))
-    rod = replace(s.rod, sections=(Section(a, b, density=factor),))
-    mass = (factor - 1) * s.rod.density * (b - a)
-    return replace(s.world, rod=rod), Told(), Concealed(("mass_section",), "mass", mass, (a, b))
-
-
-def stiff_section(s: Setting, rng: np.random.Generator) -> Drawn:
-    a, b = interval(s.rod, rng, 0.15, 0.3)
-    factor = float(rng.uniform(5.0, 12.0))
-    rod = replace(s.rod, sections=(Section(a, b, bending=factor),))
-    return (
-        replace(s.world, rod=rod),
-        Told(),
-        Concealed(("stiff_section",), "factor", factor, (a, b)),
-    )
-
-
-def length(s: Setting, rng: np.random.Generator) -> Drawn:
-    excess = float(rng.choice([-1, 1]) * rng.uniform(0.015, 0.04))
-    return s.world, Told(length=1 / (1 + excess)), Concealed(("length_error",), "excess", excess)
-
-
-def gravity_scale(s: Setting, rng: np.random.Generator) -> Drawn:
-    excess = float(rng.choice([-0.3, 0.4]) * rng.uniform(0.7, 1.2))
-    return s.world, Told(gravity=1 / (1 + excess)), Concealed(("weight_error",), "excess", excess)
-
-
-def gravity_tilt(s: Setting, rng: np.random.Generator) -> Drawn:
-    angle = float(np.radians(rng.uniform(2.5, 5.0)))
-    return s.world, Told(gravity_tilt=angle), Concealed(("gravity_misalignment",), "angle", angle)
-
-
-def time_lag(s: Setting, rng: np.random.Generator) -> Drawn:
-    lag = float(rng.choice([-1, 1]) * rng.uniform(0.025, 0.04))
-    return s.world, Told(lag=lag), Concealed(("time_lag",), "lag", lag)
-
-
-def drag(s: Setting, rng: np.random.Generator) -> Drawn:
-    power = float(rng.choice([0.3, 1.6, 2.0, 2.4]) + rng.uniform(-0.1, 0.1))
-    return s.world, Told(), Concealed(("drag_law",), "n", power, drag=power)
-
-
-def tether(s: Setting, rng: np.random.Generator) -> Drawn:
-    weight = 9.81 * s.rod.density * s.rod.length
-    at = s.rod.length * float(rng.uniform(0.3, 0.7))
-    stiffness = weight / s.rod.length * float(rng.uniform(0.3, 1.0))
-    ends = s.world.held.positions[0].mean(axis=0)
-    x, y, z = ends + s.rod.length * rng.uniform([-0.4, -0.4, -0.6], [0.4, 0.4, -0.2])
-    point = Point(at, spring=stiffness, anchor=(float(x), float(y), float(z)))
-    rod = replace(s.rod, points=(point,))
-    return (
-        replace(s.world, rod=rod), Told(),
-        Concealed(("tether",), "stiffness", stiffness, (at, at)),
-    )  # fmt: skip
-
-
-Cause = Callable[[Setting, np.random.Generator], Drawn]
-CAUSES: dict[str, tuple[Cause, ...]] = {
-    "standard": (
-        nothing, point_mass, time_lag, mass_section, gravity_tilt, length, stiff_section,
-        gravity_scale,
-    ),
-    "forces": (nothing, drag, tether, drag),
-}  # fmt: skip
 
 
 def make(folder: Path, seed: int, cases: str) -> tuple[str, Concealed | None]:
@@ -197,6 +91,7 @@ def sway(world: World, frame: int, rng: np.random.Generator) -> Callable[[float]
 
 
 def _apart(ends: Array, other: Array) -> float:
+    """Return the largest distance [m] of ends (T, 3) from the other end (3,)."""
     return float(np.linalg.norm(ends - other, axis=-1).max())
 
 

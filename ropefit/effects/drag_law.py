@@ -64,15 +64,15 @@ class DragLaw(Effect):
         return f"the air resists the rope as its speed to the power {1 + values['exponent']:.2g}"
 
 
-def _fall(setup: Setup) -> float:
+def _speed_scale(setup: Setup) -> float:
     """Return the speed [m/s] by which those of a swinging rope are measured, √(g L)."""
     length = float(setup.properties.length.sum())
     return (float(setup.gravity.norm()) * length) ** 0.5
 
 
 def _relative(setup: Setup) -> Tensor:
-    """Return (11,) the speeds of the law's knots over `_fall`, within LOWEST and HIGHEST."""
-    return (DRAG_SPEEDS / _fall(setup)).clamp(LOWEST, HIGHEST)
+    """Return (11,) the speeds of the law's knots over `_speed_scale`, within LOWEST and HIGHEST."""
+    return (DRAG_SPEEDS / _speed_scale(setup)).clamp(LOWEST, HIGHEST)
 
 
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
@@ -92,7 +92,7 @@ def _speeds(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     step = np.diff(setup.clock.numpy())
     near = (step > 0) & (step < LONG_PAUSE * np.median(step))
     moved = np.linalg.norm(np.diff(nodes, axis=0), axis=-1)[near] / step[near, None]
-    return moved[np.isfinite(moved) & (moved > LOWEST * _fall(setup))]
+    return moved[np.isfinite(moved) & (moved > LOWEST * _speed_scale(setup))]
 
 
 def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
@@ -104,7 +104,7 @@ def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
 
 
 def _with_force(setup: Setup, force: Force, shape: Tensor) -> Setup:
-    """Return the setup with a drag that is a function of the speed over `_fall`."""
+    """Return the setup with a drag that is a function of the speed over `_speed_scale`."""
     at, middle = _relative(setup), torch.tensor(MIDDLE, dtype=torch.float64)
     factor = force(at, shape) / at / (force(middle, shape) / middle)
     return setup._replace(drag=torch.log(factor))
@@ -120,7 +120,7 @@ def _mixed(x: Tensor, at: Tensor) -> Tensor:
 
 def _forms(setup: Setup) -> tuple[Form, ...]:
     assert setup.damping is not None
-    fall = _fall(setup)
+    fall = _speed_scale(setup)
 
     exponents = np.linspace(0.2, 3.0, 29)[:, None]
     shares = np.geomspace(0.005, 5.0, 24)[:, None]
@@ -131,16 +131,19 @@ def _forms(setup: Setup) -> tuple[Form, ...]:
             lambda s, v: _with_force(s, force, v[0]), constants,
         )  # fmt: skip
 
-    def at_one(s: Setup) -> float:
+    def at_middle(s: Setup) -> float:
         return float(_curve(s, np.array([MIDDLE * fall]))[0])
 
     def power(s: Setup, v: np.ndarray) -> list[Constant]:
         n = float(v[0])
-        return [Constant("F1", at_one(s) / (MIDDLE * fall) ** n, -3.0), Constant("n", n, 0, False)]
+        return [
+            Constant("F1", at_middle(s) / (MIDDLE * fall) ** n, -3.0),
+            Constant("n", n, 0, False),
+        ]
 
     def mixed(s: Setup, v: np.ndarray) -> list[Constant]:
         at, ratio = float(v[0]) * fall, MIDDLE / float(v[0])
-        size = at_one(s) / (ratio + ratio**2)
+        size = at_middle(s) / (ratio + ratio**2)
         return [Constant("F1", size, -3.0), Constant("v1", at, 0.0, False, "m/s")]
 
     return (

@@ -94,12 +94,17 @@ class Factor(NamedTuple):
     off: Tensor
 
 
+def step_ratio(time: Tensor, t: int) -> Tensor:
+    """Return (B,) the length of the step to time t over that of the one before, t > 1."""
+    return (time[:, t] - time[:, t - 1]) / (time[:, t - 1] - time[:, t - 2])
+
+
 def rates(time: Tensor, t: int) -> tuple[Tensor, Tensor, Tensor]:
     """Return c0, c1, c2 (B,) [1/s] of BDF2 at time t; time (B, T) [s]. Euler's at the first."""
     h = time[:, t] - time[:, t - 1]
     if t == 1:
         return 1 / h, -1 / h, torch.zeros_like(h)
-    w = h / (time[:, t - 1] - time[:, t - 2])
+    w = step_ratio(time, t)
     return (1 + 2 * w) / ((1 + w) * h), -(1 + w) / h, w * w / ((1 + w) * h)
 
 
@@ -116,8 +121,7 @@ def resistance(r: Clips, time: Tensor, t: int, one: Tensor, two: Tensor) -> Tens
     """
     ahead = one
     if t > 1:
-        w = (time[:, t] - time[:, t - 1]) / (time[:, t - 1] - time[:, t - 2])
-        ahead = one + w[:, None, None] * (one - two)
+        ahead = one + step_ratio(time, t)[:, None, None] * (one - two)
     square = torch.nan_to_num((ahead**2).sum(-1))  # NaN: a clip that failed
     lowest, highest = (4.0**octave for octave in OCTAVES)
     octave = 0.5 * torch.log2(square.clamp(lowest, highest)) - OCTAVES[0]

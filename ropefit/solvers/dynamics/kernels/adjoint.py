@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import solve_system
-from ropefit.solvers.dynamics.kernels.drag import steps_ahead
-from ropefit.solvers.dynamics.kernels.rates import across, across_back, histories, jointed, rates
+from ropefit.solvers.dynamics.kernels.rates import (
+    across,
+    across_back,
+    histories,
+    jointed,
+    rates,
+    step_ratio,
+)
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import cross_block
@@ -126,7 +132,7 @@ def _pulled(gx, b, k, a):
 def _pull_drag(rod, drive, t, v, b, gx, gv, out, w):
     """Pull the gradient in the nodes of time t back to the law of drag, and to the speeds before
     that it is taken at."""
-    n, two, ahead = rod.length.shape[0], max(t - 2, 0), steps_ahead(drive.time, t)
+    n, two, ratio = rod.length.shape[0], max(t - 2, 0), step_ratio(drive.time, t)
     for k in range(n + 1):
         end = 0 if k == 0 else 1
         if (k == 0 or k == n) and drive.held[end]:
@@ -139,8 +145,8 @@ def _pull_drag(rod, drive, t, v, b, gx, gv, out, w):
         out.drag[knot + 1] += above * total
         for a in range(3):
             faster = total * w.drag[k, 3] * w.ahead[k, a]
-            gv[t - 1, k, a] += (1 + ahead) * faster
-            gv[two, k, a] -= ahead * faster
+            gv[t - 1, k, a] += (1 + ratio) * faster
+            gv[two, k, a] -= ratio * faster
 
 
 @inlined

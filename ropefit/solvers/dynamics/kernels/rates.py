@@ -9,12 +9,18 @@ from ropefit.solvers.kernels.rotations import darboux, rotation
 
 
 @helper
+def step_ratio(time, t):
+    """Return the length of the step to time t over that of the one before; zero for the first."""
+    return 0.0 if t < 2 else (time[t] - time[t - 1]) / (time[t - 1] - time[t - 2])
+
+
+@helper
 def rates(time, t):
     """Return c0, c1, c2 of D at time t."""
     h = time[t] - time[t - 1]
     if t == 1:
         return 1.0 / h, -1.0 / h, 0.0
-    w = h / (time[t - 1] - time[t - 2])
+    w = step_ratio(time, t)
     return (1 + 2 * w) / ((1 + w) * h), -(1 + w) / h, w * w / ((1 + w) * h)
 
 

@@ -61,7 +61,7 @@ class Work(NamedTuple):
     old_strain: np.ndarray
     air: np.ndarray  # (N+1,) resistance of the air in this step
     drag: np.ndarray  # (N+1, 4) what it follows from, see `drag.py`
-    ahead: np.ndarray  # (N+1, 3) the speed that it is taken at
+    ahead: np.ndarray  # (N+1, 3) the extrapolated speed, at which it is taken
 
 
 @helper

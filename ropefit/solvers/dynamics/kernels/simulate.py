@@ -7,8 +7,14 @@ import math
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor, solve_system
-from ropefit.solvers.dynamics.kernels.drag import set_resistance, steps_ahead
-from ropefit.solvers.dynamics.kernels.rates import rates, set_bends, set_past, set_strains
+from ropefit.solvers.dynamics.kernels.drag import set_resistance
+from ropefit.solvers.dynamics.kernels.rates import (
+    rates,
+    set_bends,
+    set_past,
+    set_strains,
+    step_ratio,
+)
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import assemble, prepare, set_nodes
 from ropefit.solvers.kernels.jit import copy_rows, helper
@@ -101,7 +107,7 @@ def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
         set_past(c1, c2, p[one, :, 1:], p[two, :, 1:], w.old_p)
         set_past(c1, c2, strain[one], strain[two], w.old_strain)
         _predict(qs, forces, t, qs[t], forces[t])
-        set_resistance(rod, steps_ahead(drive.time, t), v[one], v[two], w)
+        set_resistance(rod, step_ratio(drive.time, t), v[one], v[two], w)
         prepare(rod, drive, t, c0, w)
         status, count = newton_step(rod, drive, t, c0, qs[t], forces[t], w, half, limit)
         iterations[t] = count

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor
-from ropefit.solvers.dynamics.kernels.drag import set_resistance, steps_ahead
-from ropefit.solvers.dynamics.kernels.rates import jointed, rates, set_bends, set_past
+from ropefit.solvers.dynamics.kernels.drag import set_resistance
+from ropefit.solvers.dynamics.kernels.rates import jointed, rates, set_bends, set_past, step_ratio
 from ropefit.solvers.kernels.bends import add_square, cross_block, segment_block
 from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
@@ -143,7 +143,7 @@ def settled(rod, drive, t, qs, xs, forces, v, p, strain, half, w):
     set_past(c1, c2, v[t - 1], v[two], w.old_v)
     set_past(c1, c2, p[t - 1, :, 1:], p[two, :, 1:], w.old_p)
     set_past(c1, c2, strain[t - 1], strain[two], w.old_strain)
-    set_resistance(rod, steps_ahead(drive.time, t), v[t - 1], v[two], w)
+    set_resistance(rod, step_ratio(drive.time, t), v[t - 1], v[two], w)
     prepare(rod, drive, t, c0, w)
     assemble(rod, drive, t, c0, qs[t], forces[t], w)
     factor(w, half)

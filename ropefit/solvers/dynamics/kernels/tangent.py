@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import solve_system
-from ropefit.solvers.dynamics.kernels.drag import steps_ahead
 from ropefit.solvers.dynamics.kernels.rates import (
     across,
     across_back,
@@ -13,6 +12,7 @@ from ropefit.solvers.dynamics.kernels.rates import (
     jointed,
     rates,
     set_past,
+    step_ratio,
 )
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
@@ -39,6 +39,7 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
         c0, c1, c2 = rates(drive.time, max(t, 1))
         if t > 0:
             settled(rod, drive, t, qs, xs, forces, v, p, strain, half, w)
+        ratio = step_ratio(drive.time, t)
         now, one, two = t % 3, (t - 1) % 3, (t - 2) % 3
         for s in range(many):
             if t == 0:
@@ -48,9 +49,8 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
                 set_past(c1, c2, dv[s, one], dv[s, two], old_v)
                 set_past(c1, c2, dp[s, one], dp[s, two], old_p)
                 set_past(c1, c2, ds[s, one], ds[s, two], old_s)
-                ahead = steps_ahead(drive.time, t)
                 _move_nodes(rod, drive, d, s, t, c0, v[t], old_x, old_v, dy, w)
-                _change_drag(rod, drive, d, s, ahead, v[t], dv[s, one], dv[s, two], dy, w)
+                _change_drag(rod, drive, d, s, ratio, v[t], dv[s, one], dv[s, two], dy, w)
                 _change_segments(rod, d, s, c0, old_s, dy, b, vector, w)
                 _change_bends(rod, d, s, t, c0, old_p, b, vector, block, w)
                 solve_system(w, b, half[0])
@@ -83,7 +83,7 @@ def _move_nodes(rod, drive, d, s, t, c0, v, old_x, old_v, dy, w):
 
 
 @inlined
-def _change_drag(rod, drive, d, s, ahead, v, dv_one, dv_two, dy, w):
+def _change_drag(rod, drive, d, s, ratio, v, dv_one, dv_two, dy, w):
     """Add to dy what a change of the law of drag, and of the speed it is taken at, does."""
     n = rod.length.shape[0]
     for k in range(n + 1):
@@ -92,7 +92,7 @@ def _change_drag(rod, drive, d, s, ahead, v, dv_one, dv_two, dy, w):
             continue
         knot, above, change = int(w.drag[k, 1]), w.drag[k, 2], 0.0
         for a in range(3):
-            faster = dv_one[k, a] + ahead * (dv_one[k, a] - dv_two[k, a])
+            faster = dv_one[k, a] + ratio * (dv_one[k, a] - dv_two[k, a])
             change += w.ahead[k, a] * faster
         change *= w.drag[k, 3]
         change += (1 - above) * d.drag[s, knot] + above * d.drag[s, knot + 1]
