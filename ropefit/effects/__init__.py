@@ -5,6 +5,7 @@ A new effect is one file and its line here, see docs/adding-an-effect.md. Effect
 """
 
 from ropefit.effects.axial_extensibility import AxialExtensibility
+from ropefit.effects.axial_law import AxialLaw
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.bending_hysteresis import BendingHysteresis
 from ropefit.effects.bending_law import BendingLaw
@@ -77,6 +78,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     LengthError,
     LostOutOfPlane,
     BendingLaw,
+    AxialLaw,
     DragLaw,
     ForceField,
     FollowerForce,

@@ -58,10 +58,17 @@ def joined(one: FrictionElements | None, other: FrictionElements | None) -> Fric
     return FrictionElements(*(np.concatenate(f, axis=1) for f in zip(one, other, strict=True)))
 
 
+def axial_law_of(setup: Setup) -> np.ndarray | None:
+    """Return (A,) the setup's law of axial strain; None for a linear one."""
+    return None if setup.axial is None else setup.axial.detach().numpy()
+
+
 def conditions_of(setup: Setup, rod: Rod | None = None) -> Conditions:
-    """Return what holds a rope without memory in every frame, its law of bending included."""
+    """Return what holds a rope without memory in every frame, its laws included."""
     elements = elements_of(setup, rod or setup.rod(), len(setup.ends))
-    return Conditions(setup.ends, setup.clamp, friction_elements=elements)
+    return Conditions(
+        setup.ends, setup.clamp, friction_elements=elements, axial=axial_law_of(setup)
+    )
 
 
 def vector_change(p: np.ndarray, turns: np.ndarray, clamp: np.ndarray | None) -> np.ndarray:
@@ -112,11 +119,12 @@ def merged(parts: list[Solution]) -> Solution:
         compliance[t, at] = c.compliance[0]
         active[t, at] = True if c.active is None else c.active[0]
         reaction[t, [far + k for k in at]] = parts[t].reaction[0, far:]
-    conditions = Conditions(ends, clamp, friction_elements=friction_elements)
+    axial = held[0].axial
+    conditions = Conditions(ends, clamp, friction_elements=friction_elements, axial=axial)
     if every:
         node = np.array([key[0] for key in every])
         conditions = Conditions(
-            ends, clamp, node, direction, offset, compliance, active, friction_elements
+            ends, clamp, node, direction, offset, compliance, active, friction_elements, axial
         )  # fmt: skip
     arrays: dict[str, Any] = {name: np.concatenate([getattr(s, name) for s in parts])
               for name in ARRAYS if name != "reaction"}  # fmt: skip

@@ -74,7 +74,8 @@ class Equilibrium(Model):
             arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
             if _settled_loads(point.setup):  # what stands for them comes out of settling
                 arrays |= as_arrays(solution.rod, "rod.")
-                held = replace(solution.conditions, friction_elements=None)  # the setup's law
+                # The laws are the setup's.
+                held = replace(solution.conditions, friction_elements=None, axial=None)
                 arrays |= as_arrays(held, "conditions.")
         if self.last is not None and self.last is not solution:
             arrays |= {f"last.{f.name}": getattr(self.last, f.name) for f in fields(States)}
@@ -87,12 +88,11 @@ class Equilibrium(Model):
             point: Point = walk(u, setup, None, from_arrays(States, "path.", arrays))
         else:
             rod = _rod_of(setup)
-            held = conditions_of(setup, rod)
+            laws = held = conditions_of(setup, rod)
             if _settled_loads(setup):
                 rod = from_arrays(Rod, "rod.", arrays)
-                law = held.friction_elements
                 held = from_arrays(Conditions, "conditions.", arrays)
-                held = replace(held, friction_elements=law)
+                held = replace(held, friction_elements=laws.friction_elements, axial=laws.axial)
             # The journal's own arrays stay as they were.
             known = {name: arrays[f"solution.{name}"].copy() for name in ARRAYS}
             point = _point(

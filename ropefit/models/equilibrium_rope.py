@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.models.bends import elements_of, joined
+from ropefit.models.bends import axial_law_of, elements_of, joined
 from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import Setup
 from ropefit.solvers.batched.implicit import settled_batched
@@ -121,7 +121,7 @@ class EquilibriumRope:
         of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
         past = None if self.friction_elements is None else self.friction_elements.frames(of)
         law = elements_of(s, rod, len(flat))
-        held = Conditions(ends, clamp, friction_elements=joined(past, law))
+        held = Conditions(ends, clamp, friction_elements=joined(past, law), axial=axial_law_of(s))
         if self.near is not None:
             start = self.near.frames(of)
         x, q = self._states(rod, held, start)
@@ -139,7 +139,9 @@ class EquilibriumRope:
         """Return nodes and frames of every segment, on the CPU: from `start`, or else from
         catenaries."""
         device, potentials, followers = self.device, self.setup.potentials, self.setup.followers
-        if held.friction_elements is not None:  # by the compiled path only, like all below
+        if (
+            held.friction_elements is not None or held.axial is not None
+        ):  # by the compiled path only, like all below
             device = None
         if potentials:  # contact and tethers: by the compiled path only
             return settled(solve_with_potentials(rod, held, potentials, start))

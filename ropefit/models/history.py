@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from ropefit.models.bends import (
+    axial_law_of,
     darboux,
     elements_of,
     joined,
@@ -30,6 +31,7 @@ from ropefit.models.response import (
     directions_of,
     law_moments,
     slopes_of,
+    with_axial_law,
 )
 from ropefit.models.rubbing import loose, rubbings
 from ropefit.rod import friction, memory
@@ -75,7 +77,9 @@ class WalkedPoint(Point):
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
         everywhere = [lambda size, c=change: c(size).whole()[0] for change in changes]
         slopes = slopes_of(self.whole, everywhere, self.path)
-        directions = directions_of(self.whole.rod(), slopes, frames)
+        rods = self.whole.rod()
+        directions = directions_of(rods, slopes, frames)
+        directions = with_axial_law(directions, rods, [s.solution for s in self.steps], slopes)
         law_slopes = _law_slopes(everywhere)
         rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
         rest, load = (in_frames(d, frames) for d in (directions.rest, directions.load))
@@ -168,7 +172,7 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
         )
         held = Conditions(
             whole.ends[t : t + 1], whole.clamp[t : t + 1],
-            friction_elements=joined(past, elastic),
+            friction_elements=joined(past, elastic), axial=axial_law_of(whole),
         )  # fmt: skip
         known = None
         if path is not None:
@@ -203,7 +207,7 @@ def _without_past(
     frames = len(whole.ends)
     if elastic is not None:
         elastic = FrictionElements(*(np.repeat(item, frames, axis=0) for item in elastic))
-    held = Conditions(whole.ends, whole.clamp, friction_elements=elastic)
+    held = Conditions(whole.ends, whole.clamp, friction_elements=elastic, axial=axial_law_of(whole))
     nearest = np.abs(np.arange(frames)[:, None] - picked).argmin(axis=1)
     start = None if near is None else near.states if isinstance(near, Solution) else near
     start = None if start is None else start.frames(nearest)

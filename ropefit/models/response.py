@@ -15,11 +15,12 @@ import torch
 from torch import Tensor
 
 from ropefit.models.bends import vectors
+from ropefit.rod.axial import at_tension
 from ropefit.rod.bending import Springs, moment_changes, springs
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import SensorModel, Setup
-from ropefit.solvers.equilibrium.followers import loads
+from ropefit.solvers.equilibrium.followers import loads, rotated
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import force_and_stiffness
 from ropefit.solvers.equilibrium.solution import Solution, States
@@ -56,6 +57,7 @@ class Point:
         if turned:
             directions = _turned(directions, self.solution)
         directions = with_law(directions, self.solution, slopes)
+        directions = with_axial_law(directions, self.solution.rod, [self.solution], slopes)
         dx, _ = tangent(self.solution, directions)
         return add_sensor(dx, slopes, self.setup.seen)
 
@@ -123,6 +125,31 @@ def with_law(directions: Directions, solution: Solution, slopes: list[Slopes]) -
     return directions._replace(rest=rest)
 
 
+def tensions(solution: Solution) -> np.ndarray:
+    """Return (F, N) [N] the force along each segment's tangent."""
+    way = np.zeros_like(solution.force)
+    way[..., 2] = 1.0
+    return (solution.force * rotated(solution.q, way)).sum(-1)
+
+
+def with_axial_law(
+    directions: Directions, rods: Rod, solutions: list[Solution], slopes: list[Slopes]
+) -> Directions:
+    """Return directions with a law of axial strain that changes, as a change of the flexibility
+    under the tensions of each frame of some solutions."""
+    if all(s.axial is None for s in slopes):
+        return directions
+    soft = rods.flexibility[..., 2].numpy()
+    assert directions.flexibility is not None
+    tension = np.concatenate([tensions(solution) for solution in solutions])
+    rows = len(tension), len(slopes), tension.shape[1], 3
+    out = np.array(np.broadcast_to(directions.flexibility, rows))
+    for k, s in enumerate(slopes):
+        if s.axial is not None:
+            out[:, k, :, 2] += soft * at_tension(s.axial, tension)
+    return directions._replace(flexibility=out)
+
+
 def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.ndarray:
     """Return (P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
     dx = np.moveaxis(dx, 1, 0) * (1 - float(seen.lag))
@@ -136,7 +163,7 @@ def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.nd
 class Slopes:
     """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
     [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending STEP to
-    either side."""
+    either side; axial (A,): of a law of axial strain."""
 
     rod: list[np.ndarray]
     force: np.ndarray | None
@@ -144,6 +171,7 @@ class Slopes:
     clamp: np.ndarray
     seen: np.ndarray
     springs: tuple[Springs, Springs] | None
+    axial: np.ndarray | None
 
 
 def _slopes(
@@ -166,9 +194,14 @@ def _slopes(
         low, high = (loads(s.followers, q, x.shape[-2]) for s in (a, b))
         following = (high - low) / (2 * STEP)
         force = following if force is None else force + following
+    axial = None
+    if a.axial is not b.axial:
+        assert a.axial is not None
+        assert b.axial is not None
+        axial = slope(a.axial, b.axial)
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
-    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x), law)
+    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x), law, axial)
 
 
 def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:

@@ -12,6 +12,10 @@ import numpy as np
 Axis = str | int
 
 OCTAVES = (-6, 4)  # of speeds in m/s: from 2^-6 to 2^4, beyond which drag is linear
+# Of tensions in N: from 2^-12 to 2^9, beyond which strain is in proportion to tension, and how many
+# values in each octave.
+TENSION_OCTAVES, PER_OCTAVE = (-12, 9), 4
+TENSIONS = (TENSION_OCTAVES[1] - TENSION_OCTAVES[0]) * PER_OCTAVE + 1
 
 
 class Field(NamedTuple):

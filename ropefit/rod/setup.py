@@ -129,7 +129,8 @@ class Setup(NamedTuple):
     clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
     points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
     [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
-    bending: the law of bending, where it is not linear; drag (11,): that of the air, see `Moving`;
+    bending: the law of bending, where it is not linear; axial (A,): that of axial strain, see
+    `rod.axial`; drag (11,): that of the air, see `Moving`;
     springs (N+1,) [N/m]: of the nodes to the origin, in motion; followers: forces that turn with
     the rope.
     """
@@ -155,6 +156,7 @@ class Setup(NamedTuple):
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
     bending: Bending | None = None
+    axial: Tensor | None = None
     drag: Tensor | None = None
     springs: Tensor | None = None
     followers: tuple[Follower, ...] = ()

@@ -34,7 +34,8 @@ class Conditions:
     ends (F, 2, 3) [m] and clamp (F, 2, 4), NaN where not held. More supports: node (S,),
     direction (F, S, 3), offset (F, S) [m], compliance (F, S) [m/N], active (F, S): the force λ on
     the node along the direction obeys direction · x + compliance λ = offset.
-    friction_elements: what the past of a rope that remembers has left in it.
+    friction_elements: what the past of a rope that remembers has left in it. axial (A,): the law
+    of axial strain, see `rod.axial`; none where that is in proportion to tension.
     """
 
     ends: Tensor
@@ -45,6 +46,7 @@ class Conditions:
     compliance: Tensor | None = None
     active: np.ndarray | None = None
     friction_elements: FrictionElements | None = None
+    axial: np.ndarray | None = None
 
     @property
     def free(self) -> bool:

@@ -82,6 +82,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
         active = np.concatenate([active, more], axis=1)
     none = [np.zeros((frames, 0, segments + 1, *last)) for last in ((), (2,), ())]
     drag, centre, slip = map(np.ascontiguousarray, c.friction_elements or none)
+    axial = np.empty(0) if c.axial is None else c.axial
     clamp = as_numpy(c.clamp)
     unheld = np.isnan(clamp).any(-1)
     if unheld.any():
@@ -98,6 +99,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
         drag=drag,
         centre=centre,
         slip=slip,
+        axial=np.array(np.broadcast_to(axial, (frames, axial.size))),
     )
 
 
@@ -105,7 +107,7 @@ def check_problem(problem: Problem) -> None:
     """Check the rods and the conditions of F frames against each other. Raises ShapeError."""
     rods, of, held = problem
     segments = rods.length.shape[1]
-    sizes = {"S": len(held.node), "B": held.drag.shape[1]}
+    sizes = {"S": len(held.node), "B": held.drag.shape[1], "A": held.axial.shape[1]}
     check_rods(rods, ROD)
     check_shapes(**{
         name: (getattr(held, name), (len(of), *shape))

@@ -68,12 +68,11 @@ def _load_columns(rod, held, q, gx, gq, w, right, suffix):
         t1 += gx[i + 1, 1]
         t2 += gx[i + 1, 2]
         suffix[i, 0], suffix[i, 1], suffix[i, 2] = t0, t1, t2
-        r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+        r, u, g = w.frame[i], w.u[i], w.g[i]
         v0 = r[0, 0] * t0 + r[1, 0] * t1 + r[2, 0] * t2
         v1 = r[0, 1] * t0 + r[1, 1] * t1 + r[2, 1] * t2
         v2 = r[0, 2] * t0 + r[1, 2] * t1 + r[2, 2] * t2
-        e0, e1 = l * rod.flexibility[i, 0] * v0, l * rod.flexibility[i, 1] * v1
-        e2 = l * rod.flexibility[i, 2] * v2
+        e0, e1, e2 = w.yields[i, 0] * v0, w.yields[i, 1] * v1, w.yields[i, 2] * v2
         p, h = q[i], gq[i]
         b[i, 0, count] = (
             g[1] * v2
@@ -181,13 +180,13 @@ def _pull_segments(rod, held, w, y, right, suffix, out):
         h1 = r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2] + c1
         h2 = r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2] + c2
         out.flexibility[i, 0], out.flexibility[i, 1], out.flexibility[i, 2] = (
-            l * u[0] * h0, l * u[1] * h1, l * u[2] * h2,
+            l * u[0] * h0, l * u[1] * h1, l * w.pull[i] * h2,
         )  # fmt: skip
         # g/l · (Rᵀ v) + y · (g/l x u) = g/l · (Rᵀ v + u x y)
         out.length[i] = (g[0] * h0 + g[1] * h1 + g[2] * h2) / l
-        e0 = l * rod.flexibility[i, 0] * h0 + y[i, 1] * g[2] - y[i, 2] * g[1]
-        e1 = l * rod.flexibility[i, 1] * h1 + y[i, 2] * g[0] - y[i, 0] * g[2]
-        e2 = l * rod.flexibility[i, 2] * h2 + y[i, 0] * g[1] - y[i, 1] * g[0]
+        e0 = w.yields[i, 0] * h0 + y[i, 1] * g[2] - y[i, 2] * g[1]
+        e1 = w.yields[i, 1] * h1 + y[i, 2] * g[0] - y[i, 0] * g[2]
+        e2 = w.yields[i, 2] * h2 + y[i, 0] * g[1] - y[i, 1] * g[0]
         s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
         s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
         s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2

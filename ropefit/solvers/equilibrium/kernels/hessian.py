@@ -43,8 +43,7 @@ def _add_segments(rod, held, w):
     scale = 0.0
     for i in range(n):
         u, g = w.u[i], w.g[i]
-        l = rod.length[i]
-        d0, d1, d2 = l * rod.flexibility[i, 0], l * rod.flexibility[i, 1], l * rod.flexibility[i, 2]
+        d0, d1, d2 = w.yields[i, 0], w.yields[i, 1], w.yields[i, 2]
         b = w.border[i]
         b[0, last] = -(g[1] * u[2] - g[2] * u[1])
         b[1, last] = -(g[2] * u[0] - g[0] * u[2])
@@ -179,10 +178,10 @@ def set_corner(rod, held, w):
             for i in range(min(held.node[s], held.node[t])):
                 r = w.frame[i]
                 for a in range(3):
-                    if rod.flexibility[i, a] != 0.0:
+                    if w.yields[i, a] != 0.0:
                         vs = r[0, a] * ds[0] + r[1, a] * ds[1] + r[2, a] * ds[2]
                         vt = r[0, a] * dt[0] + r[1, a] * dt[1] + r[2, a] * dt[2]
-                        total += rod.length[i] * rod.flexibility[i, a] * vs * vt
+                        total += w.yields[i, a] * vs * vt
             c[s, t] = -total
             c[t, s] = -total
         c[s, s] -= held.compliance[s]

@@ -84,6 +84,9 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
             continue
         start, slope, weight, noise = merit(held, energy, curvature, whole, right, gaps, w)
         push = end_work(rod, turn, w)
+        if held.axial.shape[0] > 0:  # L is not quadratic in the forces then
+            start = set_state(rod, held, q, next_lam, x0, w)
+            start += 0.5 * weight * violations(rod, held, next_lam, w, gaps)
         accepted = False
         for _ in range(40):
             for i in range(n):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ropefit.rod.fields import ROD, Field, names
+from ropefit.rod.fields import ROD, TENSIONS, Field, names
 from ropefit.solvers.kernels.jit import helper
 
 # What holds a rope in one frame: S supports, B friction elements.
@@ -23,6 +23,10 @@ HELD = (
     Field("drag", ("B", "N+1"), "N m", "stiffness of the friction elements"),
     Field("centre", ("B", "N+1", 2), "1", "where they are unloaded"),
     Field("slip", ("B", "N+1"), "1", "length beyond which they slip"),
+    # A = 0: a strain in proportion to tension; else TENSIONS values.
+    Field(
+        "axial", ("A",), "1", "logarithm of the factor on axial flexibility, over that of tension"
+    ),
 )
 # Derivatives in a frame's conditions, besides those in `ROD`.
 HELD_GRADIENT = (
@@ -49,6 +53,9 @@ class Work(NamedTuple):
     force: np.ndarray  # n, world
     u: np.ndarray
     g: np.ndarray
+    yields: np.ndarray  # change of g by u (N, 3) [m/N]
+    pull: np.ndarray  # axial strain over axial flexibility (N,) [N]: the tension, if linear
+    stored: np.ndarray  # of a law of axial strain, see `axial.set_stored`
     frame: np.ndarray  # R (N, 3, 3)
     x: np.ndarray
     p: np.ndarray  # Darboux quaternion of each bend element
@@ -68,7 +75,8 @@ class Work(NamedTuple):
 def make_work(n, s, extra):
     """Return scratch for n segments, s supports and `extra` right hand sides."""
     return Work(
-        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)),
+        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n),
+        np.zeros(TENSIONS), np.zeros((n, 3, 3)),
         np.zeros((n + 1, 3)), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
         np.zeros(n + 1), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)),
         np.zeros((n, 3, s + extra)), np.zeros((n, 3, s + extra)), np.zeros((s + 3, s + 3)),
@@ -100,6 +108,7 @@ def held_in(held, t):
     return Held(
         held.node, held.free, held.clamp[t], held.direction[t], held.offset[t],
         held.compliance[t], held.active[t], held.drag[t], held.centre[t], held.slip[t],
+        held.axial[t],
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ropefit.solvers.equilibrium.kernels.axial import set_stored, stretched
 from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import darboux, rotation
 
@@ -13,6 +14,9 @@ def set_state(rod, held, q, lam, x0, w):
     """Write forces, strains, nodes and moments of a state into the scratch; returns L [J]."""
     n = rod.length.shape[0]
     _set_forces(rod, held, lam, w)
+    with_law = held.axial.shape[0] > 0
+    if with_law:
+        set_stored(held.axial, w.stored)
     total = 0.0
     for a in range(3):
         w.x[0, a] = x0[a]
@@ -23,8 +27,16 @@ def set_state(rod, held, q, lam, x0, w):
         for a in range(3):
             u = r[0, a] * w.force[i, 0] + r[1, a] * w.force[i, 1] + r[2, a] * w.force[i, 2]
             w.u[i, a] = u
-            w.g[i, a] = l * rod.flexibility[i, a] * u
-            total -= 0.5 * l * rod.flexibility[i, a] * u * u
+            w.yields[i, a] = l * rod.flexibility[i, a]
+            w.g[i, a] = w.yields[i, a] * u
+            if a < 2 or not with_law:
+                total -= 0.5 * w.yields[i, a] * u * u
+        w.pull[i] = w.u[i, 2]
+        if with_law:
+            soft = w.yields[i, 2]
+            w.pull[i], rate, energy = stretched(held.axial, w.stored, w.u[i, 2])
+            w.g[i, 2], w.yields[i, 2] = soft * w.pull[i], soft * rate
+            total -= soft * energy
         w.g[i, 2] += l
         total -= l * w.u[i, 2]
         for a in range(3):

@@ -111,12 +111,11 @@ def _add_segments(rod, change, w, dx):
             v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2
             v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2
             v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2
-            e0, e1 = l * rod.flexibility[i, 0] * v0, l * rod.flexibility[i, 1] * v1
-            e2 = l * rod.flexibility[i, 2] * v2
+            e0, e1, e2 = w.yields[i, 0] * v0, w.yields[i, 1] * v1, w.yields[i, 2] * v2
             dl = change.length[c, i] / l
             h0 = e0 + dl * g[0] + l * change.flexibility[c, i, 0] * u[0]
             h1 = e1 + dl * g[1] + l * change.flexibility[c, i, 1] * u[1]
-            h2 = e2 + dl * g[2] + l * change.flexibility[c, i, 2] * u[2]
+            h2 = e2 + dl * g[2] + l * change.flexibility[c, i, 2] * w.pull[i]
             b[i, 0, first + c] -= h1 * u[2] - h2 * u[1] + g[1] * v2 - g[2] * v1
             b[i, 1, first + c] -= h2 * u[0] - h0 * u[2] + g[2] * v0 - g[0] * v2
             b[i, 2, first + c] -= h0 * u[1] - h1 * u[0] + g[0] * v1 - g[1] * v0
@@ -158,7 +157,7 @@ def _add_response(rod, held, w, right, dx, turn):
         for a in range(3):
             dx[c, 0, a] += (s0, s1, s2)[a]
         for i in range(n):
-            r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+            r, u, g = w.frame[i], w.u[i], w.g[i]
             f0, f1, f2 = 0.0, 0.0, 0.0
             t0, t1 = -w.solved[i, 0, count + c], -w.solved[i, 1, count + c]
             t2 = -w.solved[i, 2, count + c]
@@ -175,9 +174,9 @@ def _add_response(rod, held, w, right, dx, turn):
             v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2 + u[1] * t2 - u[2] * t1
             v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2 + u[2] * t0 - u[0] * t2
             v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2 + u[0] * t1 - u[1] * t0
-            e0 = t1 * g[2] - t2 * g[1] + l * rod.flexibility[i, 0] * v0
-            e1 = t2 * g[0] - t0 * g[2] + l * rod.flexibility[i, 1] * v1
-            e2 = t0 * g[1] - t1 * g[0] + l * rod.flexibility[i, 2] * v2
+            e0 = t1 * g[2] - t2 * g[1] + w.yields[i, 0] * v0
+            e1 = t2 * g[0] - t0 * g[2] + w.yields[i, 1] * v1
+            e2 = t0 * g[1] - t1 * g[0] + w.yields[i, 2] * v2
             s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
             s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
             s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2

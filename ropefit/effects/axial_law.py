@@ -1,0 +1,209 @@
+"""Stretch that is not linear: a tension that grows more, or less, than the strain does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.law import Constant, Form, Law
+from ropefit.rod.axial import TENSIONS
+from ropefit.rod.fields import PER_OCTAVE
+from ropefit.rod.setup import Setup
+
+# Over the rope's weight: tensions at which the exponent may change; beyond LOWEST and HIGHEST
+# strain is in proportion to tension.
+BENDS = (1 / 5, 1 / 2)
+LOWEST, HIGHEST = 1 / 64, 16.0
+MIDDLE = (BENDS[0] * BENDS[1]) ** 0.5  # there EA is the tension over the strain
+LEAST_POWER = 0.05  # of strain in tension: a strain that no longer grows leaves tensions open
+SMALLEST = 1e-6  # strain: smaller ones are none
+POINTS = 400  # of a form's curve
+
+Tension = Callable[[Tensor, Tensor], Tensor]  # of strains (n,) and a shape (), up to a factor
+
+
+class AxialLaw(Effect):
+    """The axial strain over that of a linear rope, as a function of the tension.
+
+    Its logarithm is piecewise linear in that of the tension: `exponent` n - 1 of strain ~ tension^n
+    at middle tensions, and how much larger it is at lower and at higher ones. All of the rope
+    follows the same law; what does not stretch has none.
+    """
+
+    name = "axial_law"
+    in_motion = False
+    of_rope = True
+    counted = False  # it corrects the linear stretch, which is a parameter or an effect of its own
+    quantities = (
+        Quantity("exponent", "1", 0.5, -0.95, 4.0),
+        Quantity("more_below", "1", 0.5, -4.0, 4.0),
+        Quantity("more_above", "1", 0.5, -4.0, 4.0),
+    )
+
+    def applies(self, setup: Setup) -> bool:
+        return setup.axial is None and _compliance(setup) > 0
+
+    def apply(self, setup: Setup, values: Tensor) -> Setup:
+        at = torch.log(_relative(setup))
+        below = (at - np.log(BENDS[0])).clamp(max=0)
+        above = (at - np.log(BENDS[1])).clamp(min=0)
+        parts = torch.stack([at - np.log(MIDDLE), below, above], dim=-1)
+        return setup._replace(axial=_increasing(parts @ values))
+
+    def law(self, setup: Setup) -> Law:
+        return Law(
+            "axial strain", "tension", "1", -2.0, _curve, _strains,
+            np.array([True, False, False]), _forms(setup), _sentence,
+        )  # fmt: skip
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        at = MIDDLE * float(setup.weight)
+        note = f"axial_law: stretch is linear there; EA is that at a tension of {at:.3g} N"
+        return Exported(beside, note=note)
+
+    def sentence(self, values: dict[str, float]) -> str:
+        way = "stiffens" if values["exponent"] < 0 else "softens"
+        return (
+            f"the rope {way} as it stretches: its tension grows as "
+            f"strain^{1 / (1 + values['exponent']):.2g}"
+        )
+
+
+def _compliance(setup: Setup) -> float:
+    """Return 1/EA [1/N] of the rope's first segment."""
+    return float(1 / setup.properties.axial[0] + setup.stretch[0])
+
+
+def _weight(setup: Setup) -> float:
+    return float(setup.weight.detach())
+
+
+def _relative(setup: Setup) -> Tensor:
+    """Return (A,) the tensions of the law's knots over the weight, within LOWEST and HIGHEST."""
+    return (TENSIONS / _weight(setup)).clamp(LOWEST, HIGHEST)
+
+
+def _increasing(factor: Tensor) -> Tensor:
+    """Return logarithms of the factor (A,) with which the strain grows with the tension."""
+    least = (LEAST_POWER - 1) * np.log(2.0) / PER_OCTAVE
+    steps = torch.diff(factor)
+    if bool((steps >= least).all()):
+        return factor
+    middle = len(factor) // 2
+    summed = torch.nn.functional.pad(steps.clamp(min=least).cumsum(0), (1, 0))
+    return factor[middle] + summed - summed[middle]
+
+
+def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
+    """Return (n,) tensions [N] at strains x (n,), of the rope's first segment."""
+    soft, tension = _compliance(setup), TENSIONS.numpy()
+    if setup.axial is None:
+        return x / soft
+    axial = setup.axial.detach().numpy()
+    way, at = np.log(soft * tension) + axial, np.log(np.maximum(x, 1e-300))
+    inside = np.interp(at, way, np.log(tension))  # beyond the knots, in proportion
+    beyond = np.minimum(at - way[0], 0.0) + np.maximum(at - way[-1], 0.0)
+    return np.where(x > 0, np.exp(inside + beyond), 0.0)
+
+
+def _strains(setup: Setup, nodes: np.ndarray) -> np.ndarray:
+    """Return the positive strains of the segments between nodes (F, N+1, 3) [m]."""
+    length = np.linalg.norm(np.diff(nodes, axis=1), axis=-1)
+    strain = (length / setup.properties.length.detach().numpy() - 1).ravel()
+    return strain[np.isfinite(strain) & (strain > SMALLEST)]
+
+
+def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
+    power = float(np.log(y[1] / y[0]) / np.log(x[1] / x[0]))
+    way = "stiffens" if power > 1 else "softens"
+    return (
+        f"the rope {way} as it stretches: between strains of {100 * x[0]:.2g} and "
+        f"{100 * x[1]:.2g} % its tension grows as strain^{power:.2g}"
+    )
+
+
+def _middle(setup: Setup) -> tuple[float, float]:
+    """Return strain and tension [N] where EA is their ratio."""
+    tension = MIDDLE * _weight(setup)
+    return _compliance(setup) * tension, tension
+
+
+def _with_tension(setup: Setup, tension: Tension, shape: Tensor) -> Setup:
+    """Return the setup with a tension that is a function of the strain over that in the middle."""
+    relative, own = torch.log(_relative(setup) / MIDDLE), torch.zeros(1, dtype=torch.float64)
+    strain = torch.linspace(-14.0, 14.0, POINTS, dtype=torch.float64)
+    at = torch.log(tension(torch.exp(strain), shape)) - torch.log(tension(torch.exp(own), shape))
+    at = at + 1e-9 * strain  # where it no longer grows
+    k = torch.searchsorted(at, relative).clamp(1, POINTS - 1)
+    share = (relative - at[k - 1]) / (at[k] - at[k - 1])
+    found = strain[k - 1] + share.clamp(0, 1) * (strain[k] - strain[k - 1])
+    return setup._replace(axial=_increasing(found - relative))
+
+
+def _power(x: Tensor, n: Tensor) -> Tensor:
+    return x**n
+
+
+def _rising(x: Tensor, at: Tensor) -> Tensor:
+    return x + x**3 / at**2
+
+
+def _levelling(x: Tensor, at: Tensor) -> Tensor:
+    return torch.tanh(x / at)
+
+
+def _locking(x: Tensor, at: Tensor) -> Tensor:
+    """Return the tension of a strain that tends to `at`."""
+    return torch.where(x < at, -torch.log1p(-(x / at).clamp(max=1 - 1e-9)), 20.0 + x / at)
+
+
+def _forms(setup: Setup) -> tuple[Form, ...]:
+    exponents = np.linspace(0.25, 5.0, 39)[:, None]
+    shares = np.geomspace(0.2, 20.0, 24)[:, None]
+
+    def form(name: str, shape: str, tries: np.ndarray, tension: Tension, constants) -> Form:
+        return Form(
+            name, (shape,), ("1",), tries[0] / 2, tries[-1] * 2, tries,
+            lambda s, v: _with_tension(s, tension, v[0]), constants,
+        )  # fmt: skip
+
+    def constant(name: str, tension: float) -> Constant:
+        return Constant(name, tension, -2.0)
+
+    def strain(name: str, value: float) -> Constant:
+        return Constant(name, value, 0.0, False)
+
+    def power(s: Setup, v: np.ndarray) -> list[Constant]:
+        e, tension = _middle(s)
+        return [constant("a", tension / e ** float(v[0])), strain("n", float(v[0]))]
+
+    def rising(s: Setup, v: np.ndarray) -> list[Constant]:
+        e, tension = _middle(s)
+        a = tension / e / (1 + float(v[0]) ** -2)
+        return [constant("a", a), constant("b", a / (float(v[0]) * e) ** 2)]
+
+    def levelling(s: Setup, v: np.ndarray) -> list[Constant]:
+        e, tension = _middle(s)
+        return [
+            constant("T0", tension / np.tanh(1 / float(v[0]))), strain("e0", float(v[0]) * e)
+        ]  # fmt: skip
+
+    def locking(s: Setup, v: np.ndarray) -> list[Constant]:
+        e, tension = _middle(s)
+        at = float(v[0])
+        return [constant("T0", tension / -np.log1p(-1 / at)), strain("e0", at * e)]
+
+    return (
+        form("T = a e^n", "exponent", exponents, _power, power),
+        form("T = a e + b e^3, b > 0", "strain", shares, _rising, rising),
+        form("T = T0 tanh(e/e0)", "strain", shares, _levelling, levelling),
+        form("T = -T0 ln(1 - e/e0)", "strain", np.geomspace(1.02, 20.0, 24)[:, None], _locking,
+             locking),
+    )  # fmt: skip
