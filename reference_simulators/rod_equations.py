@@ -4,7 +4,7 @@ State, 13 numbers: position x [m], quaternion q (w, x, y, z) of the material fra
 is the tangent, towards end 1), force n [N] and moment m [N m] that the part towards end 1 exerts
 on the part towards end 0, all in the recording's axes.
 
-    x' = (1 + n.d3/EA) d3     q' = q (0, u) / 2     n' = -f(x)     m' = -x' x n
+    x' = (1 + strain(n.d3)) d3     q' = q (0, u) / 2     n' = -f(x)     m' = -x' x n
     u = rest curvature + compliance (R^T m)
 """
 
@@ -112,6 +112,7 @@ class Rod:
     fields: tuple[Field, ...] = ()
     softening: float = 0.0  # 1/(N m)²: curvature grows by (1 + softening |m|²)
     bent: Any = None  # instead of EI: the curvature and its derivative as functions of the moment
+    stretched: Any = None  # instead of 1/EA: likewise the strain, of the tension
     inside: Inside | None = None
     end_springs: tuple[Any, Any] = field(default=(None, None))
     # each None or (stiffness [N m/rad], direction (3,) towards end 1)
@@ -122,6 +123,12 @@ class Rod:
         inside = [s for part in self.sections for s in (part.start, part.end)]
         inside += [point.at for point in self.points]
         return sorted({s for s in inside if 1e-6 < s < self.length - 1e-6})
+
+    def strain(self, tension: Array) -> tuple[Array, Array]:
+        """Return the axial strain at tensions [N], and its derivative [1/N]."""
+        if self.stretched is not None:
+            return self.stretched(tension)
+        return self.compliance * tension, np.full_like(tension, self.compliance)
 
     @property
     def isotropic(self) -> bool:
@@ -196,12 +203,13 @@ def slope(rod: Rod, middle: Array, y: Array) -> tuple[Array, Array]:
     u, u_by_body = curvatures(rod, middle, body)
 
     d3, d3_by_q = turn[..., 2], by_q[..., 2, :]
-    stretch = 1 + rod.compliance * (n * d3).sum(-1)[..., None]
+    strain, rate = rod.strain((n * d3).sum(-1)[..., None])
+    stretch, rate = 1 + strain, rate[..., None]
     tangent = stretch * d3
-    tangent_by_q = stretch[..., None] * d3_by_q + rod.compliance * (
+    tangent_by_q = stretch[..., None] * d3_by_q + rate * (
         d3[..., :, None] * (n[..., None, :] @ d3_by_q)
     )
-    tangent_by_n = rod.compliance * d3[..., :, None] * d3[..., None, :]
+    tangent_by_n = rate * d3[..., :, None] * d3[..., None, :]
 
     force = density * np.asarray(rod.gravity) + np.asarray(rod.load)
     out, a = np.zeros_like(y), np.zeros((*y.shape, SIZE))

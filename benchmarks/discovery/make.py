@@ -13,7 +13,7 @@ from benchmarks.discovery.made import Made, Sized
 from benchmarks.discovery.setting import Setting, draw, grasped, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
 from reference_simulators.collocation import NotConverged, solve
-from reference_simulators.kirchhoff_rod import CLAMPED, hang, problem
+from reference_simulators.kirchhoff_rod import CLAMPED, follow, hang, problem
 from reference_simulators.rod_equations import Array, rotation
 
 CATALOGUE = PHYSICS | HISTORY_DEPENDENT | MEASUREMENT | UNKNOWN
@@ -98,6 +98,14 @@ def with_mesh(setting: Setting, effects: list[Concealed]) -> Setting:
     return replace(setting, held=held, problem=new, states=states)
 
 
+def stretching(setting: Setting, strain: float) -> Setting:
+    """Return the setting with a rope that stretches by this much under its own weight."""
+    weight = setting.rod.density * setting.rod.length * 9.81
+    rod = replace(setting.rod, compliance=strain / weight)
+    goal = replace(setting.problem, rod=rod)
+    return replace(setting, rod=rod, problem=goal, states=follow(lambda _: goal, setting.states))
+
+
 def make(
     effects: list[str],
     scores: list[float],
@@ -105,13 +113,17 @@ def make(
     clamped: bool | None = None,
     calibration: bool = False,
     simulator: str = "elastica",
+    stretch: float = 0.0,
 ) -> Made:
-    """Draw a setting and effects of these scores; solve it."""
+    """Draw a setting and effects of these scores; solve it. stretch: the strain under its own
+    weight of the rope to which the effects are added."""
     rng = np.random.default_rng(seed)
     if clamped is None:
         clamped = bool(rng.random() < 0.5)
     clamped = (clamped or bool(NEEDS_CLAMPS & set(effects))) and not NEEDS_PINS & set(effects)
     setting = draw(clamped, rng, back=bool(HISTORY_DEPENDENT.keys() & set(effects)))
+    if stretch:
+        setting = stretching(setting, stretch)
     chosen = [CATALOGUE[effect](setting, rng) for effect in effects]
     if breaks_of(chosen):
         setting = with_mesh(setting, chosen)
@@ -135,5 +147,5 @@ def make(
     goal, states = shapes(setting, world, states)
     direction = rotation(states[..., 3:7])[..., 2]
     tension = (states[..., 7:10] * direction).sum(-1, keepdims=True)
-    tangents = (1 + world.rod.compliance * tension) * direction
+    tangents = (1 + world.rod.strain(tension)[0]) * direction
     return Made(setting, world, sized, goal.mesh, states[..., :3], tangents, simulator)

@@ -79,9 +79,14 @@ def meter(setting: Setting) -> Meter:
     wide = max(0.25 * setting.diameter, setting.sensor.lateral) / np.sqrt(each)
     basis = np.stack([along / deep, across / wide], axis=2)
 
-    # In every frame alike: EI; gravity, the ends; how large everything is against the rope.
+    # In every frame alike: EI, and EA of a rope that stretches; gravity, the ends; how large
+    # everything is against the rope.
     small = 1e-4
     changed, sizes = [replace(problem, rod=replace(rod, bending=rod.bending * 1.001))], [3000.0]
+    if rod.compliance:
+        softer = replace(rod, compliance=rod.compliance * 1.001)
+        changed.append(replace(problem, rod=softer))
+        sizes.append(3000.0)
     for axis in np.eye(3)[:2]:
         turn = Rotation.from_rotvec(small * axis)
         tilted = replace(rod, gravity=tuple(turn.apply(rod.gravity)))
