@@ -30,8 +30,9 @@ from ropefit.solvers.kernels.jit import SHARED, copy_rows, exact_kernel, kernel,
 from ropefit.solvers.kernels.rotations import director
 
 
-def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
-    """Return the entry points; `sources`, a hash of all they call, is part of the cache's key."""
+def _of_states(sources: int) -> tuple[Callable[..., Any], ...]:
+    """Return the entry points that settle ropes, and those of settled ones; `sources`, a hash of
+    all they call, is part of the cache's key."""
 
     @kernel
     def solve_ropes(
@@ -95,6 +96,12 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
                 rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], w, schur
             )
 
+    return solve_ropes, tangent_ropes, adjoint_ropes, stability_ropes
+
+
+def _of_starts(sources: int) -> tuple[Callable[..., Any], ...]:
+    """Return the entry points that find where to start from; `sources` as in `_of_states`."""
+
     @exact_kernel
     def hang_rope(arc, gravity, ends, tangents, shape):
         """Write the shape (K, 3) of one hanging rope, see `hang`."""
@@ -117,11 +124,11 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
             pull[t] = hang(arc[of[t]], gravity[of[t]], ends[t], tangents, x[t])
             frames_of(x[t], arc[of[t]], clamp[t], turns[t], q[t])
 
-    return solve_ropes, tangent_ropes, adjoint_ropes, stability_ropes, hang_rope, start_ropes
+    return hang_rope, start_ropes
 
 
 # The records and what a status means are compiled in as well.
 SOURCES = (Path(__file__).parent, SHARED, Path(fields.__file__), Path(statuses.__file__))
-solve_ropes, tangent_ropes, adjoint_ropes, stability_ropes, hang_rope, start_ropes = _entries(
-    source_key(*SOURCES)
-)
+KEY = source_key(*SOURCES)
+solve_ropes, tangent_ropes, adjoint_ropes, stability_ropes = _of_states(KEY)
+hang_rope, start_ropes = _of_starts(KEY)

@@ -25,6 +25,7 @@ REACH = 1e-5  # rad: a last full step below it leaves an error of its square
 # Of the largest entry of the Hessian: what a rope is indifferent to (a buckled strut may turn about
 # the line through its ends) has an eigenvalue of either sign in rounding.
 NEUTRAL = 1e-9
+HALVINGS = 40  # of a step, before it is given up
 NEAR = 1e-3  # of the largest moment: a residual below it may be that of such a state
 
 
@@ -37,9 +38,7 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
     the augmented Lagrangian decreases.
     """
     n, count = rod.length.shape[0], held.node.shape[0]
-    whole = 0.0
-    for i in range(n):
-        whole += rod.length[i]
+    whole = rod.length.sum()
     trial_q, trial_x = np.empty((n, 4)), np.empty(3)
     schur = np.empty((count + 3, count + 3))
     right = np.empty((count + 3, 1))
@@ -87,20 +86,19 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
         if held.axial.shape[0] > 0:  # L is not quadratic in the forces then
             start = set_state(rod, held, q, next_lam, x0, w)
             start += 0.5 * weight * violations(rod, held, next_lam, w, gaps)
-        accepted = False
-        for _ in range(40):
+        for _ in range(HALVINGS):
             for i in range(n):
                 turn_by(q[i], turn[i], share, trial_q[i])
             for a in range(3):
                 trial_x[a] = x0[a] + share * right[count + a, 0]
-            value = set_state(rod, held, trial_q, next_lam, trial_x, w) - share * push
+            energy = set_state(rod, held, trial_q, next_lam, trial_x, w)
             square = violations(rod, held, next_lam, w, gaps)
-            value += 0.5 * weight * square
-            if value <= start + 1e-4 * share * min(slope, 0.0) + noise:
-                accepted = True
+            value = energy - share * push + 0.5 * weight * square
+            known = value <= start + 1e-4 * share * min(slope, 0.0) + noise
+            if known:
                 break
             share *= 0.5
-        if not accepted:
+        if not known:
             if used > NEUTRAL * size and shift < 1e12:
                 shift = 16 * used
                 continue
@@ -111,8 +109,7 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
             x0[a] = trial_x[a]
         for s in range(count):
             lam[s] += share * right[s, 0]
-        if share == 1.0:  # the last state tried is the next one
-            known, energy = True, value + share * push - 0.5 * weight * square
+        known = share == 1.0  # the last state tried is the next one
     return LIMIT, limit, worst
 
 
