@@ -34,7 +34,7 @@ def stretchy(segments: int, frames: int = 24, strain: float = 0.05) -> Setup:
     return AxialExtensibility().apply(setup, soft)
 
 
-def tensor(values: list[float]) -> torch.Tensor:
+def tensor(values: list[float] | list[list[float]]) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
@@ -64,7 +64,7 @@ def test_a_chain_of_a_power_law_hangs_as_the_integral_says(power):
 
         return quad(part, 0.0, 0.5)[0]
 
-    pull = brentq(lambda h: 2 * along(h, False) - 0.7, 1e-3, 50.0)
+    pull = float(brentq(lambda h: 2 * along(h, False) - 0.7, 1e-3, 50.0))  # pyright: ignore
     assert abs(found.force[0, 100, 0] / pull - 1) < 2e-5
     assert abs(-found.x[0, 100, 2] - along(pull, True)) < 2e-5
 

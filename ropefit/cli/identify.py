@@ -40,89 +40,104 @@ FREE = (
     "the paper's solvers: their weights. By default EI, and the length where it was estimated."
 )
 
+Free = Annotated[OptionalText, typer.Option(help=FREE)]
+Start = Annotated[
+    Texts,
+    typer.Option(
+        help="NAME=VALUE: the value that a parameter starts from, and keeps if it is not "
+        "free. Repeatable."
+    ),
+]
+FromRun = Annotated[
+    OptionalPath,
+    typer.Option(
+        "--from",
+        help="Another run of the same rope, whose parameters are kept; those of --free are "
+        "fitted still (equilibrium only).",
+    ),
+]
+LawOption = Annotated[
+    OptionalText,
+    typer.Option(
+        help="bending: fit the bending moment as a function of the curvature besides, as a "
+        "curve with its band and its form (equilibrium only)."
+    ),
+]
+Groups = Annotated[
+    str,
+    typer.Option(
+        help="Parameter sets: one for all frames, one for each tension, or one for each of "
+        "some frame ranges like 0-17,18-35.",
+        rich_help_panel=OF_EXPERTS,
+    ),
+]
+TwoSided = Annotated[
+    bool,
+    typer.Option(
+        help="Fit a gravity weight for each side of the control point.",
+        rich_help_panel=OF_PAPER,
+    ),
+]
+Steps = Annotated[
+    int, typer.Option(help="The gravity steps of Algorithm 1.", rich_help_panel=OF_PAPER)
+]
+Iterations = Annotated[
+    int, typer.Option(help="The constraint iterations of a step.", rich_help_panel=OF_PAPER)
+]
+TimeStep = Annotated[
+    float,
+    typer.Option(help="The time step of the gravity prediction [s].", rich_help_panel=OF_PAPER),
+]
+Compliance = Annotated[
+    str,
+    typer.Option(
+        help="The XPBD compliances of shear, bend and distance; 0 is a hard constraint.",
+        rich_help_panel=OF_PAPER,
+    ),
+]
+Evaluations = Annotated[
+    int,
+    typer.Option(
+        help="The most evaluations of a gradient or least-squares search.",
+        rich_help_panel=OF_EXPERTS,
+    ),
+]
+Levels = Annotated[
+    int,
+    typer.Option(help="Grid search: the values per parameter.", rich_help_panel=OF_EXPERTS),
+]
+Rounds = Annotated[
+    int,
+    typer.Option(help="Grid search: the refinements.", rich_help_panel=OF_EXPERTS),
+]
+Holdout = Annotated[
+    float,
+    typer.Option(
+        help="The share of the frames that is held out, in blocks.", rich_help_panel=OF_EXPERTS
+    ),
+]
+
 
 def identify(
     run: Run = Path("run"),
     solver: SolverOption = "equilibrium",
     loss: LossOption = "OBJ1",
     search: SearchOption = None,
-    free: Annotated[OptionalText, typer.Option(help=FREE)] = None,
-    start: Annotated[
-        Texts,
-        typer.Option(
-            help="NAME=VALUE: the value that a parameter starts from, and keeps if it is not "
-            "free. Repeatable."
-        ),
-    ] = None,
-    from_run: Annotated[
-        OptionalPath,
-        typer.Option(
-            "--from",
-            help="Another run of the same rope, whose parameters are kept; those of --free are "
-            "fitted still (equilibrium only).",
-        ),
-    ] = None,
-    law: Annotated[
-        OptionalText,
-        typer.Option(
-            help="bending: fit the bending moment as a function of the curvature besides, as a "
-            "curve with its band and its form (equilibrium only)."
-        ),
-    ] = None,
-    groups: Annotated[
-        str,
-        typer.Option(
-            help="Parameter sets: one for all frames, one for each tension, or one for each of "
-            "some frame ranges like 0-17,18-35.",
-            rich_help_panel=OF_EXPERTS,
-        ),
-    ] = "one",
-    two_sided: Annotated[
-        bool,
-        typer.Option(
-            help="Fit a gravity weight for each side of the control point.",
-            rich_help_panel=OF_PAPER,
-        ),
-    ] = False,
+    free: Free = None,
+    start: Start = None,
+    from_run: FromRun = None,
+    law: LawOption = None,
+    groups: Groups = "one",
+    two_sided: TwoSided = False,
     control_at: ControlAt = None,
-    steps: Annotated[
-        int, typer.Option(help="The gravity steps of Algorithm 1.", rich_help_panel=OF_PAPER)
-    ] = 50,
-    iterations: Annotated[
-        int, typer.Option(help="The constraint iterations of a step.", rich_help_panel=OF_PAPER)
-    ] = 20,
-    dt: Annotated[
-        float,
-        typer.Option(help="The time step of the gravity prediction [s].", rich_help_panel=OF_PAPER),
-    ] = 0.1,
-    compliance: Annotated[
-        str,
-        typer.Option(
-            help="The XPBD compliances of shear, bend and distance; 0 is a hard constraint.",
-            rich_help_panel=OF_PAPER,
-        ),
-    ] = "0,0,0",
-    evaluations: Annotated[
-        int,
-        typer.Option(
-            help="The most evaluations of a gradient or least-squares search.",
-            rich_help_panel=OF_EXPERTS,
-        ),
-    ] = 60,
-    levels: Annotated[
-        int,
-        typer.Option(help="Grid search: the values per parameter.", rich_help_panel=OF_EXPERTS),
-    ] = 3,
-    rounds: Annotated[
-        int,
-        typer.Option(help="Grid search: the refinements.", rich_help_panel=OF_EXPERTS),
-    ] = 3,
-    holdout: Annotated[
-        float,
-        typer.Option(
-            help="The share of the frames that is held out, in blocks.", rich_help_panel=OF_EXPERTS
-        ),
-    ] = 0.2,
+    steps: Steps = 50,
+    iterations: Iterations = 20,
+    dt: TimeStep = 0.1,
+    compliance: Compliance = "0,0,0",
+    evaluations: Evaluations = 60,
+    levels: Levels = 3,
+    rounds: Rounds = 3,
+    holdout: Holdout = 0.2,
     most_frames: MostFrames = 60,
     device: DeviceOption = Device.cpu,
     force: Force = False,
