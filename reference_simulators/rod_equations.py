@@ -26,7 +26,7 @@ class Field:
 
     `axis` (3,) is the normal of a plane, the direction of a bar, or zero for a point; `point` (3,)
     [m] lies on it. Force: hardness * max(0, reach - d), or strength * exp(-d / reach) if `soft`,
-    or strength * (reach / d)^power.
+    or strength * (reach / d)^power; or strength / (1 + exp(d / reach)), if `filled`.
     """
 
     point: Array
@@ -36,6 +36,7 @@ class Field:
     kind: str  # plane, bar
     soft: bool = False
     power: float = 0.0
+    filled: bool = False
 
     def force(self, x: Array) -> tuple[Array, Array]:
         """Return the force (…, 3) per length [N/m] at x (…, 3) [m], and the derivative by x."""
@@ -53,6 +54,10 @@ class Field:
         if self.soft:
             size = self.hardness * np.exp(-d / self.reach)
             slope = -size / self.reach
+        elif self.filled:
+            share = 1 / (1 + np.exp(np.clip(d / self.reach, -500, 500)))
+            size = self.hardness * share
+            slope = -size * (1 - share) / self.reach
         elif self.power:
             size = self.hardness * (self.reach / d) ** self.power
             slope = -self.power * size / d

@@ -120,25 +120,37 @@ def axial(setting: Setting, rng: np.random.Generator) -> Drawn:
 
 
 def force_field(setting: Setting, rng: np.random.Generator) -> Drawn:
-    """Draw a point beside the rope that repels or attracts it, by a power of the distance or
-    exponentially."""
-    place = int(rng.uniform(0.35, 0.65) * len(setting.problem.mesh))
-    x = setting.states[:, place, :3].mean(axis=0)
-    way = rng.standard_normal(3)
-    point = x + rng.uniform(0.1, 0.25) * way / np.linalg.norm(way)
+    """Draw a point or a wall that repels or attracts the rope, by a power of the distance or
+    exponentially; or a force that fills the room behind a plane."""
     sign = float(rng.choice([-1.0, 1.0]))
     weight = setting.rod.density * 9.81
-    if rng.random() < 0.5:
-        n = float(rng.uniform(1.0, 3.0))
-        field = {"reach": 0.1 * setting.rod.length, "power": n}
-        form, constants = "(r0/r)^n", {"n": n}
+    way = rng.standard_normal(3)
+    way /= np.linalg.norm(way)
+    kind = str(rng.choice(["point power", "point exp", "wall power", "wall exp", "filled"]))
+    x = setting.states[..., :3]
+    if kind.startswith("point"):
+        place = int(rng.uniform(0.35, 0.65) * len(setting.problem.mesh))
+        point, axis, what = x[:, place].mean(axis=0), np.zeros(3), "bar"
+        point = point + rng.uniform(0.1, 0.25) * way
     else:
-        span = float(rng.uniform(0.04, 0.15))
-        field = {"reach": span, "soft": True}
-        form, constants = "e^(-r/lambda)", {"lambda": span}
-    change = with_field(
-        lambda size: Field(point, np.zeros(3), hardness=sign * size, kind="bar", **field)
-    )
+        along = x @ way
+        behind = rng.uniform(0.03, 0.1)
+        if kind == "filled":
+            behind = -rng.uniform(0.3, 0.7) * float(np.ptp(along))
+        point, axis, what = (float(along.min()) - behind) * way, way, "plane"
+    n, span = float(rng.uniform(1.0, 3.0)), float(rng.uniform(0.04, 0.15))
+    if kind == "filled":
+        field = Field(point, axis, 0.01, sign, what, filled=True)
+        form, constants = "x < x1", {}
+    elif kind.endswith("power"):
+        field = Field(point, axis, 0.1 * setting.rod.length, sign, what, power=n)
+        form, constants = ")^n", {"n": n}
+    else:
+        # Told along the force, which an attracting wall has towards itself.
+        told = span if kind == "point exp" else sign * span
+        field = Field(point, axis, span, sign, what, soft=True)
+        form, constants = "/lambda)", {"lambda": told}
+    change = with_field(lambda size: replace(field, hardness=sign * size))
     concealed = Concealed(
         "force_field", "unknown", change, 0.05 * weight, 50 * weight, "strength", "N/m",
         follows=True,

@@ -65,10 +65,8 @@ def described(candidate: Candidate, final: Fit) -> Described | None:
         return None
     values = law.visited(final.point.setup, final.point.solution.x)
     least, most = (float(q) for q in np.quantile(values, INSIDE))
-    least = max(least, LEAST_SHARE * most)
-    first = 0.1 * least if law.from_zero else least / WIDER
-    x = np.geomspace(first, WIDER * values.max(), POINTS)
-    x[0] = 0.0 if law.from_zero else x[0]
+    least = least if law.even else max(least, LEAST_SHARE * most)
+    x = _places(law, least, values)
     mine = _place(final, candidate.term)
     mean, covariance = _smooth(final, candidate.term, mine, law)
     drawn = _draws(final, mean, covariance)
@@ -84,7 +82,12 @@ def described(candidate: Candidate, final: Fit) -> Described | None:
         f
         for f in found
         if f.evidence > most_likely - LEAST_LEAD
-        or (most_likely == found[0].evidence and not exponents_differ(x, inside, found[0].y, f.y))
+        or (
+            most_likely == found[0].evidence
+            and not exponents_differ(
+                x if law.even else np.log(np.maximum(x, 1e-300)), inside, found[0].y, f.y
+            )
+        )
     ]
     named = len(remaining) == 1
     y = remaining[0].y if named else y
@@ -92,10 +95,21 @@ def described(candidate: Candidate, final: Fit) -> Described | None:
     return Described(law, x, y[0], low, high, (least, most), remaining, named)
 
 
+def _places(law: Law, least: float, values: np.ndarray) -> np.ndarray:
+    """Return (POINTS,) where the curve is told: from the `least` of values (n,) that counts."""
+    if law.even:
+        low, high = values.min(), values.max()
+        more = 0.5 * (WIDER - 1) * (high - low)
+        return np.linspace(low - more, high + more, POINTS)
+    x = np.geomspace(0.1 * least if law.from_zero else least / WIDER, WIDER * values.max(), POINTS)
+    x[0] = 0.0 if law.from_zero else x[0]
+    return x
+
+
 def exponents_differ(x: np.ndarray, inside: np.ndarray, a: np.ndarray, b: np.ndarray) -> bool:
-    """Return whether the 95 % intervals of d ln y / d ln x of two curves exclude one another
-    anywhere `inside` (n,): draws (D, n) at x (n,)."""
-    way = np.log(x[inside])
+    """Return whether the 95 % intervals of d ln y / dx of two curves exclude one another anywhere
+    `inside` (n,): draws (D, n) at x (n,)."""
+    way = x[inside]
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = [
             np.quantile(
@@ -167,6 +181,13 @@ def _draws(final: Fit, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return np.clip(mean + steps @ vectors.T, low, high)
 
 
+def _factor(law: Law, y: np.ndarray, wanted: np.ndarray) -> float:
+    """Return by what a form's curve (n,) is to be multiplied to be most like another one."""
+    if law.even:
+        return float(y @ wanted / (y @ y))
+    return float(np.exp(np.mean(np.log(wanted / y))))
+
+
 def _fitted(
     form: Form,
     law: Law,
@@ -187,6 +208,8 @@ def _fitted(
 
     def misfit(values: np.ndarray) -> float:
         y = law.curve(form.apply(plain, torch.from_numpy(values)), x[inside])
+        if law.even:
+            return float(np.square(wanted - _factor(law, y, wanted) * y).sum())
         return float(np.var(np.log(y / wanted)))
 
     start, size, scale = min(form.tries, key=misfit), len(form.names), form.scale
@@ -195,7 +218,7 @@ def _fitted(
     else:
         y = law.curve(form.apply(plain, torch.from_numpy(start)), x[inside])
         start = start.copy()
-        start[0] *= np.exp(np.mean(np.log(wanted / y)))
+        start[0] *= _factor(law, y, wanted)
     own = Term(
         form.name, form.names, form.units, form.apply, start, scale, form.lower, form.upper,
         np.full(size, np.inf), log=form.scale is None,

@@ -40,6 +40,7 @@ from ropefit.effects.time_lag import TimeLag
 from ropefit.effects.too_coarse import TooCoarse
 from ropefit.effects.under_converged import UnderConverged
 from ropefit.effects.viscoelastic_creep import ViscoelasticCreep
+from ropefit.effects.wall_field import WallField
 from ropefit.effects.weight_error import WeightError
 
 CATALOGUE: tuple[type[Effect], ...] = (
@@ -81,6 +82,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     AxialLaw,
     DragLaw,
     ForceField,
+    WallField,
     FollowerForce,
     TooCoarse,
     UnderConverged,

@@ -98,7 +98,7 @@ class ForceField(Effect):
         centre = middle_of(setup) + values[3:]
         reference, closest = REFERENCE * length, CLOSEST * length
         field = Radial(values[0], values[1], values[2], centre, reference, closest)
-        energy = Potential(field, _lumped(setup.arc), derivatives=field.derivatives)
+        energy = Potential(field, lumped(setup.arc), derivatives=field.derivatives)
         return setup._replace(potentials=(*setup.potentials, energy))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
@@ -144,7 +144,7 @@ class ForceField(Effect):
         )
 
 
-def _lumped(arc: Tensor) -> Tensor:
+def lumped(arc: Tensor) -> Tensor:
     """Return (N+1,) [m] how much of the rope, with nodes at arc (N+1,) [m], the field acts on at
     each node: at LUMPS + 1 of them, by the trapezoidal rule. Every further one would be three
     supports more in every factorisation."""

@@ -52,7 +52,8 @@ class Law(NamedTuple):
     curve(setup, x (n,)): y (n,) of a setup with the law; visited(setup, nodes (F, N+1, 3) [m]):
     values of x in the data; smooth (n,) bool: of the effect's values, those that are no departures
     from a smooth curve; forms: what it may be; sentence(x (2,), y (2,), units): the curve in words,
-    by its values at both ends of what is visited; from_zero: whether x begins at zero.
+    by its values at both ends of what is visited; from_zero: whether x begins at zero; even: x is a
+    place, of either sign, not a size.
     """
 
     x: str
@@ -65,3 +66,4 @@ class Law(NamedTuple):
     forms: tuple[Form, ...]
     sentence: Callable[[np.ndarray, np.ndarray, tuple[str, str]], str]
     from_zero: bool = True
+    even: bool = False

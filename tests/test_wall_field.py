@@ -1,0 +1,86 @@
+"""Forces of place along one direction: energies, exact derivatives, found, their form told."""
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.diagnosis.forms import described
+from ropefit.diagnosis.rules import Rules
+from ropefit.diagnosis.search import search
+from ropefit.effects import DistributedLoad, WallField
+from ropefit.effects.wall_field import Falling, Planar, Power, Profile, Step
+from ropefit.models.equilibrium import Equilibrium
+from ropefit.models.parameters import terms
+from ropefit.models.terms import Term
+from tests.concealed import nominal_fit, recorded, rope
+from tests.test_laws import by_differences
+
+WALL = [0.02, 0.05, 0.1, 4.0, 3.0]
+
+
+def tensor(value: float) -> torch.Tensor:
+    return torch.tensor(value, dtype=torch.float64)
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        Falling(tensor(6.0), tensor(-3.0)),
+        Falling(tensor(-6.0), tensor(0.0)),
+        Power(tensor(1.3), tensor(2.5), 0.01),
+        Step(tensor(0.1), 0.05),
+    ],
+)
+def test_a_force_is_the_gradient_of_its_energy(profile: Profile):
+    way = torch.tensor([0.6, 0.0, -0.8], dtype=torch.float64)
+    field = Planar(way, tensor(0.7), torch.tensor([0.1, 0.2, 0.3], dtype=torch.float64), profile)
+    x = 0.5 * torch.randn(50, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    slope, rows = field.derivatives(x)
+    for a in range(3):
+        step = 1e-5 * torch.eye(3, dtype=torch.float64)[a]
+        rise = (field(x + step) - field(x - step)) / 2e-5
+        bend = (field.derivatives(x + step)[0] - field.derivatives(x - step)[0]) / 2e-5
+        np.testing.assert_allclose(slope[:, a], rise, rtol=1e-4, atol=1e-7)
+        np.testing.assert_allclose(rows[:, a], bend, rtol=1e-4, atol=1e-6)
+
+
+def test_derivatives_beside_a_wall_are_exact():
+    effect, free = WallField(), np.full(len(WALL), np.inf)
+    term = Term(
+        effect.name, effect.names, ("1",) * len(WALL), effect.apply, np.array(WALL),
+        np.ones(len(WALL)), -free, free, free,
+    )  # fmt: skip
+    by_differences(Equilibrium(rope(30, 4), [term, *terms(rope(30, 4), ("EI", "length"))]))
+
+
+def test_a_force_that_does_not_change_is_a_load():
+    """But for the nodes that it acts on: a few along the rope."""
+    load = torch.tensor([0.05, -0.03, 0.02], dtype=torch.float64)
+    setup = rope(64, 4)
+    flat = torch.cat([load, torch.zeros(2, dtype=torch.float64)])
+    one = Equilibrium(WallField().apply(setup, flat), []).at(np.empty(0)).seen
+    other = Equilibrium(DistributedLoad().apply(setup, load), []).at(np.empty(0)).seen
+    plain = Equilibrium(setup, []).at(np.empty(0)).seen
+    assert np.abs(other - plain).max() > 0.01
+    assert np.abs(one - other).max() < 0.01 * np.abs(other - plain).max()
+
+
+RULES = Rules(effects=("force_field", "distributed_load", "point_mass", "soft_section"))
+
+
+def test_a_wall_is_found_with_how_fast_its_force_falls():
+    fine = WallField().apply(
+        rope(144), torch.tensor([0.0, 0.15, 0.0, 9.0, 0.0], dtype=torch.float64)
+    )
+    result = search(nominal_fit(recorded(fine, seed=3), 48), 0, lambda *_: None, RULES)
+    (one,) = result.accepted
+    assert isinstance(one.candidate.hypothesis.effect, WallField)
+    found = described(one.candidate, result.final)
+    assert found is not None
+    best = next(f for f in found.forms if "lambda" in f.form.name)
+    told = {
+        c.name: (c.value, *ends) for c, ends in zip(best.constants, best.intervals, strict=True)
+    }
+    value, low, high = told["lambda"]
+    assert low < 1 / 9 < high
+    assert 0.8 < 9 * value < 1.25
