@@ -43,6 +43,20 @@ def test_ends_are_where_their_path_leads(lag):
         )
 
 
+def test_a_lag_beside_a_lag_is_their_sum():
+    """As where the set-up's own error of the clock is fitted as well."""
+    ends, clamp = poses(TIME)
+    path = end_path(TIME, np.arange(30), ends, clamp, 1.0)
+    setup = rope(20, 30)._replace(
+        ends=torch.from_numpy(ends), clamp=torch.from_numpy(clamp), end_path=path
+    )
+    one, other, whole = (torch.tensor([v], dtype=torch.float64) for v in (0.15, 0.2, 0.35))
+    twice = TimeLag().apply(TimeLag().apply(setup, one), other)
+    once = TimeLag().apply(setup, whole)
+    np.testing.assert_allclose(twice.ends, once.ends, atol=1e-12)
+    np.testing.assert_allclose(director(twice.clamp), director(once.clamp), atol=1e-12)
+
+
 def test_clips_have_paths_of_their_own_and_end_at_rest():
     time = np.concatenate([TIME[:12], TIME[:18]])  # the second begins anew
     ends, clamp = poses(time)

@@ -44,7 +44,11 @@ class TimeLag(Effect):
         if setup.end_path is None:  # poses that are held still have no lag
             return setup
         shift, turn = setup.end_path.moved(values[0])
-        return setup._replace(ends=setup.ends + shift, clamp=multiply(setup.clamp, turn))
+        return setup._replace(
+            ends=setup.ends + shift,
+            clamp=multiply(setup.clamp, turn),
+            end_path=setup.end_path.later(values[0]),  # a further lag begins there
+        )
 
     def sentence(self, values: dict[str, float]) -> str:
         late = "late" if values["lag"] > 0 else "early"

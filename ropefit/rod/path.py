@@ -36,6 +36,10 @@ class EndPath(NamedTuple):
         (here, now), (there, later) = self._at(self.time), self._at(self.time + lag)
         return there - here, conjugate_product(normalise(now), normalise(later))
 
+    def later(self, lag: Tensor) -> EndPath:
+        """Return the path as seen from a time lag [s] after each frame."""
+        return self._replace(time=self.time + lag)
+
     def frames(self, index: Tensor) -> EndPath:
         """Return the path for some of the frames."""
         own = ("time", "first", "last", "earliest", "latest")
