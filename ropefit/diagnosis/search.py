@@ -34,6 +34,7 @@ from ropefit.diagnosis.wander import (
     wandering_noise,
     with_what_is_missed_alike,
 )
+from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -149,7 +150,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         there = bool(candidates) and candidates[0].evidence >= limits.threshold
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
-        if pair is not None:
+        if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
             continue
         if best is None:
