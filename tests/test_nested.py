@@ -12,6 +12,7 @@ from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import Selection
 from ropefit.effects import (
     CATALOGUE,
+    DistributedLoad,
     FreeCurvature,
     FreeKink,
     IntrinsicCurvature,
@@ -24,6 +25,7 @@ from ropefit.effects import (
     Tether,
 )
 from ropefit.effects.place import middle_of
+from ropefit.effects.wall_field import WallField
 from ropefit.models.equilibrium import Equilibrium
 from tests.concealed import recorded, rope, with_effect
 from tests.test_clamped_end import compared
@@ -37,6 +39,7 @@ GENERAL = {
     MassSection: [0.003, 0.4, 0.08],
     IntrinsicCurvature: [2.0, 1.0, 0.4, 0.08],
     FreeCurvature: [3.0, 0.4, 0.08],
+    WallField: [0.03, 0.0, -0.01, 0.5, 0.1],
 }
 # Of the general effect, without what the special case lacks; in the middle of a segment, which a
 # section of no width fills.
@@ -46,11 +49,13 @@ WITHOUT = {
     MassSection: [0.002, 0.4010416666666667, 1e-4],
     IntrinsicCurvature: [30.0, -15.0, 0.4010416666666667, 0.006],
     FreeCurvature: [30.0, 0.4010416666666667, 0.006],
+    WallField: [0.03, 0.004, 0.0, 0.0, 0.0],
 }
 SPECIAL = {
     PointMass: [0.003, 0.4],
     FreeKink: [0.25, -5.1, 0.4],
     PointForce: [0.02, 0.015, 0.0, 0.4],
+    DistributedLoad: [0.03, 0.004, 0.0],
 }
 
 

@@ -185,8 +185,9 @@ def main() -> None:
         rest = " | ".join(str(len(t[what])) for what in LOST)
         lines.append(f"| {name} | {counts} | {t['resumed']} | {t['finished']} | {rest} |")
     publish(options, "kills", "\n".join(lines) + "\n", data)
-    if any(t[what] for t in data.values() for what in LOST):
-        raise SystemExit("something was lost: see --json")
+    lost = [f"{what}: {t[what]}" for t in data.values() for what in LOST if t[what]]
+    if lost:
+        raise SystemExit("\n".join(["something was lost:", *lost]))
 
 
 if __name__ == "__main__":
