@@ -1,7 +1,7 @@
 """Blind recordings with laws of random form, made by the rod equations: what is found of them?
 
 python -m benchmarks.discovery.laws [--seed S] [--count N] [--shard I/N] [--out DIR] [--score-only]
-[--write docs/results.md]
+[--write docs/laws.md]
 
 Of four recordings two have a law, one a known effect, one nothing. Each is made, diagnosed by the
 command line and judged; what is finished is kept in DIR.
@@ -111,7 +111,7 @@ def _shares(judgements: list[dict[str, Any]]) -> dict[str, str]:
 
 
 def table(judgements: list[dict[str, Any]], seed: int, count: int) -> str:
-    """Return the table of docs/results.md."""
+    """Return the table of docs/laws.md."""
     lines = [
         f"{len(judgements)} of {count} recordings by the rod equations, scores 30 to 120 (of",
         "`axial_law` 12 to 40, beside any linear stretch); by",
