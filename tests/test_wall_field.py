@@ -7,8 +7,8 @@ import torch
 from ropefit.diagnosis.forms import described
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import search
-from ropefit.effects import DistributedLoad, WallField
-from ropefit.effects.wall_field import Falling, Planar, Power, Profile, Step
+from ropefit.effects import DistributedLoad, HalfSpace, WallField
+from ropefit.effects.planar import Falling, Planar, Power, Profile, Step
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import terms
 from ropefit.models.terms import Term
@@ -16,6 +16,7 @@ from tests.concealed import nominal_fit, recorded, rope
 from tests.test_laws import by_differences
 
 WALL = [0.02, 0.05, 0.1, 4.0, 3.0]
+PART = [0.02, 0.05, 0.1, 0.02, -20.0]
 
 
 def tensor(value: float) -> torch.Tensor:
@@ -28,7 +29,9 @@ def tensor(value: float) -> torch.Tensor:
         Falling(tensor(6.0), tensor(-3.0)),
         Falling(tensor(-6.0), tensor(0.0)),
         Power(tensor(1.3), tensor(2.5), 0.01),
-        Step(tensor(0.1), 0.05),
+        Power(tensor(-2.5), tensor(2.5), 0.01),
+        Step(tensor(0.1), tensor(20.0)),
+        Step(tensor(-0.1), tensor(-20.0)),
     ],
 )
 def test_a_force_is_the_gradient_of_its_energy(profile: Profile):
@@ -44,11 +47,12 @@ def test_a_force_is_the_gradient_of_its_energy(profile: Profile):
         np.testing.assert_allclose(rows[:, a], bend, rtol=1e-4, atol=1e-6)
 
 
-def test_derivatives_beside_a_wall_are_exact():
-    effect, free = WallField(), np.full(len(WALL), np.inf)
+@pytest.mark.parametrize(("effect", "values"), [(WallField(), WALL), (HalfSpace(), PART)])
+def test_derivatives_beside_a_wall_are_exact(effect: WallField | HalfSpace, values: list[float]):
+    free = np.full(len(values), np.inf)
     term = Term(
-        effect.name, effect.names, ("1",) * len(WALL), effect.apply, np.array(WALL),
-        np.ones(len(WALL)), -free, free, free,
+        effect.name, effect.names, ("1",) * len(values), effect.apply, np.array(values),
+        np.ones(len(values)), -free, free, free,
     )  # fmt: skip
     by_differences(Equilibrium(rope(30, 4), [term, *terms(rope(30, 4), ("EI", "length"))]))
 
@@ -74,7 +78,7 @@ def test_a_wall_is_found_with_how_fast_its_force_falls():
     )
     result = search(nominal_fit(recorded(fine, seed=3), 48), 0, lambda *_: None, RULES)
     (one,) = result.accepted
-    assert isinstance(one.candidate.hypothesis.effect, WallField)
+    assert isinstance(one.candidate.hypothesis.effect, WallField | HalfSpace)  # either falls so
     found = described(one.candidate, result.final)
     assert found is not None
     best = next(f for f in found.forms if "lambda" in f.form.name)
@@ -84,3 +88,21 @@ def test_a_wall_is_found_with_how_fast_its_force_falls():
     value, low, high = told["lambda"]
     assert low < 1 / 9 < high
     assert 0.8 < 9 * value < 1.25
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_part_of_the_room_is_found_with_its_edge(sense: float):
+    edge, sharpness = sense * 0.02, sense * 50.0
+    fine = HalfSpace().apply(
+        rope(144), torch.tensor([0.0, 0.03, sense * 0.01, edge, sharpness], dtype=torch.float64)
+    )
+    result = search(nominal_fit(recorded(fine, seed=4), 48), 0, lambda *_: None, RULES)
+    (one,) = result.accepted
+    found = described(one.candidate, result.final)
+    assert found is not None
+    assert [f.form.name for f in found.forms] == [f"F = F0 where x {'<' if sense > 0 else '>'} x1"]
+    best = found.forms[0]
+    told = {c.name: (c.value, *e) for c, e in zip(best.constants, best.intervals, strict=True)}
+    value, low, high = told["x1"]
+    assert low < edge < high
+    assert abs(value - edge) < 0.01

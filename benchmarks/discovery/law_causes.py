@@ -141,7 +141,8 @@ def force_field(setting: Setting, rng: np.random.Generator) -> Drawn:
     n, span = float(rng.uniform(1.0, 3.0)), float(rng.uniform(0.04, 0.15))
     if kind == "filled":
         field = Field(point, axis, 0.01, sign, what, filled=True)
-        form, constants = "x < x1", {}
+        # Told along the force.
+        form, constants = "x < x1" if sign > 0 else "x > x1", {}
     elif kind.endswith("power"):
         field = Field(point, axis, 0.1 * setting.rod.length, sign, what, power=n)
         form, constants = ")^n", {"n": n}

@@ -101,7 +101,9 @@ def fit_candidates(
             ((c[0][0].effect.late, c) for c in slow), key=lambda item: item[0]
         ):
             first = fits.best()
-            if not (late and first and fits.sufficient(first)):
+            enough = late and first is not None and fits.sufficient(first)
+            # Effects of one name are kinds of one law, and compared in any case.
+            if not enough or first.hypothesis.name == choices[0][0].name:
                 fits.add(choices)
         first = fits.best()
         if first and first.evidence > threshold:

@@ -139,7 +139,8 @@ def _last(final: Fit, term: Term) -> Fit:
 
 def _smooth(final: Fit, term: Term, mine: np.ndarray, law: Law) -> tuple[np.ndarray, np.ndarray]:
     """Return the search variables (P,) and their covariance with a prior of smoothness, its
-    strength that of the highest evidence (Laplace's approximation about the fit)."""
+    strength that of the highest evidence (Laplace's approximation about the fit). A law without
+    departures from a smooth curve stays as it was fitted."""
     held = np.isfinite(final.prior)
     spread = max(1.0, final.spread)
     data = final.jacobian.T @ final.jacobian / spread
@@ -165,6 +166,8 @@ def _smooth(final: Fit, term: Term, mine: np.ndarray, law: Law) -> tuple[np.ndar
     prior = precision(max(DEPARTURES, key=evidence))
     whole = data.copy()
     whole[mine, mine] += prior
+    if law.smooth.all():
+        return final.point.u, np.linalg.pinv(whole, hermitian=True)
     pull = np.zeros(len(data))
     pull[mine] = prior * at
     covariance = np.linalg.pinv(whole, hermitian=True)

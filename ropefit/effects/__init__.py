@@ -20,6 +20,7 @@ from ropefit.effects.end_twist import EndTwist
 from ropefit.effects.follower_force import FollowerForce
 from ropefit.effects.force_field import ForceField
 from ropefit.effects.gravity_misalignment import GravityMisalignment
+from ropefit.effects.half_space import HalfSpace
 from ropefit.effects.inertia import Inertia
 from ropefit.effects.intrinsic_curvature import FreeCurvature, IntrinsicCurvature
 from ropefit.effects.kink import FreeKink, Kink
@@ -83,6 +84,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     DragLaw,
     ForceField,
     WallField,
+    HalfSpace,
     FollowerForce,
     TooCoarse,
     UnderConverged,

@@ -1,0 +1,251 @@
+"""A force of place along one direction: its profiles, its energy, and the forms it may have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.effects.base import Effect
+from ropefit.effects.force_field import lumped
+from ropefit.effects.law import Constant, Form, Law
+from ropefit.effects.place import middle_of
+from ropefit.rod.setup import Potential, Setup
+
+STEEPEST = 40.0  # over the length: how fast the logarithm of the force may change
+EDGE = 0.02  # of the length: over which a step rises
+CLOSEST = 0.01  # of the length: no force grows further at a wall that is nearer
+LARGEST = 100.0  # usual loads
+DIRECTIONS = 200  # tried, over the sphere
+HANGS = 0.25  # of the length: below the middle of the ends
+APART = 0.5  # rad: directions that are nearer are one
+
+
+class Profile(Protocol):
+    """A force over its size at d = 0 as a function of the distance d [m] along it."""
+
+    def force(self, d: Tensor) -> Tensor:
+        """Return the force."""
+        ...
+
+    def slope(self, d: Tensor) -> Tensor:
+        """Return its derivative [1/m]."""
+        ...
+
+    def energy(self, d: Tensor) -> Tensor:
+        """Return [m] minus its integral from some distance."""
+        ...
+
+
+@dataclass(frozen=True)
+class Falling:
+    """exp(-decay d - bend d²); its integral by quadrature, in closed form where bend is zero."""
+
+    decay: Tensor
+    bend: Tensor
+
+    def force(self, d: Tensor) -> Tensor:
+        return torch.exp(-self.decay * d - self.bend * d**2)
+
+    def slope(self, d: Tensor) -> Tensor:
+        return -(self.decay + 2 * self.bend * d) * self.force(d)
+
+    def energy(self, d: Tensor) -> Tensor:
+        half = 0.5 * d[..., None]
+        return -(half * self.force(half * (POINTS + 1)) * WEIGHTS).sum(-1)
+
+
+@dataclass(frozen=True)
+class Power:
+    """(1 + d / wall)^-n: `wall` [m] behind the origin (negative: ahead of it); level within
+    `closest` [m] of it."""
+
+    wall: Tensor
+    n: Tensor
+    closest: float
+
+    def force(self, d: Tensor) -> Tensor:
+        return (1 + d / self.wall).clamp_min(self._least()) ** -self.n
+
+    def slope(self, d: Tensor) -> Tensor:
+        share = 1 + d / self.wall
+        least = self._least()
+        return -self.n * self.force(d) / (self.wall * share.clamp_min(least)) * (share > least)
+
+    def energy(self, d: Tensor) -> Tensor:
+        half = 0.5 * torch.log1p((d / self.wall).clamp_min(self._least() - 1))
+        at = self.wall * torch.expm1(half[..., None] * (POINTS + 1))
+        return -(half[..., None] * self.force(at) * (self.wall + at) * WEIGHTS).sum(-1)
+
+    def _least(self) -> float:
+        return self.closest / abs(float(self.wall))
+
+
+@dataclass(frozen=True)
+class Step:
+    """1 / (1 + exp(sharpness (d - edge))): full behind the edge [m], nothing beyond; where the
+    sharpness [1/m] is negative, full beyond it."""
+
+    edge: Tensor
+    sharpness: Tensor
+
+    def force(self, d: Tensor) -> Tensor:
+        return torch.sigmoid((self.edge - d) * self.sharpness)
+
+    def slope(self, d: Tensor) -> Tensor:
+        share = self.force(d)
+        return -share * (1 - share) * self.sharpness
+
+    def energy(self, d: Tensor) -> Tensor:
+        rise = torch.nn.functional.softplus((self.edge - d) * self.sharpness)
+        return (rise - LN_2) / self.sharpness
+
+
+LN_2 = float(np.log(2.0))
+POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(24))
+
+
+@dataclass(frozen=True)
+class Planar:
+    """The energy of a force per length along `way` (3,), of a size [N/m] at the point `middle` (3,)
+    [m], that changes with the distance along that direction as a profile says."""
+
+    way: Tensor
+    size: Tensor
+    middle: Tensor
+    profile: Profile
+
+    def distance(self, x: Tensor) -> Tensor:
+        """Return distances (...) [m] of places x (..., 3)."""
+        return ((x - self.middle) * self.way).sum(-1)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Return the energy per length [J/m] at x (..., 3)."""
+        return self.size * self.profile.energy(self.distance(x))
+
+    def derivatives(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the energy's slope (..., 3) and curvature (..., 3, 3) in closed form."""
+        d = self.distance(x)
+        slope = -self.size * self.profile.force(d)[..., None] * self.way
+        rows = -self.size * self.profile.slope(d)[..., None, None]
+        return slope, rows * self.way[:, None] * self.way
+
+
+def planar_of(setup: Setup) -> Planar | None:
+    """Return the force along one direction that acts in a setup, if one does."""
+    energies = (p.energy for p in setup.potentials)
+    return next((e for e in energies if isinstance(e, Planar)), None)
+
+
+def origin_of(setup: Setup) -> Tensor:
+    """Return (3,) [m] a place in the middle of where a rope hangs, below the middle of its ends."""
+    down = setup.gravity.detach() / setup.gravity.detach().norm().clamp_min(1e-12)
+    return middle_of(setup) + HANGS * setup.properties.length.sum().detach() * down
+
+
+def with_profile(setup: Setup, load: Tensor, profile: Profile) -> Setup:
+    """Return the setup with a force per length `load` (3,) [N/m], times a profile along it."""
+    size = load.norm()
+    way = load / size.clamp_min(1e-300)
+    field = Planar(way, size, origin_of(setup), profile)
+    energy = Potential(field, lumped(setup.arc), derivatives=field.derivatives)
+    return setup._replace(potentials=(*setup.potentials, energy))
+
+
+def directions() -> np.ndarray:
+    """Return (DIRECTIONS, 3) unit vectors, evenly over the sphere."""
+    k = np.arange(DIRECTIONS) + 0.5
+    z, turn = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    flat = np.sqrt(1 - z**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+
+
+def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
+    """Return (n,) forces per length [N/m] at distances x (n,) [m]."""
+    field = planar_of(setup)
+    if field is None:
+        return np.zeros_like(x)
+    return (field.size * field.profile.force(torch.from_numpy(x))).detach().numpy()
+
+
+def _distances(setup: Setup, nodes: np.ndarray) -> np.ndarray:
+    """Return the distances [m] of the nodes (F, N+1, 3) [m] along the force."""
+    field = planar_of(setup)
+    assert field is not None
+    return field.distance(torch.from_numpy(nodes)).numpy().ravel()
+
+
+def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
+    pairs = zip(x, y, strict=True)
+    near, far = (f"{v:.2g} {units[1]} at {at:.2g} {units[0]}" for at, v in pairs)
+    return (
+        "a force acts along one direction in space, and changes with the distance along it: "
+        f"{near}, {far}"
+    )
+
+
+def law_of(effect: Effect, setup: Setup) -> Law:
+    """Return the law of an effect that acts along one direction."""
+    return Law(
+        "distance along the force", "force per length", "m", -3.0, _curve, _distances,
+        np.full(len(effect.quantities), True), _forms(effect, setup), _sentence, even=True,
+    )  # fmt: skip
+
+
+def _forms(effect: Effect, setup: Setup) -> tuple[Form, ...]:
+    """Return the forms: a size, the values of a profile, and two turns of the free direction."""
+    field = planar_of(setup)
+    if field is None:
+        return ()
+    length = float(setup.properties.length.sum())
+    way = field.way.detach()
+    across = torch.linalg.svd(way[None])[2][1:]
+    usual = effect.quantities[0].size(setup)
+
+    def form(name, names, units, lower, upper, tries, profile, constants) -> Form:
+        def apply(s: Setup, v: Tensor) -> Setup:
+            turned = way + v[-2:] @ across
+            return with_profile(s, v[0] * turned / turned.norm(), profile(v[1:-2]))
+
+        start = np.array([[usual, *value, 0.0, 0.0] for value in tries])
+        scale = [usual, *(0.2 * np.ptp(np.abs(tries), axis=0) + 1e-9), 0.1, 0.1]
+        return Form(
+            name, ("strength", *names, "turn_1", "turn_2"), ("N/m", *units, "rad", "rad"),
+            np.array([0.0, *lower, -1.0, -1.0]),
+            np.array([1e3 * LARGEST * usual, *upper, 1.0, 1.0]),
+            start, apply, constants, np.array(scale),
+        )  # fmt: skip
+
+    def exponential(s: Setup, v: np.ndarray) -> list[Constant]:
+        return [Constant("F0", float(v[0]), -3.0), Constant("lambda", 1 / float(v[1]), 1.0, False)]
+
+    def power(s: Setup, v: np.ndarray) -> list[Constant]:
+        return [
+            Constant("F0", float(v[0]), -3.0), Constant("x0", float(v[1]), 1.0, False),
+            Constant("n", float(v[2]), 0.0, False),
+        ]  # fmt: skip
+
+    def step(s: Setup, v: np.ndarray) -> list[Constant]:
+        return [Constant("F0", float(v[0]), -3.0), Constant("x1", float(v[1]), 1.0, False)]
+
+    zero = torch.zeros((), dtype=torch.float64)
+    sharp = torch.tensor(1 / (EDGE * length), dtype=torch.float64)
+    decays = np.geomspace(0.5, 30, 12) / length
+    walls = [
+        (s * w * length, n) for s in (1, -1) for w in (0.15, 0.2, 0.3, 0.5, 0.8) for n in (1, 2, 4)
+    ]
+    edges = [(v * length,) for v in np.linspace(-0.8, 0.8, 33)]
+    return (
+        form("F = F0 e^(-x/lambda)", ["decay"], ["1/m"], [-STEEPEST / length],
+             [STEEPEST / length], [(v,) for s in (-1, 1) for v in s * decays],
+             lambda v: Falling(v[0], zero), exponential),
+        form("F = F0 (x0/(x0 + x))^n", ["wall", "power"], ["m", "1"], [-3 * length, 0.1],
+             [3 * length, 8.0], walls, lambda v: Power(v[0], v[1], CLOSEST * length), power),
+        form("F = F0 where x < x1", ["edge"], ["m"], [-length], [length], edges,
+             lambda v: Step(v[0], sharp), step),
+        form("F = F0 where x > x1", ["edge"], ["m"], [-length], [length], edges,
+             lambda v: Step(v[0], -sharp), step),
+    )  # fmt: skip
