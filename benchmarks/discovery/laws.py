@@ -1,7 +1,7 @@
 """Blind recordings with laws of random form, made by the rod equations: what is found of them?
 
 python -m benchmarks.discovery.laws [--seed S] [--count N] [--shard I/N] [--out DIR] [--score-only]
-[--write docs/laws.md]
+[--only PATTERN] [--write docs/laws.md]
 
 Of four recordings two have a law, one a known effect, one nothing. Each is made, diagnosed by the
 command line and judged; what is finished is kept in DIR.
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,7 @@ def main() -> None:
     arguments.add_argument("--out", type=Path, default=Path("laws"))
     arguments.add_argument("--score-only", action="store_true", help="only what is finished")
     arguments.add_argument("--write", type=Path, help="document to write the table into")
+    arguments.add_argument("--only", default="", help="regular expression of names to answer now")
     options = arguments.parse_args()
     part, of = (int(n) for n in options.shard.split("/"))
     judgements = []
@@ -163,7 +165,8 @@ def main() -> None:
         name = f"{options.seed}-{k:03d}-{kind}"
         out = options.out
         file = out / "results" / f"{name}.json"
-        if k % of != part - 1 or (options.score_only and not file.exists()):
+        asked = k % of == part - 1 and re.search(options.only, name) and not options.score_only
+        if not (asked or (options.score_only and file.exists())):
             continue
         truth = recording(kind, 1000 * options.seed + k, out / name, out / "truth" / f"{name}.json")
         run = out / "runs" / name

@@ -101,9 +101,9 @@ def fit_candidates(
             ((c[0][0].effect.late, c) for c in slow), key=lambda item: item[0]
         ):
             first = fits.best()
-            enough = late and first is not None and fits.sufficient(first)
             # Effects of one name are kinds of one law, and compared in any case.
-            if not enough or first.hypothesis.name == choices[0][0].name:
+            alike = first is not None and first.hypothesis.name == choices[0][0].name
+            if not (late and first and fits.sufficient(first)) or alike:
                 fits.add(choices)
         first = fits.best()
         if first and first.evidence > threshold:

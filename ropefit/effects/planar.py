@@ -21,6 +21,7 @@ CLOSEST = 0.01  # of the length: no force grows further at a wall that is nearer
 LARGEST = 100.0  # usual loads
 DIRECTIONS = 200  # tried, over the sphere
 HANGS = 0.25  # of the length: below the middle of the ends
+WALLS, POWERS = np.geomspace(0.08, 2.5, 36), np.linspace(0.5, 6.0, 12)  # tried; over the length
 APART = 0.5  # rad: directions that are nearer are one
 
 
@@ -234,9 +235,8 @@ def _forms(effect: Effect, setup: Setup) -> tuple[Form, ...]:
     zero = torch.zeros((), dtype=torch.float64)
     sharp = torch.tensor(1 / (EDGE * length), dtype=torch.float64)
     decays = np.geomspace(0.5, 30, 12) / length
-    walls = [
-        (s * w * length, n) for s in (1, -1) for w in (0.15, 0.2, 0.3, 0.5, 0.8) for n in (1, 2, 4)
-    ]
+    places = np.concatenate([-WALLS, WALLS]) * length
+    walls = [(place, n) for place in places for n in POWERS]
     edges = [(v * length,) for v in np.linspace(-0.8, 0.8, 33)]
     return (
         form("F = F0 e^(-x/lambda)", ["decay"], ["1/m"], [-STEEPEST / length],
