@@ -111,12 +111,12 @@ def _shares(judgements: list[dict[str, Any]]) -> dict[str, str]:
     return out
 
 
-def table(judgements: list[dict[str, Any]], seed: int, count: int) -> str:
-    """Return the table of docs/laws.md."""
+def table(judgements: list[dict[str, Any]], asked: int, command: str) -> str:
+    """Return the table of docs/laws.md: of so many recordings that were asked for."""
     lines = [
-        f"{len(judgements)} of {count} recordings by the rod equations, scores 30 to 120 (of",
+        f"{len(judgements)} of {asked} recordings by the rod equations, scores 30 to 120 (of",
         "`axial_law` 12 to 40, beside any linear stretch); by",
-        f"`python -m benchmarks.discovery.laws --seed {seed} --count {count}`. *Form*: the true one"
+        f"`python -m benchmarks.discovery.laws {command}`. *Form*: the true one"
         " is among those that",
         "remain; *named*: it alone remains; *constants*: exponents and lengths of the best form,"
         " where it is the true one, in their",
@@ -130,6 +130,8 @@ def table(judgements: list[dict[str, Any]], seed: int, count: int) -> str:
     groups += [("all laws", list(LAWS)), ("a known effect", known), ("nothing", ["clean"])]
     for name, members in groups:
         own = [j for j in judgements if j["kind"] in members]
+        if not own:
+            continue
         s = _shares(own)
         cells = (s["slot"], s["form"], s["named"], s["covered"], s["rms"], s["false law"])
         lines.append(f"| {name} | {len(own)} | {' | '.join(cells)} |")
@@ -157,16 +159,17 @@ def main() -> None:
     arguments.add_argument("--out", type=Path, default=Path("laws"))
     arguments.add_argument("--score-only", action="store_true", help="only what is finished")
     arguments.add_argument("--write", type=Path, help="document to write the table into")
-    arguments.add_argument("--only", default="", help="regular expression of names to answer now")
+    arguments.add_argument("--only", default="", help="regular expression of the names of cases")
     options = arguments.parse_args()
     part, of = (int(n) for n in options.shard.split("/"))
-    judgements = []
-    for k, kind in enumerate(kinds(options.count)):
-        name = f"{options.seed}-{k:03d}-{kind}"
-        out = options.out
+    every = [
+        (k, kind, f"{options.seed}-{k:03d}-{kind}") for k, kind in enumerate(kinds(options.count))
+    ]
+    every = [one for one in every if re.search(options.only, one[2])]
+    judgements, out = [], options.out
+    for k, kind, name in every:
         file = out / "results" / f"{name}.json"
-        asked = k % of == part - 1 and re.search(options.only, name) and not options.score_only
-        if not (asked or (options.score_only and file.exists())):
+        if k % of != part - 1 or (options.score_only and not file.exists()):
             continue
         truth = recording(kind, 1000 * options.seed + k, out / name, out / "truth" / f"{name}.json")
         run = out / "runs" / name
@@ -176,10 +179,14 @@ def main() -> None:
             continue
         judgements.append(judged(truth, result["answer"]) | {"case": name})
         print(name, json.dumps(judgements[-1]), result["seconds"], flush=True)
-    text = table(judgements, options.seed, options.count)
+    command = f"--seed {options.seed} --count {options.count}"
+    section = "discovery-laws"
+    if options.only:
+        command, section = f"{command} --only {options.only}", f"{section}-{options.only}"
+    text = table(judgements, len(every), command)
     print(text)
     if options.write:
-        write_section(options.write, "discovery-laws", text)
+        write_section(options.write, section, text)
 
 
 if __name__ == "__main__":
