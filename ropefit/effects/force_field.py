@@ -26,8 +26,12 @@ SHORTEST = 0.03  # of the length: over which a force falls by e; a shorter one i
 POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(10))
 
 
+class Field:
+    """An energy per length that is a function of place in space."""
+
+
 @dataclass(frozen=True)
-class Radial:
+class Radial(Field):
     """The energy of a force per length F(r) = strength (r0/r)^power exp((r0 - r) decay) away from
     `centre` (3,) [m], r0 = `reference` [m]; level within the distance `closest` [m]."""
 
@@ -84,7 +88,7 @@ class ForceField(Effect):
     )
 
     def applies(self, setup: Setup) -> bool:
-        return field_of(setup) is None
+        return not has_field(setup)
 
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         lower, upper = super().bounds(setup)
@@ -154,21 +158,26 @@ def lumped(arc: Tensor) -> Tensor:
     return torch.zeros_like(arc).index_add(0, nodes, share)
 
 
-def field_of(setup: Setup) -> Radial | None:
-    """Return the field of force that acts in a setup, if one does."""
+def has_field(setup: Setup) -> bool:
+    """Say whether a force of place acts in a setup, of whichever kind: two would compensate."""
+    return any(isinstance(p.energy, Field) for p in setup.potentials)
+
+
+def _field_of(setup: Setup) -> Radial | None:
+    """Return the force from a point that acts in a setup, if one does."""
     energies = (p.energy for p in setup.potentials)
     return next((e for e in energies if isinstance(e, Radial)), None)
 
 
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     """Return (n,) forces per length [N/m] at distances x (n,) [m]."""
-    field = field_of(setup)
+    field = _field_of(setup)
     return np.zeros_like(x) if field is None else field.force(torch.from_numpy(x)).numpy()
 
 
 def _distances(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     """Return the distances [m] of the nodes (F, N+1, 3) [m] from the centre."""
-    field = field_of(setup)
+    field = _field_of(setup)
     assert field is not None
     return np.linalg.norm(nodes - field.centre.numpy(), axis=-1).ravel()
 
@@ -182,7 +191,7 @@ def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
 
 def _forms(effect: ForceField, setup: Setup) -> tuple[Form, ...]:
     """Return the forms with one value for the shape, tried from where the free field is."""
-    field = field_of(setup)
+    field = _field_of(setup)
     if field is None:
         return ()
     length = float(setup.properties.length.sum())

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
-from ropefit.effects.force_field import field_of
+from ropefit.effects.force_field import has_field
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.planar import (
@@ -19,7 +19,6 @@ from ropefit.effects.planar import (
     directions,
     law_of,
     origin_of,
-    planar_of,
     with_profile,
 )
 from ropefit.rod.setup import Setup
@@ -47,7 +46,7 @@ class HalfSpace(Effect):
     )
 
     def applies(self, setup: Setup) -> bool:
-        return planar_of(setup) is None and field_of(setup) is None
+        return not has_field(setup)
 
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         length = float(setup.properties.length.sum())

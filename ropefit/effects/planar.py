@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect
-from ropefit.effects.force_field import lumped
+from ropefit.effects.force_field import Field, lumped
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.effects.place import middle_of
 from ropefit.rod.setup import Potential, Setup
@@ -110,7 +110,7 @@ POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(
 
 
 @dataclass(frozen=True)
-class Planar:
+class Planar(Field):
     """The energy of a force per length along `way` (3,), of a size [N/m] at the point `middle` (3,)
     [m], that changes with the distance along that direction as a profile says."""
 
@@ -135,7 +135,7 @@ class Planar:
         return slope, rows * self.way[:, None] * self.way
 
 
-def planar_of(setup: Setup) -> Planar | None:
+def _planar_of(setup: Setup) -> Planar | None:
     """Return the force along one direction that acts in a setup, if one does."""
     energies = (p.energy for p in setup.potentials)
     return next((e for e in energies if isinstance(e, Planar)), None)
@@ -166,7 +166,7 @@ def directions() -> np.ndarray:
 
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     """Return (n,) forces per length [N/m] at distances x (n,) [m]."""
-    field = planar_of(setup)
+    field = _planar_of(setup)
     if field is None:
         return np.zeros_like(x)
     return (field.size * field.profile.force(torch.from_numpy(x))).detach().numpy()
@@ -174,7 +174,7 @@ def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
 
 def _distances(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     """Return the distances [m] of the nodes (F, N+1, 3) [m] along the force."""
-    field = planar_of(setup)
+    field = _planar_of(setup)
     assert field is not None
     return field.distance(torch.from_numpy(nodes)).numpy().ravel()
 
@@ -198,7 +198,7 @@ def law_of(effect: Effect, setup: Setup) -> Law:
 
 def _forms(effect: Effect, setup: Setup) -> tuple[Form, ...]:
     """Return the forms: a size, the values of a profile, and two turns of the free direction."""
-    field = planar_of(setup)
+    field = _planar_of(setup)
     if field is None:
         return ()
     length = float(setup.properties.length.sum())

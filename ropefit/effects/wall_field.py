@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
 from ropefit.effects.distributed_load import DistributedLoad
-from ropefit.effects.force_field import field_of
+from ropefit.effects.force_field import has_field
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.planar import (
@@ -20,7 +20,6 @@ from ropefit.effects.planar import (
     directions,
     law_of,
     origin_of,
-    planar_of,
     with_profile,
 )
 from ropefit.rod.setup import Setup
@@ -48,7 +47,7 @@ class WallField(Effect):
     special_cases = (SpecialCase(DistributedLoad, ("decay", "bend"), lambda _, values: values[:3]),)
 
     def applies(self, setup: Setup) -> bool:
-        return planar_of(setup) is None and field_of(setup) is None
+        return not has_field(setup)
 
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         length = float(setup.properties.length.sum())
