@@ -10,8 +10,8 @@ import torch
 
 import ropefit
 from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.full_scan import sensitivities
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.search import sensitivities
 from ropefit.diagnosis.wander import no_larger_than_left
 from ropefit.effects import PointMass
 from ropefit.errors import BadInput

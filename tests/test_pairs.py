@@ -8,9 +8,9 @@ import torch
 
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.full_scan import sensitivities
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair, fitted_pair
-from ropefit.diagnosis.search import sensitivities
 from ropefit.effects import MassSection, PointMass, Tether
 from tests.concealed import recorded, rope, with_effect
 from tests.test_calm import fitted

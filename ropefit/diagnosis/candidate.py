@@ -21,6 +21,7 @@ EVALUATIONS = 25
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
 SLOW_ROUNDS = 4  # so often it is continued
 SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
+LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
 DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
 UNMOVED = 1e-8  # m
 NORMAL_QUANTILE = 1.96  # of 95 %, where Student has many degrees of freedom
@@ -114,7 +115,7 @@ class Candidate:
 
 def fit_candidate(
     smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf,
-    needed: float = np.inf,
+    needed: float = np.inf, evaluations: int = EVALUATIONS,
 ) -> Candidate | None:  # fmt: skip
     """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle.
 
@@ -134,15 +135,36 @@ def fit_candidate(
             break
     else:
         return None
+    moved = _whitened_change(smaller, first.seen)
+    if hypothesis.effect.late and _gain_along(smaller, moved) < LATE_GAIN:
+        return None
     if origin is smaller and _distorted(smaller):
-        begin[: -term.size] = _refitted_beside(smaller, first.seen)
+        begin[: -term.size] = _refitted_beside(smaller, moved)
     if slow and np.allclose(first.seen, origin.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there is no gradient
-    most = SLOW_EVALUATIONS if slow else EVALUATIONS
+    most = SLOW_EVALUATIONS if slow else evaluations
     needed = np.inf if slow else needed  # contact has no linear steps
     fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5, needed=needed)
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = _continued(smaller.cost, fitted, lowest)
+    return _comparable(hypothesis, term, smaller, fitted)
+
+
+def continued(
+    candidate: Candidate, smaller: Fit, evaluations: int, needed: float
+) -> Candidate | None:
+    """Fit a candidate on top of a model further; see `fit_candidate`."""
+    fitted = candidate.fit
+    again = attempted(
+        fitted.forward, fitted.problem, fitted.point.u, evaluations, tolerance=1e-5, needed=needed
+    )
+    return _comparable(candidate.hypothesis, candidate.term, smaller, again)
+
+
+def _comparable(
+    hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit | None
+) -> Candidate | None:
+    """Return the candidate, if its frames settle as those of the smaller model do."""
     if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.converged.all():
         return None
     if len(fitted.z) != len(smaller.z):  # a frame did not settle at the start: no comparison
@@ -213,11 +235,24 @@ def _distorted(smaller: Fit) -> bool:
     return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
 
 
-def _refitted_beside(smaller: Fit, seen: np.ndarray) -> np.ndarray:
+def _whitened_change(smaller: Fit, seen: np.ndarray) -> np.ndarray:
+    """Return (M D,) by how much an effect that makes the rope `seen` (F, K, 3) changes it."""
+    s = smaller.stations
+    return sensitivity((seen - smaller.point.seen)[None], s, s, smaller.whitener)[:, 0]
+
+
+def _gain_along(smaller: Fit, moved: np.ndarray) -> float:
+    """Return by how many nats an effect that moves the rope along `moved` (M D,), by whatever
+    multiple of it, would lower the misfit, to first order; the smaller model refitted."""
+    project = Projection(smaller)
+    kept = project(moved)
+    return float(0.5 * (moved @ project.z) ** 2 / max(moved @ kept, 1e-300))
+
+
+def _refitted_beside(smaller: Fit, moved: np.ndarray) -> np.ndarray:
     """Return (P,) the best values of the smaller model, to first order, beside an effect that
-    makes its rope `seen` (F, K, 3): they need not stand for that effect any more."""
-    s, u = smaller.stations, smaller.point.u
-    moved = sensitivity((seen - smaller.point.seen)[None], s, s, smaller.whitener)[:, 0]
+    moves its rope by `moved` (M D,): they need not stand for that effect any more."""
+    u = smaller.point.u
     project = Projection(smaller)
     held = np.isfinite(smaller.prior)
     pull = np.where(held, u / smaller.prior**2, 0.0)

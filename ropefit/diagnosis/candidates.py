@@ -8,7 +8,7 @@ import numpy as np
 
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, best_of, continued, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
@@ -20,6 +20,7 @@ from ropefit.inference.least_squares import Fit
 MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
+EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
 
 
@@ -33,21 +34,37 @@ class Fits:
 
     def add(self, choices: list[Start]) -> None:
         """Fit the first start that settles."""
-        fitted = (self._fitted(start) for start in choices)
-        candidate = next((c for c in fitted if c is not None), None)
+        self._keep(self._first(choices, EVALUATIONS))
+
+    def add_kinds(self, starts: list[list[Start]]) -> None:
+        """Fit kinds of one law, each from the best of its starts after a few evaluations."""
+        explored = best_of([self._first(choices, EXPLORING) for choices in starts])
+        for candidate in explored:
+            self._keep(candidate)
+            if not (candidate.fit.converged or candidate.fit.stopped):
+                needed = self._needed(candidate.hypothesis)
+                self._keep(continued(candidate, self.current, EVALUATIONS, needed))
+
+    def _first(self, choices: list[Start], evaluations: int) -> Candidate | None:
+        fitted = (self._fitted(start, evaluations) for start in choices)
+        return next((c for c in fitted if c is not None), None)
+
+    def _keep(self, candidate: Candidate | None) -> None:
         if candidate is None:
             return
         better = on_right_branches(candidate.fit)
         if better is not candidate.fit:
-            candidate = self._fitted((candidate.hypothesis, candidate.values())) or candidate
+            again = self._fitted((candidate.hypothesis, candidate.values()), EVALUATIONS)
+            candidate = again or candidate
         known = self.best_of.get(candidate.hypothesis.key)
         if known is None or candidate.evidence > known.evidence:
             self.best_of[candidate.hypothesis.key] = candidate
 
-    def _fitted(self, start: Start) -> Candidate | None:
+    def _fitted(self, start: Start, evaluations: int) -> Candidate | None:
         best = self.best()
         lowest = best.fit.cost if best else np.inf
-        return fit_candidate(self.current, *start, lowest, self._needed(start[0]))
+        needed = self._needed(start[0])
+        return fit_candidate(self.current, *start, lowest, needed, evaluations)
 
     def _needed(self, hypothesis: Hypothesis) -> float:
         """Return the cost at which a candidate begins to count: it may be accepted, or is close to
@@ -97,20 +114,35 @@ def fit_candidates(
         fits.add([] if start is None else [(first.hypothesis, start)])
         first = fits.best()
     if first is None or not fits.sufficient(first):
-        for late, choices in sorted(
-            ((c[0][0].effect.late, c) for c in slow), key=lambda item: item[0]
-        ):
+        late = [choices for choices in slow if choices[0][0].effect.late]
+        for choices in slow:
+            if not choices[0][0].effect.late:
+                fits.add(choices)
+        for name in dict.fromkeys(choices[0][0].name for choices in late):
             first = fits.best()
             # Effects of one name are kinds of one law, and compared in any case.
-            alike = first is not None and first.hypothesis.name == choices[0][0].name
-            if not (late and first and fits.sufficient(first)) or alike:
-                fits.add(choices)
+            if not (first and fits.sufficient(first)) or first.hypothesis.name == name:
+                fits.add_kinds([choices for choices in late if choices[0][0].name == name])
         first = fits.best()
         if first and first.evidence > threshold:
             effect, values = first.hypothesis.effect, first.values()
             for choices in proposals_beside(effect, values, first.fit, names):
                 fits.add(choices)
     return sorted(fits.best_of.values(), key=lambda c: -c.evidence)
+
+
+def started_from(known: list[Candidate], starts: list[list[Start]]) -> list[list[Start]]:
+    """Return the starts; one only of a hypothesis that is known, from where its fit ended, with
+    its own alternatives in case that does not settle."""
+    ended = {c.hypothesis.key: c.values() for c in known}
+    out: list[list[Start]] = []
+    for choices in starts:
+        hypothesis = choices[0][0]
+        if hypothesis.key not in ended:
+            out.append(choices)
+        elif all(hypothesis.key != other[0][0].key for other in out):
+            out.append([(hypothesis, ended[hypothesis.key]), *choices])
+    return out
 
 
 def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:

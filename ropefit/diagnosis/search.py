@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -16,18 +15,18 @@ from ropefit.diagnosis.acceptance import (
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import best_of, fit_candidate
-from ropefit.diagnosis.candidates import completed, fit_candidates, unexplained
+from ropefit.diagnosis.candidate import best_of
+from ropefit.diagnosis.candidates import completed, started_from, unexplained
 from ropefit.diagnosis.confounding import confounded
-from ropefit.diagnosis.hypotheses import hypotheses
-from ropefit.diagnosis.latent_force import LatentForce, latent_force
-from ropefit.diagnosis.noise_measurement import measured_noise
+from ropefit.diagnosis.first_noise import prepared
+from ropefit.diagnosis.full_scan import Scan, sensitivities
+from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
-from ropefit.diagnosis.proposals import Start, proposals, uneven
+from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
-from ropefit.diagnosis.scan import Projection, Score, Scorer, null_residuals
-from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
+from ropefit.diagnosis.scan import Score, null_residuals
+from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.diagnosis.short_horizons import by_short_horizons
 from ropefit.diagnosis.wander import (
     no_larger_than_left,
@@ -36,7 +35,6 @@ from ropefit.diagnosis.wander import (
 )
 from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.least_squares import Fit, fit
-from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
@@ -64,28 +62,6 @@ class Diagnosis:
 Progress = Callable[[float, str], None]
 
 
-class Scan:
-    """All hypotheses scored against what a fit leaves, highest first, and the latent force."""
-
-    def __init__(self, current: Fit, known: list[Sensitivity]) -> None:
-        self.current, self.sensitivities = current, known
-        self.project = Projection(current)
-        setup = current.point.setup
-        self.scorers = [Scorer(s, self.project, s.hypothesis.scales(setup)) for s in known]
-        scores = [score(self.project.z) for score in self.scorers]
-        self.scores: list[Score] = sorted(scores, key=lambda s: -s.log_factor)
-
-    @cached_property
-    def latent(self) -> LatentForce:
-        return latent_force(self.current, self.project)
-
-    def contact(self, rules: Rules) -> list[list[Start]]:
-        """Return starts of slow fits, if anything is missing: contact acts in some frames."""
-        strongest = max(self.latent.evidence, self.scores[0].log_factor)
-        anything = strongest > rules.any_mismatch or uneven(self.current)
-        return proposals(self.current, slow=True, names=rules.effects) if anything else []
-
-
 @dataclass
 class Limits:
     """What simulated clean recordings show: threshold [nats] of an effect and of the latent force;
@@ -109,13 +85,13 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
     progress(0.05, "noise")
-    nominal, known = _with_noise(nominal, rules)
+    start = prepared(nominal, rules)
+    nominal, known, fitted = start.nominal, start.sensitivities, start.candidates
     current, accepted, refused = nominal, [], []
     first, limits, crowded, most = None, None, False, rules.most_effects
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
-        known = []  # of the nominal model
         if first is None or limits is None:
             first, limits = scan, _limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
@@ -128,8 +104,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         progress(_share(round_ + 0.2), f"round {round_ + 1}: fits of the leading candidates")
         candidates = rules.selection.candidates(
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
-            scan.contact(rules), limits.threshold, rules.effects,
+            started_from(fitted, scan.contact(rules)), limits.threshold, rules.effects,
         )  # fmt: skip
+        known, fitted = [], []  # of the nominal model
         if far_beyond_sensor(current):
             scanned = [s.hypothesis for s in scan.sensitivities]
             near = by_short_horizons(current, scanned, limits.threshold)
@@ -185,63 +162,6 @@ def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) 
     return found
 
 
-def _with_noise(nominal: Fit, rules: Rules) -> tuple[Fit, list[Sensitivity]]:
-    """Measure the noise and fit the nominal model with it; and the sensitivities of the nominal
-    model, where they were needed for that."""
-    problem = nominal.problem.settled(nominal.point.seen)
-    if not problem.data.material:  # one white noise for all fits, as at the nominal one
-        seen = problem.match(nominal.point.seen).scatter[0]
-        problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
-        nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
-    noise, known = _noise(nominal, rules)
-    if nominal.forward.instantaneous and known:
-        noise = with_what_is_missed_alike(noise, nominal, known)
-        noise = no_larger_than_left(noise, nominal, known)
-    forward = nominal.forward.starting_from(nominal.point.solution)
-    again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
-    return again, known
-
-
-def _noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity]]:
-    """Measure the noise beside what effects explain; and the sensitivities of the nominal model,
-    where they were computed for that.
-
-    Effects that no scan shows to the full (contact, path dependence) are fitted: otherwise they
-    would be taken for noise of the ends, and then for nothing. Nor can noise be measured against a
-    rope at rest that is in motion.
-    """
-    noise = nominal.problem.noise
-    if not nominal.forward.instantaneous:
-        steady = sensitivities(nominal, [], rules.effects)
-        return wandering_noise(nominal, steady), steady
-    if rules.noise == "white":
-        return replace(noise, correlated=0.0, ends=None), []
-    at_rest = nominal
-    for choices in proposals(nominal, slow=False, names=rules.effects):
-        fitted = (fit_candidate(nominal, *start) for start in choices)
-        moving = next((c for c in fitted if c is not None), None)
-        if moving is not None and moving.evidence > rules.least_evidence:
-            nominal = moving.fit
-    steady = sensitivities(nominal, [], rules.effects)
-    known = steady if nominal is at_rest else []
-    measured = measured_noise(nominal, steady, [])
-    if not measured.coloured:
-        return measured, known
-    scan = Scan(nominal, steady)
-    if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
-        return measured, known
-    # For the noise, the best place of each is enough.
-    hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
-    candidates = fit_candidates(
-        nominal, hidden, [], scan.contact(rules), rules.least_evidence, rules.effects
-    )  # fmt: skip
-    seen = nominal.stations.residual
-    moves = [
-        seen - c.fit.stations.residual for c in candidates if c.evidence > rules.least_evidence
-    ]
-    return measured_noise(nominal, steady, moves) if moves else measured, known
-
-
 def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
     """Simulate clean recordings with this recording's noise and calibration errors."""
     null = null_residuals(scan.current, scan.project, rules.replicates, rng)
@@ -291,19 +211,3 @@ def _as_good_as_noise(final: Fit) -> bool:
         return False
     missed = float(np.sqrt((final.stations.residual**2).mean()))
     return MOST_RMS_RATIO_IN_MOTION * missed <= final.problem.noise.marker
-
-
-def sensitivities(
-    current: Fit, accepted: list[Accepted], names: tuple[str, ...] | None = None,
-    nearby: Sequence[Sensitivity] = (),
-) -> list[Sensitivity]:  # fmt: skip
-    """Return the sensitivities to every hypothesis, but to accepted ones with no other place.
-
-    nearby: known ones, of the same model in perhaps nearly the same shapes.
-    """
-    responses = Sensitivities(current)
-    known = [one.candidate.hypothesis for one in accepted]
-    taken = {h.key for h in known if not h.effect.place_names}
-    before = {one.hypothesis.key: one for one in nearby}
-    every = hypotheses(current.point.setup, names)
-    return [responses.of(h, before.get(h.key)) for h in every if h.key not in taken]

@@ -1,0 +1,86 @@
+"""The noise of a recording, measured beside what effects explain, before the search begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.candidates import fit_candidates, unexplained
+from ropefit.diagnosis.full_scan import Scan, sensitivities
+from ropefit.diagnosis.noise_measurement import measured_noise
+from ropefit.diagnosis.proposals import proposals
+from ropefit.diagnosis.rules import Rules
+from ropefit.diagnosis.sensitivities import Sensitivity
+from ropefit.diagnosis.wander import (
+    no_larger_than_left,
+    wandering_noise,
+    with_what_is_missed_alike,
+)
+from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.noise import Noise
+
+
+@dataclass
+class Prepared:
+    """The nominal model, fitted with the measured noise; of the nominal model before that, what
+    was computed for the noise: its sensitivities, and fits of what no scan shows."""
+
+    nominal: Fit
+    sensitivities: list[Sensitivity]
+    candidates: list[Candidate]
+
+
+def prepared(nominal: Fit, rules: Rules) -> Prepared:
+    """Measure the noise and fit the nominal model with it."""
+    problem = nominal.problem.settled(nominal.point.seen)
+    if not problem.data.material:  # one white noise for all fits, as at the nominal one
+        seen = problem.match(nominal.point.seen).scatter[0]
+        problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
+        nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
+    noise, known, candidates = _noise(nominal, rules)
+    if nominal.forward.instantaneous and known:
+        noise = with_what_is_missed_alike(noise, nominal, known)
+        noise = no_larger_than_left(noise, nominal, known)
+    forward = nominal.forward.starting_from(nominal.point.solution)
+    again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
+    return Prepared(again, known, candidates)
+
+
+def _noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], list[Candidate]]:
+    """Measure the noise beside what effects explain; with the sensitivities of the nominal model
+    and the fits that were made for that.
+
+    Effects that no scan shows to the full (contact, path dependence) are fitted: otherwise they
+    would be taken for noise of the ends, and then for nothing. Nor can noise be measured against a
+    rope at rest that is in motion.
+    """
+    noise = nominal.problem.noise
+    if not nominal.forward.instantaneous:
+        steady = sensitivities(nominal, [], rules.effects)
+        return wandering_noise(nominal, steady), steady, []
+    if rules.noise == "white":
+        return replace(noise, correlated=0.0, ends=None), [], []
+    at_rest = nominal
+    for choices in proposals(nominal, slow=False, names=rules.effects):
+        fitted = (fit_candidate(nominal, *start) for start in choices)
+        moving = next((c for c in fitted if c is not None), None)
+        if moving is not None and moving.evidence > rules.least_evidence:
+            nominal = moving.fit
+    steady = sensitivities(nominal, [], rules.effects)
+    known = steady if nominal is at_rest else []
+    measured = measured_noise(nominal, steady, [])
+    if not measured.coloured:
+        return measured, known, []
+    scan = Scan(nominal, steady)
+    if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
+        return measured, known, []
+    # For the noise, the best place of each is enough.
+    hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
+    candidates = fit_candidates(
+        nominal, hidden, [], scan.contact(rules), rules.least_evidence, rules.effects
+    )  # fmt: skip
+    candidates = [c for c in candidates if c.evidence > rules.least_evidence]
+    seen = nominal.stations.residual
+    moves = [seen - c.fit.stations.residual for c in candidates]
+    noise = measured_noise(nominal, steady, moves) if moves else measured
+    return noise, known, candidates

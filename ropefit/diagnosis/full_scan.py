@@ -1,0 +1,53 @@
+"""The scan of a round: every hypothesis against what a fit leaves, and the latent force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.hypotheses import hypotheses
+from ropefit.diagnosis.latent_force import LatentForce, latent_force
+from ropefit.diagnosis.proposals import Start, proposals, uneven
+from ropefit.diagnosis.rules import Rules
+from ropefit.diagnosis.scan import Projection, Score, Scorer
+from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
+from ropefit.inference.least_squares import Fit
+
+
+class Scan:
+    """All hypotheses scored against what a fit leaves, highest first, and the latent force."""
+
+    def __init__(self, current: Fit, known: list[Sensitivity]) -> None:
+        self.current, self.sensitivities = current, known
+        self.project = Projection(current)
+        setup = current.point.setup
+        self.scorers = [Scorer(s, self.project, s.hypothesis.scales(setup)) for s in known]
+        scores = [score(self.project.z) for score in self.scorers]
+        self.scores: list[Score] = sorted(scores, key=lambda s: -s.log_factor)
+
+    @cached_property
+    def latent(self) -> LatentForce:
+        return latent_force(self.current, self.project)
+
+    def contact(self, rules: Rules) -> list[list[Start]]:
+        """Return starts of slow fits, if anything is missing: contact acts in some frames."""
+        strongest = max(self.latent.evidence, self.scores[0].log_factor)
+        anything = strongest > rules.any_mismatch or uneven(self.current)
+        return proposals(self.current, slow=True, names=rules.effects) if anything else []
+
+
+def sensitivities(
+    current: Fit, accepted: list[Accepted], names: tuple[str, ...] | None = None,
+    nearby: Sequence[Sensitivity] = (),
+) -> list[Sensitivity]:  # fmt: skip
+    """Return the sensitivities to every hypothesis, but to accepted ones with no other place.
+
+    nearby: known ones, of the same model in perhaps nearly the same shapes.
+    """
+    responses = Sensitivities(current)
+    known = [one.candidate.hypothesis for one in accepted]
+    taken = {h.key for h in known if not h.effect.place_names}
+    before = {one.hypothesis.key: one for one in nearby}
+    every = hypotheses(current.point.setup, names)
+    return [responses.of(h, before.get(h.key)) for h in every if h.key not in taken]
