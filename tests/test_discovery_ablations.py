@@ -15,7 +15,7 @@ from benchmarks.discovery.ablations import CASES, markdown, without
 from benchmarks.discovery.cases import listed
 from benchmarks.discovery.free_rope import KNOTS, FreeRope, free_rope
 from benchmarks.discovery.left_out import FREE, VARIANTS, WHOLE, WITHOUT_RESTART
-from ropefit.diagnosis import search as engine
+from ropefit.diagnosis.first_noise import first_noise
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.rules import RULES, Rules, Selection
 from ropefit.effects import StiffSection
@@ -79,11 +79,11 @@ def test_with_white_noise():
     nominal = nominal_fit(data, 24)
     noise = Noise(correlated=1e-3, white=(1e-6, 1e-6))
     nominal = replace(nominal, problem=nominal.problem.under(noise))
-    white, _ = engine._noise(nominal, VARIANTS["white"].rules({}))
+    white = first_noise(nominal, VARIANTS["white"].rules({}))[0]
     assert white.ends is None
     assert white.correlated == 0
     assert white.white == (1e-6, 1e-6)
-    assert engine._noise(nominal, RULES)[0].ends is not None
+    assert first_noise(nominal, RULES)[0].ends is not None
 
 
 def test_the_restart_is_counted_and_left_out(monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from ropefit.inference.bins import Data, Stations, match
-from ropefit.inference.least_squares import fit
+from ropefit.inference.least_squares import fit, linear_gain
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
@@ -355,3 +355,16 @@ def test_a_fit_without_prospect_of_what_is_needed_is_stopped():
     reached = fit(model, problem, needed=1.01 * whole.cost)
     assert not reached.stopped
     assert reached.cost == pytest.approx(whole.cost, rel=1e-9)
+
+
+def test_the_best_linear_step_within_bounds_gains():
+    """Where two parameters do nearly the same, the free step cut off at a bound would lose."""
+    slopes = np.array([[1.0, 1.0], [0.0, 0.1]])
+    rows = np.array([-1.0, 1.0])  # freely: (11, -10)
+    low, high = np.array([-20.0, -1.0]), np.array([20.0, 20.0])
+    cut = rows + slopes @ np.clip([11.0, -10.0], low, high)
+    assert cut @ cut > rows @ rows
+    gain = linear_gain(slopes, rows, low, high)
+    left = rows + slopes @ np.array([2.0, -1.0])  # by hand: the best one has the second at -1
+    assert gain == pytest.approx(rows @ rows - left @ left, rel=1e-3)
+    assert linear_gain(slopes, rows, np.zeros(2), np.zeros(2)) == pytest.approx(0, abs=1e-12)

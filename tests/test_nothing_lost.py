@@ -10,9 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from ropefit.api import runs
 from ropefit.artifacts import Observations, read
 from ropefit.errors import StageFailed
+from ropefit.runs import checkpoint
 from ropefit.runs.lock import Busy, working_on
+from ropefit.runs.protocol import Context
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 
@@ -117,3 +120,29 @@ def test_a_lock_left_when_all_was_done_goes(tmp_path: Path) -> None:
         (tmp_path / "run" / name).touch()
     assert preprocess(tmp_path, 6).returncode == 0  # up to date
     assert [path.name for path in (tmp_path / "run").iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_checkpoint_left_when_all_was_done_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that is killed after its output is written and before its checkpoint is removed."""
+    recording, run = marker_recording(tmp_path / "in"), tmp_path / "run"
+    left = run / "preprocess.checkpoint.h5"
+
+    def preprocessed(nodes: int) -> bool:
+        settings = {"nodes": nodes, "project": "auto"}
+        return runs.preprocess(recording, run, settings, Context()).computed
+
+    with monkeypatch.context() as killed:
+        killed.setattr(checkpoint, "EVERY", 0)
+        killed.setattr(checkpoint, "SHARE", 0)
+        killed.setattr(checkpoint.Saver, "remove", lambda self: None)
+        assert preprocessed(6)
+    assert left.exists()
+    of_six = left.read_bytes()
+    assert not preprocessed(6)
+    assert not left.exists()
+    assert preprocessed(7)
+    left.write_bytes(of_six)
+    assert not preprocessed(7)
+    assert left.exists()  # of other settings: it may be resumed

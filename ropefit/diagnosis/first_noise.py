@@ -37,7 +37,7 @@ def prepared(nominal: Fit, rules: Rules) -> Prepared:
         seen = problem.match(nominal.point.seen).scatter[0]
         problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
         nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
-    noise, known, candidates = _noise(nominal, rules)
+    noise, known, candidates = first_noise(nominal, rules)
     if nominal.forward.instantaneous and known:
         noise = with_what_is_missed_alike(noise, nominal, known)
         noise = no_larger_than_left(noise, nominal, known)
@@ -46,7 +46,7 @@ def prepared(nominal: Fit, rules: Rules) -> Prepared:
     return Prepared(again, known, candidates)
 
 
-def _noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], list[Candidate]]:
+def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], list[Candidate]]:
     """Measure the noise beside what effects explain; with the sensitivities of the nominal model
     and the fits that were made for that.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import optimize
+from scipy.linalg import solve_triangular
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
@@ -150,18 +151,11 @@ class _Objective:
         out = np.concatenate([-rows, np.diag(1 / self.prior)[self.held]])
         self.count += 1
         if self.needed < np.inf and self.count >= FEWEST_SLOPES:
+            low, high = self.forward.bounds()
             cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
-            if cost - OPTIMISM * self._gain(u, out, self.latest) > self.needed:
+            if cost - OPTIMISM * linear_gain(out, self.latest, low - u, high - u) > self.needed:
                 raise _Stopped(u.copy(), cost)
         return out
-
-    def _gain(self, u: np.ndarray, slopes: np.ndarray, rows: np.ndarray) -> float:
-        """Return by how much a linear step within the bounds lowers the cost."""
-        pull, square = slopes.T @ rows, slopes.T @ slopes
-        low, high = self.forward.bounds()
-        step = np.linalg.solve(square + np.eye(len(u)) / FURTHEST_STEP**2, -pull)
-        step = np.clip(u + step, low, high) - u
-        return float(-2 * pull @ step - step @ square @ step)
 
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
@@ -240,6 +234,16 @@ def attempted(
         return fit(forward, problem, start, evaluations, tolerance=tolerance, needed=needed)
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
         return None
+
+
+def linear_gain(slopes: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """Return by how much the best linear step lowers the sum of squares of rows (M,), whose
+    derivatives are slopes (M, P), between the bounds low and high (P,) of the step."""
+    pull, square = slopes.T @ rows, slopes.T @ slopes
+    root = np.linalg.cholesky(square + np.eye(len(low)) / FURTHEST_STEP**2).T
+    within = low, np.maximum(high, low + np.finfo(float).eps)
+    step = optimize.lsq_linear(root, solve_triangular(root, -pull, trans=1), within).x
+    return max(float(-2 * pull @ step - step @ square @ step), 0.0)
 
 
 def sensitivity(

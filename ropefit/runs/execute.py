@@ -9,16 +9,18 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from ropefit import __version__
 from ropefit.artifacts import Artifact, Provenance, write
-from ropefit.runs.checkpoint import checkpointed
+from ropefit.errors import StageFailed
+from ropefit.runs.checkpoint import Saver, checkpoint_name, checkpointed
 from ropefit.runs.code import code_sha256
 from ropefit.runs.loading import load
-from ropefit.runs.lock import tidy, working_on
+from ropefit.runs.lock import LOCK, working_on
 from ropefit.runs.protocol import Context, Outcome, S, Stage
 from ropefit.runs.staleness import key_of, up_to_date
 
@@ -37,7 +39,7 @@ def execute(
     """
     old, why, inputs, hashes = _look(stage, directory, settings, external, force)
     if old is not None:
-        tidy(directory)
+        _tidy(directory, stage, settings, hashes)
         return Outcome(old, directory / stage.writes.file_name, computed=False, why=why)
     with working_on(directory):
         # Until the run was ours another process may have changed it, or done the work.
@@ -76,13 +78,28 @@ def _compute(
     why: str,
 ) -> Outcome[Any]:
     path = directory / stage.writes.file_name
-    code = code_sha256(stage.module)
-    key = hashlib.sha256((code + key_of(settings, hashes)).encode()).hexdigest()
+    key = _key(stage, settings, hashes)
     with checkpointed(directory, stage.name, key, context.say) as checkpoint:
         artifact = made(stage, inputs, hashes, settings, context)
     write(path, artifact)
     checkpoint.remove()
     return Outcome(artifact, path, computed=True, why=why)
+
+
+def _key(stage: Stage[S], settings: S, hashes: Mapping[str, str]) -> str:
+    """Identify code, inputs and settings of a checkpoint."""
+    code = code_sha256(stage.module)
+    return hashlib.sha256((code + key_of(settings, hashes)).encode()).hexdigest()
+
+
+def _tidy(directory: Path, stage: Stage[S], settings: S, hashes: Mapping[str, str]) -> None:
+    """Remove what a process left that was killed when all its work was done, if that may be."""
+    left = directory / checkpoint_name(stage.name)
+    if left.exists() or (directory / LOCK).exists():
+        with suppress(StageFailed, OSError), working_on(directory):
+            checkpoint = Saver(left, stage.name, _key(stage, settings, hashes), str)
+            if checkpoint.restored():  # of other settings it may still be resumed
+                checkpoint.remove()
 
 
 def made(

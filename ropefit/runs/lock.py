@@ -6,7 +6,7 @@ import os
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from ropefit.errors import StageFailed
@@ -53,13 +53,6 @@ def working_on(directory: Path) -> Iterator[None]:
                 path.rmdir()
             except OSError:  # not empty: the work is in it
                 break
-
-
-def tidy(directory: Path) -> None:
-    """Remove what a process left that was killed when all its work was done, if that may be."""
-    if (directory / LOCK).exists():
-        with suppress(StageFailed, OSError), working_on(directory):
-            pass
 
 
 def _make(directory: Path) -> list[Path]:
