@@ -97,7 +97,7 @@ def _tidy(directory: Path, stage: Stage[S], settings: S, hashes: Mapping[str, st
     left = directory / checkpoint_name(stage.name)
     if left.exists() or (directory / LOCK).exists():
         with suppress(StageFailed, OSError), working_on(directory):
-            checkpoint = Saver(left, stage.name, _key(stage, settings, hashes), str)
+            checkpoint = Saver(left, stage.name, _key(stage, settings, hashes), lambda _: None)
             if checkpoint.restored():  # of other settings it may still be resumed
                 checkpoint.remove()
 
