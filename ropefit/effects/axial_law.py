@@ -23,6 +23,7 @@ MIDDLE = (BENDS[0] * BENDS[1]) ** 0.5  # there EA is the tension over the strain
 LEAST_POWER = 0.05  # of strain in tension: a strain that no longer grows leaves tensions open
 SMALLEST = 1e-6  # strain: smaller ones are none
 POINTS = 400  # of a form's curve
+LEAST_LOCKING = 1.001  # strain at which a rope locks, over that in the middle, which it reaches
 
 Tension = Callable[[Tensor, Tensor], Tensor]  # of strains (n,) and a shape (), up to a factor
 
@@ -168,9 +169,11 @@ def _forms(setup: Setup) -> tuple[Form, ...]:
     exponents = np.linspace(0.25, 5.0, 39)[:, None]
     shares = np.geomspace(0.2, 20.0, 24)[:, None]
 
-    def form(name: str, shape: str, tries: np.ndarray, tension: Tension, constants) -> Form:
+    def form(
+        name: str, shape: str, tries: np.ndarray, tension: Tension, constants, least: float = 0.0
+    ) -> Form:
         return Form(
-            name, (shape,), ("1",), tries[0] / 2, tries[-1] * 2, tries,
+            name, (shape,), ("1",), np.maximum(tries[0] / 2, least), tries[-1] * 2, tries,
             lambda s, v: _with_tension(s, tension, v[0]), constants,
         )  # fmt: skip
 
@@ -205,5 +208,5 @@ def _forms(setup: Setup) -> tuple[Form, ...]:
         form("T = a e + b e^3, b > 0", "strain", shares, _rising, rising),
         form("T = T0 tanh(e/e0)", "strain", shares, _levelling, levelling),
         form("T = -T0 ln(1 - e/e0)", "strain", np.geomspace(1.02, 20.0, 24)[:, None], _locking,
-             locking),
+             locking, LEAST_LOCKING),
     )  # fmt: skip
