@@ -11,14 +11,15 @@ import pytest
 import torch
 
 from ropefit.adapters.control_settings import ControlSettings
-from ropefit.adapters.scene import rope_of
 from ropefit.adapters.settings import PreprocessSettings
 from ropefit.adapters.targets import read_targets
+from ropefit.adapters.xpbd_model import xpbd_of
 from ropefit.api.pipeline import CONTROL, IDENTIFY, PREPROCESS
 from ropefit.artifacts import Checkpoint, Control, Model, Observations, read
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.identify import Task
+from ropefit.models.xpbd_rope import Algorithm, build_rope
 from ropefit.recordings import fingerprint, open_recording
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.runs import checkpoint
@@ -269,13 +270,11 @@ def test_shape_control_reaches_shapes_of_the_rope(fitted, tmp_path, named):
 def test_moving_the_orientation_reaches_what_the_position_cannot(fitted, tmp_path):
     """The paper blames its misses on the rotation it could not control."""
     o = read(fitted / Observations.file_name, Observations)[0]
-    settings = Settings(20, 10)
-    rope = rope_of(
-        o, solver="thomas", settings=settings, control_node=0, two_sided=False, hold_frame=True
-    )
+    eta = torch.tensor([[0.12, 1, 1, 1, 0.35, 1]], dtype=torch.float64).expand(len(o.frames), -1)
+    made = xpbd_of(o, Algorithm("thomas", Settings(20, 10)), eta)
+    rope = build_rope(made.base, made.algorithm, hold_frame=True)
     turn = torch.tensor([0.0, 0.9, 0.0], dtype=torch.float64)
     frame = multiply(from_rotation_vector(turn), rope.start.q[:, 0])
-    eta = torch.tensor([[0.12, 1, 1, 1, 0.35, 1]], dtype=torch.float64).expand(len(o.frames), -1)
     x = rope.settle(eta, frame=frame).x.numpy()
     write_targets(tmp_path / "t.csv", x, [6], [0.1, 0.2, 0.35, 0.5, 0.75])
     external = {"targets": read_targets(tmp_path / "t.csv", 1.0)}
@@ -288,23 +287,15 @@ def test_moving_the_orientation_reaches_what_the_position_cannot(fitted, tmp_pat
 
 def test_start_of_a_frame_follows_the_control_point(fitted):
     """The start moves with the control point, so a far move needs no new start."""
-    from ropefit.adapters.scene import rope_of
-    from ropefit.solvers.xpbd.reference import Settings
-
     o = read(fitted / Observations.file_name, Observations)[0]
-    rope = rope_of(o, solver="thomas", settings=Settings(40, 20), control_node=0, two_sided=False)
     eta = torch.tensor([[0.12, 1, 1, 1, 0.35, 1]], dtype=torch.float64).expand(len(o.frames), -1)
+    made = xpbd_of(o, Algorithm("thomas", Settings(40, 20)), eta)
+    rope = made.rope_at(made.base)
     move = torch.tensor([-0.1, 0.0, 0.05], dtype=torch.float64).expand(len(o.frames), 3)
     moved = rope.settle(eta, move=move)
-    there = o.end_position.copy()
-    there[:, 0] += move.numpy()
-    again = rope_of(
-        o.model_copy(update={"end_position": there}),
-        solver="thomas",
-        settings=rope.settings,
-        control_node=0,
-        two_sided=False,
-    ).settle(eta)
+    there = made.base.ends.clone()
+    there[:, 0] += move
+    again = made.rope_at(made.base._replace(ends=there)).settle(eta)
     assert torch.allclose(moved.x[:, 0], again.x[:, 0], atol=1e-12)
     assert float((moved.x - again.x).norm(dim=-1).max()) < 0.05
 

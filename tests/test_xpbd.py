@@ -3,12 +3,13 @@
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import torch
 
-from ropefit.models.xpbd import Ends, build_rope
+from ropefit.models.xpbd_rope import Algorithm, build_rope
 from ropefit.rod.quaternion import normalise
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import bare
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.compiled import simulate_compiled
 from ropefit.solvers.xpbd.jacobi import Jacobi
@@ -174,14 +175,11 @@ def test_a_solver_that_is_not_compiled_runs_on_the_reference_loops(monkeypatch):
         name = "again"
 
     monkeypatch.setitem(SOLVERS, "again", Again())
-    held = Ends(np.array([[[0.0, 0, 0], [0.4, 0, 0]]]), np.full((1, 2, 4), np.nan))
-    ropes = [
-        build_rope(
-            length=0.6, nodes=9, gravity=GRAVITY.numpy(), ends=held, solver=name,
-            settings=Settings(3, 10),
-        )
-        for name in ("jacobi", "again")
-    ]  # fmt: skip
+    ends = torch.tensor([[[0.0, 0, 0], [0.4, 0, 0]]], dtype=torch.float64)
+    free = torch.full((1, 2, 4), torch.nan, dtype=torch.float64)
+    rope = uniform(length=0.6, segments=8, bend=1.0)
+    setup = bare(rope, GRAVITY, ends, free, torch.zeros(3, dtype=torch.float64))
+    ropes = [build_rope(setup, Algorithm(name, Settings(3, 10))) for name in ("jacobi", "again")]
     compiled, again = (rope.settle(torch.tensor(ETA)).x for rope in ropes)
     assert float((compiled - ropes[0].start.x).abs().max()) > 1e-4
     assert torch.allclose(compiled, again, rtol=0, atol=1e-12)

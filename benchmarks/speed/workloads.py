@@ -10,8 +10,9 @@ import numpy as np
 import torch
 
 from reference_simulators import xpbd_torch
-from ropefit.models.xpbd import Ends, Rope, build_rope
+from ropefit.models.xpbd_rope import Algorithm, XpbdRope, build_rope
 from ropefit.rod.rod import build, uniform
+from ropefit.rod.setup import bare
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import settle
 from ropefit.solvers.equilibrium.solution import Solution
@@ -74,13 +75,13 @@ def equilibrium(nodes: int) -> dict[str, float]:
     }
 
 
-def hanging(solver: str, settings: Settings) -> Rope:
-    position = np.zeros((FRAMES, 2, 3))
-    position[:, 0, 0] = apart()
-    ends = Ends(position, np.full((FRAMES, 2, 4), np.nan))
-    return build_rope(
-        length=1.0, nodes=20, gravity=GRAVITY, ends=ends, solver=solver, settings=settings
-    )
+def hanging(solver: str, settings: Settings) -> XpbdRope:
+    ends = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
+    ends[:, 0, 0] = torch.from_numpy(apart())
+    free = torch.full((FRAMES, 2, 4), torch.nan, dtype=torch.float64)
+    rope = uniform(length=1.0, segments=19, bend=1.0)
+    setup = bare(rope, torch.from_numpy(GRAVITY), ends, free, torch.zeros(3, dtype=torch.float64))
+    return build_rope(setup, Algorithm(solver, settings))
 
 
 def algorithm(solver: str, contender: str) -> dict[str, float]:

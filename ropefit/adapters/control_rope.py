@@ -6,12 +6,10 @@ import numpy as np
 import torch
 
 from ropefit.adapters.restore import restored_rope
-from ropefit.adapters.scene import rope_of
+from ropefit.adapters.xpbd_model import moved_rope
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput
-from ropefit.models.equilibrium_rope import EquilibriumRope
-from ropefit.models.xpbd import Rope, eta_names
-from ropefit.solvers.xpbd.reference import Settings
+from ropefit.models.rope import Rope
 
 REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 
@@ -41,7 +39,7 @@ def control_guess(o: Observations, node: int) -> np.ndarray:
 
 def rope_at(
     o: Observations, model: FittedModel, position: np.ndarray, turns: bool, found: Diagnosis | None
-) -> tuple[Rope | EquilibriumRope, torch.Tensor]:
+) -> tuple[Rope, torch.Tensor]:
     """Return the fitted rope, with what a diagnosis found, control point at `position` (F, 3) [m];
     values (F, n)."""
     position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
@@ -49,17 +47,7 @@ def rope_at(
         raise BadInput("end 0 is free: there is no control point to estimate")
     if model.iterated is None:
         return restored_rope(o, model, _within_reach(o, model, position), turns, found)
-    it = model.iterated
-    rope = rope_of(
-        o,
-        solver=model.solver,
-        settings=Settings(it.steps, it.iterations, it.dt, *it.compliance),
-        control_node=model.control_node,
-        two_sided=model.two_sided,
-        control_position=position,
-        hold_frame=turns,
-    )
-    return rope, _eta(o, model)
+    return moved_rope(o, model, position, turns)
 
 
 def _within_reach(o: Observations, model: FittedModel, position: np.ndarray) -> np.ndarray:
@@ -73,13 +61,3 @@ def _within_reach(o: Observations, model: FittedModel, position: np.ndarray) -> 
     shorter = ends[:, 1 - end] + arm / np.fmax(far, 1.0)
     ends[:, end] = np.where(np.isfinite(arm), shorter, position)
     return ends
-
-
-def _eta(o: Observations, model: FittedModel) -> torch.Tensor:
-    """Return (F, n) the weights of each frame's group."""
-    names = eta_names(model.two_sided)
-    eta = np.full((len(o.frames), len(names)), np.nan)
-    for group in model.groups.values():
-        rows = np.isin(o.frames, group.frames)
-        eta[rows] = [group.parameters[name].value for name in names]
-    return torch.from_numpy(eta)

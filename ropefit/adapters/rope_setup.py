@@ -52,7 +52,13 @@ def base_setup(o: Observations, segments: int) -> Setup:
         raise BadInput("the equilibrium model needs gravity: without it shapes fix no stiffness")
     if all(kind == "free" for kind in o.end_kind):
         raise BadInput("neither end is held: nothing says where the rope hangs")
+    return setup_of(o, segments)
+
+
+def setup_of(o: Observations, segments: int) -> Setup:
+    """Return the same, whatever the recording lacks."""
     density = o.mass / o.length if o.mass else 1.0
+    size = float(np.linalg.norm(o.gravity)) or 1.0
     bend = LIKELY_STIFFNESS * density * size * o.length**3
     setup = bare(
         uniform(length=o.length, segments=segments, bend=bend, density=density),

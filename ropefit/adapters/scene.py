@@ -9,8 +9,7 @@ from ropefit.artifacts import Observations
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.losses.objectives import OBJECTIVES, Objective, Pinhole, Scene, objective
 from ropefit.losses.primary import Observed
-from ropefit.models.xpbd import Ends, Rope, build_rope
-from ropefit.solvers.xpbd.reference import Settings
+from ropefit.perception.camera import downwards
 
 
 def _flat(loss: Objective) -> bool:
@@ -56,8 +55,6 @@ def build_scene(observations: Observations) -> Scene:
     mean = torch.where(
         mask.any(1), torch.where(mask, depth, 0.0).sum(1) / mask.sum(1).clamp_min(1), mean
     )
-    size = np.linalg.norm(o.gravity)
-    down = o.gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
     return Scene(
         space=Observed(points, point_mask, segment, centreline.nan_to_num(), mask),
         image=Observed(
@@ -68,7 +65,7 @@ def build_scene(observations: Observations) -> Scene:
         camera=camera,
         pixel_size=mean / camera.focal.mean(),
         lowest=torch.tensor(o.lowest),
-        down=torch.tensor(down),
+        down=torch.from_numpy(downwards(o.gravity)),
     )
 
 
@@ -109,38 +106,3 @@ def control_positions(observations: Observations, node: int) -> np.ndarray:
     if node == len(observations.node_arc) - 1:
         return observations.end_position[:, 1]
     return observations.centreline[:, node]
-
-
-def rope_of(
-    observations: Observations,
-    *,
-    solver: str,
-    settings: Settings,
-    control_node: int,
-    two_sided: bool,
-    control_position: np.ndarray | None = None,
-    hold_frame: bool = False,
-) -> Rope:
-    """Return the paper's rope in every frame, with its ends where the observations have them.
-
-    control_position (F, 3) [m] overrides where the control point is held.
-    """
-    o = observations
-    nodes = len(o.node_arc)
-    position = o.end_position.copy()
-    if control_position is None:
-        control_position = control_positions(o, control_node)
-    elif control_node in (0, nodes - 1):
-        position[:, 0 if control_node == 0 else 1] = control_position
-    return build_rope(
-        length=o.length,
-        nodes=nodes,
-        gravity=o.gravity,
-        ends=Ends(position, o.end_orientation.copy()),
-        solver=solver,
-        settings=settings,
-        control_node=control_node,
-        control_position=control_position,
-        hold_frame=hold_frame,
-        two_sided=two_sided,
-    )

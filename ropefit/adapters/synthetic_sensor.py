@@ -7,20 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from ropefit.adapters.synthetic_spec import SimulationSpec
-from ropefit.models.xpbd import Ends
 from ropefit.perception.trace import polyline_arc, resample
 from ropefit.recordings.writer import About, RecordingWriter
+from ropefit.rod.setup import Setup
 
 
-def write_recording(spec: SimulationSpec, x: np.ndarray, ends: Ends, directory: Path) -> None:
-    """Write centrelines x (F, K, 3) [m] and ends as the recording that a sensor would give."""
+def write_recording(spec: SimulationSpec, x: np.ndarray, setup: Setup, directory: Path) -> None:
+    """Write centrelines x (F, K, 3) [m] and a setup's ends as the recording that a sensor would
+    give."""
     rng = np.random.default_rng(spec.sensor.seed)
     s, rope = spec.sensor, spec.rope
     viewpoint = np.array(s.viewpoint) if s.viewpoint else _viewpoint(spec, x)
     about = About(spec.name, spec.gravity, rope.length, rope.diameter, rope.mass)
     writer = RecordingWriter(directory, about)
     time = np.array([float(f"{spec.motion.interval * frame:.9g}") for frame in range(len(x))])
-    _write_ends(spec, ends, time, rng, writer)
+    _write_ends(spec, setup, time, rng, writer)
     if s.kind == "clouds":
         for frame, line in enumerate(x):
             writer.write_cloud(frame, _surface(spec, line, viewpoint, rng))
@@ -42,17 +43,18 @@ def _viewpoint(spec: SimulationSpec, x: np.ndarray) -> np.ndarray:
 
 def _write_ends(
     spec: SimulationSpec,
-    ends: Ends,
+    setup: Setup,
     time: np.ndarray,
     rng: np.random.Generator,
     writer: RecordingWriter,
 ) -> None:
+    position, orientation = setup.ends.numpy(), setup.clamp.numpy()
     for frame in range(spec.motion.frames):
         for end in (0, 1):
-            if not np.isfinite(ends.position[frame, end, 0]):
+            if not np.isfinite(position[frame, end, 0]):
                 continue
-            point = ends.position[frame, end] + rng.normal(0, spec.sensor.end_noise, 3)
-            turn = ends.orientation[frame, end]
+            point = position[frame, end] + rng.normal(0, spec.sensor.end_noise, 3)
+            turn = orientation[frame, end]
             known = turn if np.isfinite(turn[0]) else None
             writer.end(frame, float(time[frame]), end, point, known)
 

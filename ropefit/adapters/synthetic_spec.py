@@ -6,8 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ropefit.models.weights import WEIGHTS
-from ropefit.models.xpbd import eta_names
+from ropefit.models.weights import ETA, RANGES
 
 Point = tuple[float, float, float]
 
@@ -59,9 +58,9 @@ class ModelSpec(_Table):
     @model_validator(mode="after")
     def _known(self) -> ModelSpec:
         for name, value in self.eta.items():
-            if name not in eta_names(False):
-                raise ValueError(f"unknown weight {name}; one of {', '.join(eta_names(False))}")
-            _, low, high = WEIGHTS[name].range
+            if name not in ETA:
+                raise ValueError(f"unknown weight {name}; one of {', '.join(ETA)}")
+            _, low, high = RANGES[name]
             if not low <= value <= high:
                 raise ValueError(f"{name} = {value:g} is outside {low:g}..{high:g}")
         return self

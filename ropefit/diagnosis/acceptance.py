@@ -9,12 +9,12 @@ from ropefit.diagnosis.held_out import by_stretches, heldout_rms, weighted_error
 from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
 from ropefit.inference.least_squares import Fit
+from ropefit.inference.verdict import AT_BOUND
 
 LEAST_SIGNIFICANCE = NORMAL_QUANTILE  # standard errors from zero: 95 %
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
-AT_BOUND = 1e-3  # of the range of a quantity
 # Where the mesh explains next to nothing of what is missed, and all held-out clips gain.
 MOST_RMS_RATIO_ALIKE = 0.95
 BEYOND_SENSOR = 3.0  # times what markers and mesh explain

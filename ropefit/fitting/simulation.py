@@ -15,13 +15,14 @@ import numpy as np
 
 from ropefit.adapters.rope_setup import STATIONS, data_in_space
 from ropefit.adapters.settings import DiagnoseSettings
+from ropefit.adapters.xpbd_model import restored_xpbd
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.artifacts.diagnosis import Simulation
 from ropefit.diagnosis.held_out import points_rms
 from ropefit.diagnosis.rules import Rules
 from ropefit.effects import CATALOGUE
-from ropefit.errors import BadInput, WrongUsage
+from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting import equilibrium
 from ropefit.fitting.diagnosed import at_rest
 from ropefit.fitting.settings import IdentifySettings
@@ -36,8 +37,18 @@ SAME_PLACE = 0.05  # of the length: an effect's place in recording and simulatio
 def of_weights(
     o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
 ) -> dict[str, Any]:
-    """Diagnose the paper's simulation, as fitted by its weights. Raises like `at_rest`."""
-    shapes = as_markers(o, model.nominal.x)
+    """Diagnose the paper's simulation, as fitted by its weights. Raises like `at_rest`.
+
+    Its model predicts the shapes. What they lack is looked for beside a rod fitted to them: the
+    iterations are no balance of forces, so no rigidity, weight or force has a derivative there.
+    """
+    point = restored_xpbd(o, model.nominal).at(np.empty(0))
+    if not point.converged.all():
+        frame = o.frames[np.argmin(point.converged)]
+        raise NotConverged(
+            f"frame {frame}: the {model.nominal.solver} solver diverges; use more --steps"
+        )
+    shapes = as_markers(o, point.seen)
     name = f"the fitted {model.nominal.solver} simulation"
     return _both(o, None, shapes, name, settings, context, rules)
 

@@ -9,19 +9,21 @@ import numpy as np
 import torch
 
 from ropefit.adapters.frames import group_frames, held_out, spread_evenly
-from ropefit.adapters.scene import build_scene, control_positions, node_at, rope_of
+from ropefit.adapters.scene import build_scene, control_positions, node_at
 from ropefit.adapters.units import Stated
+from ropefit.adapters.xpbd_model import xpbd_of
 from ropefit.artifacts import FittedModel, Iterated, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.search import describe, run_search
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference import bfgs
-from ropefit.inference.evaluate import agreement, convergence, settle_frames
+from ropefit.inference.evaluate import agreement
 from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import objective
-from ropefit.models.weights import WEIGHTS
-from ropefit.models.xpbd import Rope, eta_names
+from ropefit.models.weights import RANGES, WEIGHTS
+from ropefit.models.xpbd import Xpbd
+from ropefit.models.xpbd_rope import Algorithm
 from ropefit.runs.protocol import Context
 from ropefit.solvers.xpbd.reference import Settings
 
@@ -33,7 +35,8 @@ def compute(
     observations: Observations, settings: IdentifySettings, context: Context
 ) -> dict[str, Any]:
     """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
-    full = _task(observations, settings)
+    first = _started(observations, settings)
+    full = _task(observations, settings, first)
     group = full.group.numpy()
     out = held_out(len(group), settings.holdout)
     train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
@@ -46,7 +49,7 @@ def compute(
         )
     values = task.space.to_values(search.u).detach().numpy()
     context.progress(0.95, "simulating all frames")
-    states = _states(observations, settings, full, values)
+    states = _states(settings, first, full, values)
     groups = {}
     for number in range(task.groups):
         context.progress(0.97, "uncertainty")
@@ -75,13 +78,13 @@ def compute(
     }
 
 
-def _task(o: Observations, settings: IdentifySettings) -> Task:
-    """Return the search over all frames. Raises BadInput, WrongUsage."""
-    names = eta_names(settings.two_sided)
-    _check_names(settings, names)
-    ranges = {name: WEIGHTS[name].range for name in names}
-    space = Space.of(names, settings.free or list(names), settings.start, ranges)
+def _started(o: Observations, settings: IdentifySettings) -> Xpbd:
+    """Return the model of all frames with the weights that a search starts from. Raises BadInput,
+    WrongUsage."""
+    options = Settings(settings.steps, settings.iterations, settings.dt, *settings.compliance)
     node = node_at(o, settings.control_at)
+    algorithm = Algorithm(settings.solver, options, node, settings.two_sided)
+    _check_names(settings, algorithm.names)
     usable = np.isfinite(control_positions(o, node)).all(axis=1)
     if settings.two_sided and not 0 < node < len(o.node_arc) - 1:
         raise WrongUsage(
@@ -93,43 +96,44 @@ def _task(o: Observations, settings: IdentifySettings) -> Task:
             f"frame {o.frames[np.argmin(usable)]}: the control point at "
             f"{settings.control_at} m is not seen; choose a visible place or drop the frame"
         )
-    rope = rope_of(
-        o,
-        solver=settings.solver,
-        settings=Settings(settings.steps, settings.iterations, settings.dt, *settings.compliance),
-        control_node=node,
-        two_sided=settings.two_sided,
-    )
+    start = [settings.start.get(name, RANGES[name].start) for name in algorithm.names]
+    return xpbd_of(o, algorithm, torch.tensor(start, dtype=torch.float64))
+
+
+def _task(o: Observations, settings: IdentifySettings, first: Xpbd) -> Task:
+    """Return the search over all frames."""
+    names = first.algorithm.names
+    space = Space.of(names, settings.free or list(names), settings.start, RANGES)
     group = torch.from_numpy(group_frames(o, settings.groups))
-    return Task(rope, build_scene(o), objective(settings.loss), space, group)
+    return Task(first.rope_at(first.base), build_scene(o), objective(settings.loss), space, group)
 
 
 def _states(
-    o: Observations, settings: IdentifySettings, full: Task, values: np.ndarray
+    settings: IdentifySettings, first: Xpbd, full: Task, values: np.ndarray
 ) -> dict[str, Any]:
     """Return the part of the model on the states of all frames, with values (groups, n). Raises
     NotConverged."""
-    rope, eta = full.rope, torch.from_numpy(values)[full.group]
-    assert isinstance(rope, Rope)
-    state = settle_frames(rope, eta)
-    if not torch.isfinite(state.x).all():
+    none, weights = np.empty(0), torch.from_numpy(values)[full.group]
+    fitted = first.of_setup(first.base._replace(weights=weights))
+    point = fitted.at(none)
+    if not point.converged.all():
         raise NotConverged(
             f"the {settings.solver} solver diverges in some frames; use more --steps"
         )
-    first = torch.from_numpy(np.tile(full.space.start, (len(full.group), 1)))
-    before = settle_frames(rope, first)
-    progress = convergence(rope, eta, state.x)
-    now, then = agreement(state.x, full.scene), agreement(before.x, full.scene)
+    x, rope = torch.from_numpy(point.solution.x), fitted.rope_at(fitted.base)
+    before = first.at(none).solution.x
+    progress = rope.convergence(weights, x)
+    now, then = agreement(x, full.scene), agreement(torch.from_numpy(before), full.scene)
     return {
         "solver": settings.solver,
         "loss": settings.loss,
         "search": settings.how,
-        "control_node": node_at(o, settings.control_at),
+        "control_node": rope.control_node,
         "fixed_nodes": list(rope.held_nodes),
         "two_sided": settings.two_sided,
-        "x": state.x.numpy(),
-        "q": state.q.numpy(),
-        "x_initial": before.x.numpy(),
+        "x": point.solution.x,
+        "q": point.solution.q,
+        "x_initial": before,
         "residual": now.residual,
         "rms": now.rms,
         "rms_initial": then.rms,
@@ -154,6 +158,6 @@ def _check_names(settings: IdentifySettings, names: tuple[str, ...]) -> None:
         if name not in names:
             raise WrongUsage(f"unknown parameter {name}; one of {', '.join(names)}")
     for name, value in settings.start.items():
-        _, low, high = WEIGHTS[name].range
+        _, low, high = RANGES[name]
         if not low <= value <= high:
             raise WrongUsage(f"start {name} = {value:g} is outside its bounds {low:g}..{high:g}")

@@ -15,8 +15,7 @@ from ropefit.inference.bfgs import Search
 from ropefit.inference.sandwich import sandwich
 from ropefit.losses.objectives import Objective, Scene
 from ropefit.losses.primary import Observed, Residual, point_to_line
-from ropefit.models.equilibrium_rope import EquilibriumRope
-from ropefit.models.xpbd import Rope
+from ropefit.models.rope import Rope
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.runs.journal import journal
 from ropefit.solvers.xpbd.reference import State
@@ -32,7 +31,7 @@ class Gripper:
     (with `turns`) a rotation vector [rad] of the first segment's frame.
     """
 
-    rope: Rope | EquilibriumRope
+    rope: Rope
     eta: Tensor
     residuals: Compare
     scale: float

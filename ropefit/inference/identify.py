@@ -16,8 +16,7 @@ from ropefit.inference.bfgs import Search
 from ropefit.inference.sandwich import Uncertainty, sandwich
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import Objective, Scene
-from ropefit.models.equilibrium_rope import EquilibriumRope
-from ropefit.models.xpbd import Rope
+from ropefit.models.rope import Rope
 from ropefit.runs.journal import journal
 
 SCREEN, SCREEN_FRAMES = 128, 6
@@ -27,14 +26,13 @@ RACE = 8  # steps after which only the best start of a group goes on
 CHUNK, CHUNK_ON_DEVICE = 40_000, 1_000_000
 WIDTH = {"length": np.log(1.03)}  # how far around the start is screened, on a log scale
 Report = Callable[[Search], None]
-AnyRope = Rope | EquilibriumRope
 
 
 @dataclass(frozen=True)
 class Task:
     """Fit `objective` of `rope` to `scene`; group (F,) says which parameter set each frame uses."""
 
-    rope: AnyRope
+    rope: Rope
     scene: Scene
     objective: Objective
     space: Space

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
 
-from ropefit.inference.intervals import WIDEST, Estimate, Estimates, condition_of, correlation_of
+from ropefit.inference.intervals import (
+    Estimates,
+    Interval,
+    Profile,
+    condition_of,
+    correlation_of,
+    estimate,
+)
 from ropefit.inference.least_squares import Fit, fit
-from ropefit.inference.verdict import at_bound, is_wide, partners, verdict
+from ropefit.inference.verdict import is_wide, partners
 from ropefit.models.model import Model
-from ropefit.models.terms import Term
 
 ONE_SIDED = 1.645**2  # rise of χ² at a 95 % limit
 TWO_SIDED = 1.96**2
@@ -32,44 +39,37 @@ def profile_intervals(found: Fit) -> Estimates:
     labels = [t.name for t in found.forward.terms for _ in range(t.size)]
     for term in found.forward.terms:
         if not term.nuisance and term.effect is None:
-            trades = partners(correlation, place, labels)
-            out[term.name] = _estimate(
-                found, place, term, found.quantile * sd[place], trades,
-                (low[place], high[place]),
+            trades, half = partners(correlation, place, labels), found.quantile * sd[place]
+            by_profile = partial(_profile, found, place, half, bool(trades))
+            out[term.name] = estimate(
+                term.value_of, found.point.u[place], half, (low[place], high[place]), log=term.log,
+                converged=found.converged, partners=trades,
+                dead=float(np.linalg.norm(found.jacobian[:, place])) < DEAD,
+                profile=by_profile if term.log else None,
             )  # fmt: skip
         place += term.size
     own = correlation[: len(out), : len(out)]
     return Estimates(out, own, condition_of(own), sd)
 
 
-def _estimate(
-    found: Fit, k: int, term: Term, half: float, trades: tuple[str, ...],
-    bounds: tuple[float, float],
-) -> Estimate:  # fmt: skip
-    """Return the k-th search variable, of a rope parameter; half: of its interval by the
-    parabola."""
-    u = found.point.u[k]
-    around = (u, u - min(half, WIDEST), u + min(half, WIDEST))
-    value, least, most = (float(term.value(np.array([v]))[0]) for v in around)
-    dead = float(np.linalg.norm(found.jacobian[:, k])) < DEAD
-    bounded, wide = at_bound(u, *bounds), is_wide(half, term.log, *bounds)
-    interval = (least, most) if half < WIDEST or not term.log else None
-    below = None
-    trusted = not term.log or half < found.quantile * NARROW or (wide and bool(trades))
-    if not (dead or bounded or trusted) and found.converged:
-        interval, below = _profile(found, k, value)
-        wide = interval is None or is_wide(
-            0.5 * float(np.log(interval[1] / interval[0])), True, *bounds
-        )
-    judged = verdict(
-        converged=found.converged, dead=dead, bounded=bounded, wide=wide, trades=bool(trades)
-    )
-    if dead or bounded:
-        interval = None
-    return Estimate(value, judged, interval, below, trades)
+def _profile(
+    found: Fit, k: int, half: float, trades: bool, value: float, wide: bool
+) -> Profile | None:
+    """Return what a profile tells of the k-th search variable, a logarithm, where the parabola is
+    not to be trusted for it.
+
+    half, wide: the interval by the parabola; trades: whether the parameter trades off with others.
+    """
+    if half < found.quantile * NARROW or (wide and trades):
+        return None
+    interval, below = _limits(found, k, value)
+    if interval is None:
+        return None, below, True
+    log_half = 0.5 * float(np.log(interval[1] / interval[0]))
+    return interval, below, is_wide(log_half, True, -np.inf, np.inf)
 
 
-def _profile(found: Fit, k: int, value: float) -> tuple[tuple[float, float] | None, float | None]:
+def _limits(found: Fit, k: int, value: float) -> tuple[Interval | None, float | None]:
     """Return interval or upper limit, from the rise of χ² with the parameter held, others
     refitted."""
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from ropefit.inference.intervals import WIDEST, Estimate, Estimates, condition_of, correlation_of
+from ropefit.inference.intervals import Estimates, condition_of, correlation_of, estimate
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.verdict import at_bound, is_wide, partners, verdict
+from ropefit.inference.verdict import partners
 
 NULL = 1e-9  # eigenvalue of the scaled curvature under which a direction counts as undetermined
 INTERVAL = 1.959964  # sd: half of a 95 % interval
@@ -107,18 +107,11 @@ def cluster_estimates(
         if found.dead[i]:
             trades = set()
         low, high = np.log(bounds[0][i]), np.log(bounds[1][i])
-        half = float(found.half_width[i])
-        judged = verdict(
-            converged=converged,
-            dead=bool(found.dead[i]),
-            bounded=at_bound(float(np.log(values[i])), low, high),
-            wide=is_wide(half, True, low, high),
-            trades=bool(trades),
-        )
-        interval = None
-        if converged and half < WIDEST:
-            interval = float(values[i] * np.exp(-half)), float(values[i] * np.exp(half))
-        out[name] = Estimate(float(values[i]), judged, interval, None, tuple(sorted(trades)))
+        out[name] = estimate(
+            lambda u: float(np.exp(u)), float(np.log(values[i])), float(found.half_width[i]),
+            (low, high), log=True, converged=converged, dead=bool(found.dead[i]),
+            partners=tuple(sorted(trades)),
+        )  # fmt: skip
     condition = found.condition if np.isfinite(found.condition) else None
     return Estimates(out, found.correlation, condition, found.sd)
 
@@ -145,17 +138,10 @@ def block_estimates(found: Fit, clips: list[np.ndarray], time: np.ndarray) -> Es
     labels = [t.name for t in found.forward.terms for _ in range(t.size)]
     out = {}
     for k, term in enumerate(t for t in found.forward.terms if not t.nuisance):
-        u, half, trades = found.point.u[k], quantile * sd[k], partners(correlation, k, labels)
-        judged = verdict(
-            converged=found.converged,
-            dead=False,
-            bounded=at_bound(u, low[k], high[k]),
-            wide=is_wide(half, term.log, low[k], high[k]),
-            trades=bool(trades),
-        )
-        around = (u, u - min(half, WIDEST), u + min(half, WIDEST))
-        value, least, most = (float(term.value(np.array([v]))[0]) for v in around)
-        out[term.name] = Estimate(value, judged, (least, most), None, trades)
+        out[term.name] = estimate(
+            term.value_of, found.point.u[k], quantile * sd[k], (low[k], high[k]), log=term.log,
+            converged=found.converged, partners=partners(correlation, k, labels),
+        )  # fmt: skip
     return Estimates(out, correlation[:own, :own], condition_of(correlation[:own, :own]), sd)
 
 

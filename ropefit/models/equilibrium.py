@@ -39,10 +39,6 @@ class Equilibrium(Model):
         out.path, out.reached = self.path, self.reached
         return out
 
-    def folds(self, frames: int, count: int) -> np.ndarray:
-        """Return neighbouring frames in one fold."""
-        return np.arange(frames) * count // frames
-
     def conditions_at(self, u: np.ndarray) -> Conditions:
         """Return what holds the ends at search variables u (P,)."""
         return conditions_of(self.setup_at(u))

@@ -34,7 +34,7 @@ class EquilibriumRope:
     is followed; else the one that a catenary leads to. plain: the rope without effects, which the
     values describe, where the setup has effects. friction_elements: what each frame's past has left
     in a rope that remembers. device: where many ropes are settled at once; the compiled path, if
-    not given. Compare `models.xpbd.Rope`.
+    not given. Compare `XpbdRope`.
     """
 
     setup: Setup
@@ -48,10 +48,12 @@ class EquilibriumRope:
     friction_elements: FrictionElements | None = None
 
     step: ClassVar[float] = 1e-4  # of central differences: the answer is smooth
+    advice: ClassVar[str] = "look at the ends and the length of the rope"
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return NAMES
+    def finest(self) -> EquilibriumRope:
+        """Return the rope that reports every node of its rod."""
+        return replace(self, every=1)
 
     @property
     def start(self) -> State:

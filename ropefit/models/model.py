@@ -2,7 +2,8 @@
 
 A model predicts where a recording shows the rope, frame by frame, says which frames it could
 compute, and gives the first-order change of its prediction in any change of the setup
-(`Point.respond`). `Equilibrium` settles every frame; `Dynamics` steps clips through time.
+(`Point.respond`). `Equilibrium` settles every frame; `Dynamics` steps clips through time; `Xpbd`
+iterates by the paper's Algorithm 1.
 """
 
 from __future__ import annotations
@@ -51,9 +52,10 @@ class Model(ABC):
     def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
         """Return the point at u that was kept; the model remembers what it did then."""
 
-    @abstractmethod
     def folds(self, frames: int, count: int) -> np.ndarray:
-        """Return (F,) the fold of each frame, below `count`: folds are held out one by one."""
+        """Return (F,) the fold of each frame, below `count`: folds are held out one by one, by
+        default neighbouring frames together."""
+        return np.arange(frames) * count // frames
 
     @property
     def size(self) -> int:

@@ -61,6 +61,10 @@ class Term:
         rest = np.where(rest == 0, NEXT_TO_NOTHING, rest)
         return np.where(self.saturating, self.scale * (1 / rest - 1), value)
 
+    def value_of(self, u: float) -> float:
+        """Return the first value in SI from its search variable, the others at their start."""
+        return float(self.value(np.full(self.size, u))[0])
+
     def search(self, value: np.ndarray) -> np.ndarray:
         """Return (n,) search variables of values in SI."""
         if self.log:

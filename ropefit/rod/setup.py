@@ -132,7 +132,7 @@ class Setup(NamedTuple):
     bending: the law of bending, where it is not linear; axial (A,): that of axial strain, see
     `rod.axial`; drag (11,): that of the air, see `Moving`;
     springs (N+1,) [N/m]: of the nodes to the origin, in motion; followers: forces that turn with
-    the rope.
+    the rope. weights (n,) or (F, n): of the moves of Algorithm 1, where that finds the shape.
     """
 
     properties: Properties
@@ -160,6 +160,7 @@ class Setup(NamedTuple):
     drag: Tensor | None = None
     springs: Tensor | None = None
     followers: tuple[Follower, ...] = ()
+    weights: Tensor | None = None
 
     @property
     def remembers(self) -> bool:
@@ -188,6 +189,12 @@ class Setup(NamedTuple):
     def arc(self) -> Tensor:
         """Return (N+1,) [m] the rest arc length of the nodes."""
         return torch.nn.functional.pad(self.properties.length.cumsum(-1), (1, 0))
+
+    @property
+    def up(self) -> Tensor:
+        """Return (3,) the unit vector against gravity, a constant to whatever is differentiated."""
+        gravity = self.gravity.detach()
+        return -gravity / gravity.norm()
 
     @property
     def weight(self) -> Tensor:
@@ -222,6 +229,7 @@ class Setup(NamedTuple):
             load=self.load[index] if self.load.ndim == 3 else self.load,
             motion=self.motion.frames(index) if self.motion else None,
             end_path=self.end_path.frames(index) if self.end_path else None,
+            weights=w[index] if (w := self.weights) is not None and w.ndim == 2 else w,
         )
 
     def rod(self) -> Rod:

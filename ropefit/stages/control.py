@@ -20,7 +20,6 @@ from ropefit.inference import bfgs
 from ropefit.inference.bfgs import Search
 from ropefit.inference.control import Gripper, interpolate, to_observations, to_targets
 from ropefit.losses.objectives import OBJECTIVES, Pinhole, objective
-from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.runs.protocol import Context
 
 STARTS = 6  # recorded poses from which shape control tries to set out
@@ -158,10 +157,7 @@ def _settle(gripper: Gripper, u: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
     with torch.no_grad():
         state = gripper.state(u, torch.arange(len(u)))
     if not torch.isfinite(state.x).all():
-        advice = "identify with smaller weights"
-        if isinstance(gripper.rope, EquilibriumRope):
-            advice = "look at the ends and the length of the rope"
-        raise NotConverged(f"the solver fails in some frames; {advice}")
+        raise NotConverged(f"the solver fails in some frames; {gripper.rope.advice}")
     return state.x.numpy(), state.q.numpy()
 
 
@@ -191,8 +187,8 @@ def _common(
 def _length(gripper: Gripper, u: torch.Tensor, x: np.ndarray) -> np.ndarray:
     """Return (F,) [m] lengths of ropes x (F, K, 3), by every node of the rod where x has only
     some."""
-    if isinstance(gripper.rope, EquilibriumRope):
-        x = _settle(replace(gripper, rope=replace(gripper.rope, every=1)), u)[0]
+    if gripper.rope.finest is not gripper.rope:
+        x = _settle(replace(gripper, rope=gripper.rope.finest), u)[0]
     return np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1)
 
 

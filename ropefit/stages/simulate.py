@@ -18,11 +18,14 @@ from ropefit.adapters.synthetic_sensor import write_recording
 from ropefit.adapters.synthetic_spec import Point, SimulationSpec
 from ropefit.artifacts.atomic import new_folder, refuse_filled
 from ropefit.errors import BadInput, NotConverged
-from ropefit.models.weights import WEIGHTS
-from ropefit.models.xpbd import Ends, build_rope
+from ropefit.models.weights import ETA, RANGES
+from ropefit.models.xpbd import Xpbd
+from ropefit.models.xpbd_rope import Algorithm
 from ropefit.perception.trace import resample
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.manifest import describe, read_toml
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import Setup, bare
 from ropefit.runs.protocol import Progress
 from ropefit.solvers.xpbd.reference import Settings
 
@@ -32,10 +35,10 @@ def simulate_recording(spec: Path, out: Path, progress: Progress, say: Any) -> d
     parsed = _read_spec(spec)
     refuse_filled(out)  # before the rope is solved
     progress(0.1, "solving")
-    x, ends = _states(parsed, spec)
+    x, setup = _states(parsed, spec)
     progress(0.8, "writing")
     with new_folder(out) as temporary:
-        write_recording(parsed, x, ends, temporary)
+        write_recording(parsed, x, setup, temporary)
     say(
         "made by one of the paper's solvers in ropefit: good for trying a set-up, not as evidence "
         "for it"
@@ -50,8 +53,9 @@ def _read_spec(path: Path) -> SimulationSpec:
         raise BadInput(f"{path}: {describe(error)}")
 
 
-def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Ends]:
-    """Return (F, K, 3) [m] centrelines and the exact end poses. `path` is named in failures."""
+def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Setup]:
+    """Return (F, K, 3) [m] centrelines and the rope with its exact end poses. `path` is named in
+    failures."""
     frames = spec.motion.frames
     position = np.full((frames, 2, 3), np.nan)
     orientation = np.full((frames, 2, 4), np.nan)
@@ -72,24 +76,20 @@ def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Ends]:
             f"is {spec.rope.length:.4g} m long"
         )
     m = spec.model
-    ends = Ends(position, orientation)
-    rope = build_rope(
-        length=spec.rope.length,
-        nodes=spec.rope.nodes,
-        gravity=np.array(spec.gravity),
-        ends=ends,
-        solver=m.solver,
-        settings=Settings(m.steps, m.iterations, m.dt),
-        control_node=0 if spec.motion.end0 else spec.rope.nodes - 1,
-    )
-    eta = torch.tensor(
-        [[m.eta.get(name, WEIGHTS[name].range.start) for name in rope.names]] * frames
-    )
-    with torch.no_grad():
-        state = rope.settle(eta.to(torch.float64))
-    if not torch.isfinite(state.x).all():
+    weights = [m.eta.get(name, RANGES[name].start) for name in ETA]
+    setup = bare(
+        uniform(length=spec.rope.length, segments=spec.rope.nodes - 1, bend=1.0),
+        torch.tensor(spec.gravity, dtype=torch.float64),
+        torch.from_numpy(position),
+        torch.from_numpy(orientation),
+        torch.zeros(3, dtype=torch.float64),
+    )._replace(weights=torch.tensor(weights, dtype=torch.float64))
+    held = 0 if spec.motion.end0 else spec.rope.nodes - 1
+    algorithm = Algorithm(m.solver, Settings(m.steps, m.iterations, m.dt), held)
+    point = Xpbd(setup, [], algorithm=algorithm).at(np.empty(0))
+    if not point.converged.all():
         raise NotConverged("the solver diverges with these weights; lower them or use more steps")
-    return state.x.numpy(), ends
+    return point.solution.x, setup
 
 
 def _along(waypoints: list[Point], frames: int) -> np.ndarray:
