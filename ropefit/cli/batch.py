@@ -8,20 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from ropefit.cli.options import (
-    Debug,
     Engine,
-    Json,
     LossOption,
     MostFrames,
     Nodes,
     OptionalText,
     Project,
     ProjectChoice,
-    Quiet,
     SearchOption,
     SolverOption,
     UntilStage,
-    start_session,
+    command,
 )
 
 if TYPE_CHECKING:
@@ -31,7 +28,9 @@ if TYPE_CHECKING:
 SHOWN_ROWS = 40  # of the table on a terminal
 
 
+@command
 def batch(
+    session: Session,
     recordings: Annotated[
         list[Path], typer.Argument(help="Recordings, or folders with recordings below them.")
     ],
@@ -68,43 +67,39 @@ def batch(
     loss: LossOption = "OBJ1",
     search: SearchOption = None,
     most_frames: MostFrames = 60,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Compute every stage of many recordings, with one index.
 
     Recordings that fail are kept apart and do not stop the others.
     """
-    with start_session(json, quiet, debug) as session:
-        from ropefit.batch import run_batch
-        from ropefit.batch.index import summary
+    from ropefit.batch import run_batch
+    from ropefit.batch.index import summary
 
-        settings = {
-            "preprocess": {"nodes": nodes, "project": project.value},
-            "identify": {
-                "solver": solver,
-                "loss": loss,
-                "search": search.value if search else None,
-                "most_frames": most_frames,
-            },
-            "control": {"loss": loss},
-        }
-        done = run_batch(
-            recordings,
-            runs,
-            settings,
-            until.value,
-            engine.value,
-            scheduler,
-            workers,
-            retry,
-            session.context("batch"),
-        )
-        session.finish()
-        _show(session, done)
-        session.result(summary(done))
-        done.check()
+    settings = {
+        "preprocess": {"nodes": nodes, "project": project.value},
+        "identify": {
+            "solver": solver,
+            "loss": loss,
+            "search": search.value if search else None,
+            "most_frames": most_frames,
+        },
+        "control": {"loss": loss},
+    }
+    done = run_batch(
+        recordings,
+        runs,
+        settings,
+        until.value,
+        engine.value,
+        scheduler,
+        workers,
+        retry,
+        session.context("batch"),
+    )
+    session.finish()
+    _show(session, done)
+    session.result(summary(done))
+    done.check()
 
 
 def _show(session: Session, done: Batch) -> None:

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from ropefit.cli.options import (
-    OF_EXPERTS,
-    Debug,
-    Force,
-    Json,
-    LossOption,
-    OptionalPath,
-    Quiet,
-    Run,
-    start_session,
-)
+from ropefit.cli.options import OF_EXPERTS, Force, LossOption, OptionalPath, Run, command
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,7 +17,9 @@ if TYPE_CHECKING:
     from ropefit.runs.protocol import Outcome
 
 
+@command
 def control(
+    session: Session,
     run: Run = Path("run"),
     loss: LossOption = "OBJ1",
     target: Annotated[
@@ -53,25 +45,21 @@ def control(
         typer.Option(help="The most evaluations of the search.", rich_help_panel=OF_EXPERTS),
     ] = 200,
     force: Force = False,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Find where the control point was, or where it must go.
 
     It is estimated in every frame, or found for target points that the rope is to pass.
     """
-    with start_session(json, quiet, debug) as session:
-        from ropefit.api import runs
+    from ropefit.api import runs
 
-        settings = {
-            "loss": loss,
-            "key": list(key or []),
-            "turn": turn,
-            "evaluations": evaluations,
-        }
-        outcome = runs.control(run, settings, session.context("control"), target, force)
-        session.result(show_control(session, outcome))
+    settings = {
+        "loss": loss,
+        "key": list(key or []),
+        "turn": turn,
+        "evaluations": evaluations,
+    }
+    outcome = runs.control(run, settings, session.context("control"), target, force)
+    session.result(show_control(session, outcome))
 
 
 def show_control(session: Session, outcome: Outcome[Control]) -> dict[str, Any]:

@@ -10,14 +10,11 @@ import typer
 from ropefit.cli.options import (
     OF_EXPERTS,
     CalibrationRun,
-    Debug,
     Force,
-    Json,
     NominalRun,
     OptionalPath,
-    Quiet,
     Run,
-    start_session,
+    command,
 )
 
 if TYPE_CHECKING:
@@ -28,7 +25,9 @@ if TYPE_CHECKING:
     from ropefit.runs.protocol import Outcome
 
 
+@command
 def diagnose(
+    session: Session,
     run: Run = Path("run"),
     nominal: NominalRun = None,
     calibration: CalibrationRun = None,
@@ -50,18 +49,14 @@ def diagnose(
         ),
     ] = 48,
     force: Force = False,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Find where model and recording differ: the missing physics."""
-    with start_session(json, quiet, debug) as session:
-        from ropefit.api import runs
+    from ropefit.api import runs
 
-        settings = {"seed": seed, "most_frames": most_frames}
-        context = session.context("diagnose")
-        outcome = runs.diagnose(run, settings, context, nominal, calibration, force, simulation)
-        session.result(show_diagnosis(session, outcome))
+    settings = {"seed": seed, "most_frames": most_frames}
+    context = session.context("diagnose")
+    outcome = runs.diagnose(run, settings, context, nominal, calibration, force, simulation)
+    session.result(show_diagnosis(session, outcome))
 
 
 def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, Any]:

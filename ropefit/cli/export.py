@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ropefit.cli.options import (
-    TARGETS,
-    Debug,
-    Json,
-    OptionalFloat,
-    OptionalPath,
-    Quiet,
-    Run,
-    start_session,
-)
+from ropefit.cli.options import TARGETS, OptionalFloat, OptionalPath, Run, command
 
 if TYPE_CHECKING:
     from ropefit.api.runs import Exported
@@ -32,7 +23,9 @@ Target = Annotated[
 ]
 
 
+@command
 def export(
+    session: Session,
     to: Target,
     out: Annotated[Path, typer.Option("--out", help="The file to write.")],
     run: Run = Path("run"),
@@ -50,22 +43,18 @@ def export(
         OptionalPath,
         typer.Option(help="The Python that has the simulator; by default this one."),
     ] = None,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Write the identified rope for a simulator.
 
     The effects that were found go along where the simulator can express them.
     """
-    with start_session(json, quiet, debug) as session:
-        from ropefit.api import runs
-        from ropefit.api.summaries import exported
+    from ropefit.api import runs
+    from ropefit.api.summaries import exported
 
-        made = runs.export(run, to, out, session.context("check"), mass, check, python)
-        session.finish()
-        _show_check(session, to, made)
-        session.result(exported(made))
+    made = runs.export(run, to, out, session.context("check"), mass, check, python)
+    session.finish()
+    _show_check(session, to, made)
+    session.result(exported(made))
 
 
 def _show_check(session: Session, target: str, made: Exported) -> None:

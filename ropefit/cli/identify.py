@@ -11,21 +11,18 @@ from ropefit.cli.options import (
     OF_EXPERTS,
     OF_PAPER,
     ControlAt,
-    Debug,
     Device,
     DeviceOption,
     Force,
-    Json,
     LossOption,
     MostFrames,
     OptionalPath,
     OptionalText,
-    Quiet,
     Run,
     SearchOption,
     SolverOption,
     Texts,
-    start_session,
+    command,
 )
 
 if TYPE_CHECKING:
@@ -118,7 +115,9 @@ Holdout = Annotated[
 ]
 
 
+@command
 def identify(
+    session: Session,
     run: Run = Path("run"),
     solver: SolverOption = "equilibrium",
     loss: LossOption = "OBJ1",
@@ -141,38 +140,34 @@ def identify(
     most_frames: MostFrames = 60,
     device: DeviceOption = Device.cpu,
     force: Force = False,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Find the parameters that make simulation and recording agree."""
-    with start_session(json, quiet, debug) as session:
-        from ropefit.api import runs
-        from ropefit.cli.parsing import numbers, starts
+    from ropefit.api import runs
+    from ropefit.cli.parsing import numbers, starts
 
-        settings = {
-            "solver": solver,
-            "loss": loss,
-            "search": search.value if search else None,
-            "free": free.split(",") if free else None,
-            "start": starts(start or []),
-            "law": law,
-            "groups": groups,
-            "two_sided": two_sided,
-            "control_at": control_at,
-            "steps": steps,
-            "iterations": iterations,
-            "dt": dt,
-            "compliance": numbers("--compliance", compliance, 3),
-            "evaluations": evaluations,
-            "levels": levels,
-            "rounds": rounds,
-            "holdout": holdout,
-            "most_frames": most_frames,
-            "device": device.value,
-        }
-        outcome = runs.identify(run, settings, session.context("identify"), from_run, force)
-        session.result(show_model(session, outcome))
+    settings = {
+        "solver": solver,
+        "loss": loss,
+        "search": search.value if search else None,
+        "free": free.split(",") if free else None,
+        "start": starts(start or []),
+        "law": law,
+        "groups": groups,
+        "two_sided": two_sided,
+        "control_at": control_at,
+        "steps": steps,
+        "iterations": iterations,
+        "dt": dt,
+        "compliance": numbers("--compliance", compliance, 3),
+        "evaluations": evaluations,
+        "levels": levels,
+        "rounds": rounds,
+        "holdout": holdout,
+        "most_frames": most_frames,
+        "device": device.value,
+    }
+    outcome = runs.identify(run, settings, session.context("identify"), from_run, force)
+    session.result(show_model(session, outcome))
 
 
 def show_model(session: Session, outcome: Outcome[Model]) -> dict[str, Any]:

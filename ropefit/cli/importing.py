@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ropefit.cli.options import (
-    FORMATS,
-    Debug,
-    Json,
-    OptionalFloat,
-    OptionalPath,
-    Quiet,
-    Texts,
-    start_session,
-)
+from ropefit.cli.options import FORMATS, OptionalFloat, OptionalPath, Texts, command
 
 if TYPE_CHECKING:
     from ropefit.cli.console import Session
@@ -31,7 +22,9 @@ Format = Annotated[
 ]
 
 
+@command
 def import_(
+    session: Session,
     source: Annotated[
         Path, typer.Argument(help="The file or folder to read, see docs/importing.md.")
     ],
@@ -50,35 +43,31 @@ def import_(
     length: Annotated[OptionalFloat, typer.Option(help="The rope's rest length [m].")] = None,
     diameter: Annotated[OptionalFloat, typer.Option(help="The rope's diameter [m].")] = None,
     mass: Annotated[OptionalFloat, typer.Option(help="The mass of the whole rope [kg].")] = None,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Make a recording of a bag, images, clouds or motion capture.
 
     docs/importing.md describes the formats and their options.
     """
-    with start_session(json, quiet, debug) as session:
-        from ropefit.cli import parsing
-        from ropefit.errors import WrongUsage
-        from ropefit.importers import About
-        from ropefit.stages.importing import import_recording
+    from ropefit.cli import parsing
+    from ropefit.errors import WrongUsage
+    from ropefit.importers import About
+    from ropefit.stages.importing import import_recording
 
-        if show:
-            session.result(_listed(session, source, format))
-            return
-        if out is None:
-            raise WrongUsage("--out is missing: the recording directory to write (or --list)")
-        along = parsing.gravity(gravity)
-        given = parsing.named_texts(set_ or [])
-        about = About(name or source.stem or "imported", along, length, diameter, mass)
-        progress = session.progress("import")
-        data = import_recording(source, format, out, given, about, progress)
-        session.finish()
-        for note in data["notes"]:
-            session.say(f"note: {note}")
-        session.say(f"import: {out} written, {data['frames']} frames")
-        session.result(data)
+    if show:
+        session.result(_listed(session, source, format))
+        return
+    if out is None:
+        raise WrongUsage("--out is missing: the recording directory to write (or --list)")
+    along = parsing.gravity(gravity)
+    given = parsing.named_texts(set_ or [])
+    about = About(name or source.stem or "imported", along, length, diameter, mass)
+    progress = session.progress("import")
+    data = import_recording(source, format, out, given, about, progress)
+    session.finish()
+    for note in data["notes"]:
+        session.say(f"note: {note}")
+    session.say(f"import: {out} written, {data['frames']} frames")
+    session.result(data)
 
 
 def _listed(session: Session, source: Path, format: str) -> dict[str, Any]:

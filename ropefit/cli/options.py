@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
-
-if TYPE_CHECKING:
-    from ropefit.cli.console import Session
 
 
 class Search(StrEnum):
@@ -101,19 +100,21 @@ OF_OUTPUT = "Options of the output"
 Run = Annotated[
     Path, typer.Option("--run", help="The run directory: what is computed is kept there.")
 ]
-Json = Annotated[
-    bool,
-    typer.Option(
-        "--json", help="Print one JSON object on standard output.", rich_help_panel=OF_OUTPUT
-    ),
-]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=OF_OUTPUT)
-]
-Debug = Annotated[
-    bool,
-    typer.Option("--debug", help="Show the traceback of an error.", rich_help_panel=OF_OUTPUT),
-]
+_OUTPUT = {
+    "json": Annotated[
+        bool,
+        typer.Option(
+            "--json", help="Print one JSON object on standard output.", rich_help_panel=OF_OUTPUT
+        ),
+    ],
+    "quiet": Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=OF_OUTPUT)
+    ],
+    "debug": Annotated[
+        bool,
+        typer.Option("--debug", help="Show the traceback of an error.", rich_help_panel=OF_OUTPUT),
+    ],
+}
 Force = Annotated[bool, typer.Option("--force", help="Compute again what is up to date.")]
 ForceOther = Annotated[
     bool,
@@ -223,8 +224,25 @@ TARGETS = ("mujoco", "mujoco3", "newton", "pyelastica", "json")
 FORMATS = ("clouds", "tum", "ros", "realsense", "kinect", "video", "mocap", "c3d")
 
 
-def start_session(json: bool, quiet: bool, debug: bool) -> Session:
-    """Return the command's terminal; it is imported when a command runs."""
-    from ropefit.cli.console import Session
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a function of a session and options as a command, which owns the terminal while it
+    runs; it has --json, --quiet and --debug as every command."""
 
-    return Session(json=json, quiet=quiet, debug=debug)
+    @functools.wraps(function)
+    def run(json: bool = False, quiet: bool = False, debug: bool = False, **options: Any) -> None:
+        from ropefit.cli.console import Session
+
+        with Session(json, quiet, debug) as session:
+            function(session, **options)
+
+    # `Session` is imported when a command runs; typer reads the others.
+    hints = get_type_hints(function, localns={"Session": Any}, include_extras=True)
+    own = list(inspect.signature(function).parameters.values())[1:]
+    output = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+        for name, kind in _OUTPUT.items()
+    ]
+    read = [*(p.replace(annotation=hints[p.name]) for p in own), *output]
+    run.__signature__ = inspect.Signature(read)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in read}
+    return run

@@ -9,27 +9,26 @@ import typer
 
 from ropefit.cli.options import (
     OF_EXPERTS,
-    Debug,
     DebugImages,
     ForceOther,
-    Json,
     Mask,
     Nodes,
     Project,
     ProjectChoice,
-    Quiet,
     RecordingPath,
     Roi,
     RopeColor,
     Run,
-    start_session,
+    command,
 )
 
 if TYPE_CHECKING:
     from ropefit.cli.console import Session
 
 
+@command
 def preprocess(
+    session: Session,
     recording: RecordingPath = None,
     run: Run = Path("run"),
     nodes: Nodes = 20,
@@ -43,17 +42,13 @@ def preprocess(
     mask: Mask = None,
     debug_images: DebugImages = None,
     force: ForceOther = False,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Order and segment the recorded points; measure their noise."""
-    with start_session(json, quiet, debug) as session:
-        from ropefit.cli.parsing import picture_settings
+    from ropefit.cli.parsing import picture_settings
 
-        settings = {"nodes": nodes, "project": project.value, "most_points": most_points}
-        settings |= picture_settings(color, roi, mask)
-        session.result(show_observations(session, recording, run, settings, force, debug_images))
+    settings = {"nodes": nodes, "project": project.value, "most_points": most_points}
+    settings |= picture_settings(color, roi, mask)
+    session.result(show_observations(session, recording, run, settings, force, debug_images))
 
 
 def show_observations(

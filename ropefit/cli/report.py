@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from ropefit.cli.options import Debug, Json, OptionalPath, Quiet, Run, start_session
+from ropefit.cli.options import OptionalPath, Run, command
 
 if TYPE_CHECKING:
     from ropefit.cli.console import Session
@@ -18,7 +18,9 @@ Runs = Annotated[
 ]
 
 
+@command
 def report(
+    session: Session,
     runs: Runs = None,
     run: Run = Path("run"),
     png: Annotated[
@@ -30,29 +32,25 @@ def report(
         OptionalPath,
         typer.Option(help="The comparison to write; by default comparison.html."),
     ] = None,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Write report.html, one offline page, or compare several runs."""
-    with start_session(json, quiet, debug) as session:
-        from ropefit.errors import WrongUsage
-        from ropefit.stages.report import compare_runs
+    from ropefit.errors import WrongUsage
+    from ropefit.stages.report import compare_runs
 
-        given = runs or []
-        kinds = [name for name, on in (("png", png), ("svg", svg), ("pdf", pdf)) if on]
-        if len(given) > 1:
-            if kinds:
-                raise WrongUsage(f"--{kinds[0]}: figures are written for one run at a time")
-            page = compare_runs(given, out or Path("comparison.html"))
-            session.say(f"report: {page} compares {len(given)} runs")
-            session.result(
-                {"stage": "report", "report": str(page), "runs": [str(path) for path in given]}
-            )
-            return
-        if out is not None:
-            raise WrongUsage("--out belongs to a comparison: give two runs or more")
-        session.result(show_report(session, given[0] if given else run, kinds))
+    given = runs or []
+    kinds = [name for name, on in (("png", png), ("svg", svg), ("pdf", pdf)) if on]
+    if len(given) > 1:
+        if kinds:
+            raise WrongUsage(f"--{kinds[0]}: figures are written for one run at a time")
+        page = compare_runs(given, out or Path("comparison.html"))
+        session.say(f"report: {page} compares {len(given)} runs")
+        session.result(
+            {"stage": "report", "report": str(page), "runs": [str(path) for path in given]}
+        )
+        return
+    if out is not None:
+        raise WrongUsage("--out belongs to a comparison: give two runs or more")
+    session.result(show_report(session, given[0] if given else run, kinds))
 
 
 def show_report(session: Session, run: Path, kinds: list[str]) -> dict[str, Any]:

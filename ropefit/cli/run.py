@@ -11,24 +11,21 @@ from ropefit.cli.identify import show_model
 from ropefit.cli.options import (
     CalibrationRun,
     ControlAt,
-    Debug,
     DebugImages,
     ForceOther,
-    Json,
     LossOption,
     Mask,
     Nodes,
     NominalRun,
     Project,
     ProjectChoice,
-    Quiet,
     RecordingPath,
     Roi,
     RopeColor,
     Run,
     SearchOption,
     SolverOption,
-    start_session,
+    command,
 )
 from ropefit.cli.preprocess import show_observations
 from ropefit.cli.report import show_report
@@ -37,7 +34,9 @@ if TYPE_CHECKING:
     from ropefit.cli.console import Session
 
 
+@command
 def run(
+    session: Session,
     recording: RecordingPath = None,
     run: Run = Path("run"),
     nodes: Nodes = 20,
@@ -53,37 +52,33 @@ def run(
     mask: Mask = None,
     debug_images: DebugImages = None,
     force: ForceOther = False,
-    json: Json = False,
-    quiet: Quiet = False,
-    debug: Debug = False,
 ) -> None:
     """Compute every stage of a recording, then write the report.
 
     A rope in motion (--solver dynamics) is identified and diagnosed; it has no control point.
     """
-    with start_session(json, quiet, debug) as session:
-        from ropefit.api import runs
-        from ropefit.cli.parsing import picture_settings
+    from ropefit.api import runs
+    from ropefit.cli.parsing import picture_settings
 
-        seen = {"nodes": nodes, "project": project.value, **picture_settings(color, roi, mask)}
-        data = {"preprocess": show_observations(session, recording, run, seen, force, debug_images)}
-        settings = {
-            "solver": solver,
-            "loss": loss,
-            "search": search.value if search else None,
-            "control_at": control_at,
-        }
-        fitted = runs.identify(run, settings, session.context("identify"), force=force)
-        data["identify"] = show_model(session, fitted)
-        if runs.diagnosable(fitted.artifact) or nominal or calibration:
-            context = session.context("diagnose")
-            found = runs.diagnose(run, {}, context, nominal, calibration, force)
-            data["diagnose"] = show_diagnosis(session, found)
-        if runs.controllable(fitted.artifact):
-            moved = runs.control(run, {"loss": loss}, session.context("control"), force=force)
-            data["control"] = show_control(session, moved)
-        data["report"] = show_report(session, run, [])
-        session.result(data | {"answer": show_answer(session, run)})
+    seen = {"nodes": nodes, "project": project.value, **picture_settings(color, roi, mask)}
+    data = {"preprocess": show_observations(session, recording, run, seen, force, debug_images)}
+    settings = {
+        "solver": solver,
+        "loss": loss,
+        "search": search.value if search else None,
+        "control_at": control_at,
+    }
+    fitted = runs.identify(run, settings, session.context("identify"), force=force)
+    data["identify"] = show_model(session, fitted)
+    if runs.diagnosable(fitted.artifact) or nominal or calibration:
+        context = session.context("diagnose")
+        found = runs.diagnose(run, {}, context, nominal, calibration, force)
+        data["diagnose"] = show_diagnosis(session, found)
+    if runs.controllable(fitted.artifact):
+        moved = runs.control(run, {"loss": loss}, session.context("control"), force=force)
+        data["control"] = show_control(session, moved)
+    data["report"] = show_report(session, run, [])
+    session.result(data | {"answer": show_answer(session, run)})
 
 
 def show_answer(session: Session, run: Path) -> list[str]:
