@@ -14,7 +14,7 @@ def motions(setup: Setup) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
     """Return ends (5, 2, 3) and clamps (5, 2, 4) of motions from the first recorded pose on."""
     first, clamp = setup.ends[0].clone(), setup.clamp[0].clone()
     length = float(setup.properties.length.sum())
-    up = -(setup.gravity / setup.gravity.norm()).detach()
+    up = setup.up
     out = {}
     still = clamp[None].expand(5, 2, 4)
     if bool(torch.isnan(first).any()):

@@ -77,14 +77,14 @@ def touching(segments: int) -> Tensor:
 def up_and_normal(setup: Setup, slope_1: Tensor, slope_2: Tensor) -> tuple[Tensor, Tensor]:
     """Return (3,), (3,) unit vectors against gravity, and normal to a plane of these slopes."""
     first, second = horizontal(setup.gravity)
-    up = -setup.gravity.detach() / setup.gravity.detach().norm()
+    up = setup.up
     normal = up - slope_1 * first - slope_2 * second
     return up, normal / normal.norm()
 
 
 def up_of(setup: Setup) -> np.ndarray:
     """Return (3,) the unit vector against gravity."""
-    return -(setup.gravity / setup.gravity.norm()).detach().numpy()
+    return setup.up.numpy()
 
 
 def has_free_end(misfit: Misfit) -> bool:

@@ -21,7 +21,7 @@ def revisits(setup: Setup) -> bool:
     if len(whole.ends) < FEWEST:
         return False
     length = float(whole.properties.length.sum())
-    up = -whole.gravity / whole.gravity.norm()
+    up = whole.up
     held = ~torch.isnan(whole.ends[0]).any(-1)
     parts = []
     if bool(held.all()):

@@ -110,7 +110,7 @@ def _stopped(setup: Setup, x: Tensor, drop: float, count: float) -> tuple[Tensor
     held[[0, -1]], turned[[0, -1]] = True, torch.tensor(setup.clamped)
     chain = Chain.build(held, turned)
     rest = straight_rest(float(setup.properties.length.detach().sum()), NODES)
-    down = setup.gravity.detach() / setup.gravity.detach().norm()
+    down = -setup.up
     one = torch.ones(1, 1, 1, dtype=torch.float64)
     falls = torch.tensor([0.0, drop], dtype=torch.float64)[:, None, None, None]
     eta = Eta(falls, one, one, one, one, one)

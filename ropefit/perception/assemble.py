@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ropefit.errors import BadInput
-from ropefit.perception.camera import Camera
+from ropefit.perception.camera import Camera, downwards
 from ropefit.perception.cloud import scatter
 from ropefit.perception.noise import measure
 from ropefit.perception.plane import hanging_plane
@@ -63,7 +63,7 @@ def assemble(
     centreline_px = np.stack(boundaries)
     centreline_px[~known] = np.nan
 
-    down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
+    down = downwards(gravity)
     lowest = np.stack(
         [_lowest(line, arc, a, down) for line, (a, arc) in zip(lines, arcs, strict=True)]
     )

@@ -42,6 +42,12 @@ class Camera:
         return ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
 
 
+def downwards(gravity: np.ndarray) -> np.ndarray:
+    """Return (3,) the unit vector along gravity (3,) [m/s²], against z where there is none."""
+    size = float(np.linalg.norm(gravity))
+    return gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
+
+
 def virtual_camera(points: np.ndarray, gravity: np.ndarray, viewpoint: np.ndarray | None) -> Camera:
     """Return a 1280 x 720 camera of focal length 610 px that looks at points (N, 3) [m].
 
@@ -57,8 +63,7 @@ def virtual_camera(points: np.ndarray, gravity: np.ndarray, viewpoint: np.ndarra
     ahead = centre - viewpoint
     distance = np.linalg.norm(ahead)
     ahead = ahead / distance if distance > 1e-9 else np.array([0.0, 1.0, 0.0])
-    size = np.linalg.norm(gravity)
-    down = gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
+    down = downwards(gravity)
     right = np.cross(down, ahead)
     if np.linalg.norm(right) < 1e-6:  # looking straight down or up
         right = np.cross(np.eye(3)[int(np.argmin(np.abs(ahead)))], ahead)

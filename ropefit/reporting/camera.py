@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.artifacts import Observations, View
+from ropefit.perception.camera import downwards
 
 ASIDE, ABOVE = 0.4, 0.25  # tangents of the angles from which a figure in space is looked at
 
@@ -21,8 +22,7 @@ def project(view: View, x: np.ndarray) -> np.ndarray:
 
 def upwards(o: Observations) -> np.ndarray:
     """Return (3,) the unit vector against gravity."""
-    size = float(np.linalg.norm(o.gravity))
-    return -o.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    return -downwards(o.gravity)
 
 
 def broadside(o: Observations, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

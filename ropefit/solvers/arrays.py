@@ -16,9 +16,10 @@ def as_numpy(t: Tensor) -> np.ndarray:
     return np.ascontiguousarray(t.detach().numpy(), dtype=np.float64)
 
 
-def in_threads(work: Callable[[slice], None], frames: int) -> None:
-    """Call `work` on slices of the frames, one for each of torch's threads."""
-    pieces = min(torch.get_num_threads(), frames // 8)
+def in_threads(work: Callable[[slice], None], frames: int, fewest: int = 8) -> None:
+    """Call `work` on slices of the frames, one for each of torch's threads, if it has at least the
+    `fewest` frames that are worth a thread."""
+    pieces = min(torch.get_num_threads(), frames // fewest)
     if pieces <= 1:
         work(slice(0, frames))
         return

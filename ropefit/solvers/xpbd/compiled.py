@@ -7,14 +7,13 @@ that fits the first cache; the derivative is the exact adjoint of the iterations
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.rod.strains import TINY, Rest
+from ropefit.solvers.arrays import in_threads
 from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.kernels import tables
@@ -135,10 +134,12 @@ class _Ropes(torch.autograd.Function):
         ctx.constants = rod, options
         state = _pack(x, q)
         _check(state, gravity, eta, rod)
-        _in_threads(
-            lambda state, gravity, eta: run_ropes(state, gravity, eta, rod, options),
-            state, _array(gravity), _array(eta),
-        )  # fmt: skip
+        gravity, eta = _array(gravity), _array(eta)
+
+        def work(mine: slice) -> None:
+            run_ropes(state[mine], gravity[mine], eta[mine], rod, options)
+
+        in_threads(work, len(state), fewest=1)
         return _unpack(state)
 
     @staticmethod
@@ -150,12 +151,15 @@ class _Ropes(torch.autograd.Function):
         block = total if total <= LONGEST_RECORD else math.isqrt(total - 1) + 1
         gravity, eta = _array(gravity), _array(eta)
         g_state, g_gravity, g_eta = _pack(*grads), np.zeros_like(gravity), np.zeros_like(eta)
-        _in_threads(
-            lambda state, gravity, eta, *g: pull_ropes(
-                state, gravity, eta, rod, options, block, *g
-            ),
-            _pack(x, q), gravity, eta, g_state, g_gravity, g_eta,
-        )  # fmt: skip
+        state = _pack(x, q)
+
+        def work(mine: slice) -> None:
+            pull_ropes(
+                state[mine], gravity[mine], eta[mine], rod, options, block,
+                g_state[mine], g_gravity[mine], g_eta[mine],
+            )  # fmt: skip
+
+        in_threads(work, len(state), fewest=1)
         g_x, g_q = _unpack(g_state)
         return g_x, g_q, torch.from_numpy(g_gravity), torch.from_numpy(g_eta), None, None
 
@@ -169,14 +173,3 @@ def _check(state: np.ndarray, gravity: Tensor, eta: Tensor, rod: np.ndarray) -> 
         eta=(eta, (ropes, 5)),
         rod=(rod, (nodes, tables.ROD_COLUMNS)),
     )
-
-
-def _in_threads(work: Callable[..., None], *arrays: np.ndarray) -> None:
-    """Call `work` on the arrays cut along the ropes, one piece for each of torch's threads."""
-    pieces = min(torch.get_num_threads(), len(arrays[0]))
-    if pieces <= 1:
-        work(*arrays)
-        return
-    cut = [np.array_split(item, pieces) for item in arrays]
-    with ThreadPoolExecutor(pieces) as pool:
-        list(pool.map(work, *cut))

@@ -13,7 +13,7 @@ from ropefit.solvers.xpbd.kernels.forms import (
     director_pull,
     imaginary,
 )
-from ropefit.solvers.xpbd.kernels.iterations import measure_edges, solve_jacobi, solve_thomas
+from ropefit.solvers.xpbd.kernels.iterations import measure_edges, solve_distance
 from ropefit.solvers.xpbd.kernels.tables import (
     BEND,
     C_BEND,
@@ -105,16 +105,14 @@ def project_distance_adjoint(g, rod, options, weights, before, change, work):
         dot_x += change[i, C_DISTANCE] * along
         work[i, G_CHANGE] = weights.distance * along + g[i, DISTANCE]
         put3(work, i, G_DIRECTION, scale(weights.distance * change[i, C_DISTANCE], by_move))
+    solve_distance(rod, options, work, work, G_CHANGE)
     if options.thomas:
-        solve_thomas(rod, work, work, G_CHANGE)
         for i in range(len(g) - 2):
             cross = work[i + 1, G_CHANGE] * change[i, C_DISTANCE]
             cross += work[i, G_CHANGE] * change[i + 1, C_DISTANCE]
             cross *= rod[i + 1, WEIGHT]
             add3(work, i, G_DIRECTION, cross, v3(work, i + 1, DIRECTION))
             add3(work, i + 1, G_DIRECTION, cross, v3(work, i, DIRECTION))
-    else:
-        solve_jacobi(rod, work, G_CHANGE)
     for i in range(len(g) - 1):
         a, direction, turn = work[i, G_CHANGE], v3(work, i, DIRECTION), v3(work, i, G_DIRECTION)
         g[i, DISTANCE] -= options.alpha_distance * a

@@ -124,16 +124,22 @@ def solve_thomas(rod, work, b, column):
 
 
 @exact_helper
+def solve_distance(rod, options, work, b, column):
+    """Solve the system of the distance constraint in place, which is symmetric."""
+    if options.thomas:
+        solve_thomas(rod, work, b, column)
+    else:
+        solve_jacobi(rod, b, column)
+
+
+@exact_helper
 def project_distance(s, rod, options, weights, change, work):
     """Project C^D = |e| - l, eq. (9), for every segment alone (Jacobi) or all together (Thomas)."""
     measure_edges(s, options, work)
     for i in range(len(s) - 1):
         value = work[i, EDGE] - rod[i, LENGTH]
         change[i, C_DISTANCE] = -(value + options.alpha_distance * s[i, DISTANCE])
-    if options.thomas:
-        solve_thomas(rod, work, change, C_DISTANCE)
-    else:
-        solve_jacobi(rod, change, C_DISTANCE)
+    solve_distance(rod, options, work, change, C_DISTANCE)
     for i in range(len(s) - 1):
         direction, c = v3(work, i, DIRECTION), change[i, C_DISTANCE]
         s[i, DISTANCE] += c
