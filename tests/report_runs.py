@@ -27,6 +27,7 @@ from ropefit.artifacts.exports import Check, Export
 
 F, K = 9, 6
 EVIL = "<script>alert(1)</script>"
+NOTICED = "A weight of 0.4 g on the rope would have been noticed."
 
 
 def provenance(stage, **inputs):
@@ -302,7 +303,9 @@ def diagnosed(verdict="found", motion=""):
         correlation_length=0.05,
         rms_before=0.0043,
         rms_after=0.0013,
-        detectable={"point_mass": Detectable(value=0.0004, unit="kg")},
+        detectable={
+            "point_mass": Detectable(value=4e-4, unit="kg", topic="weight", sentence=NOTICED)
+        },
         motion=motion,
         separates=["point_mass", "distributed_load"] if motion else [],
         frames=np.arange(F) + 10,

@@ -173,6 +173,11 @@ def special_cases(source: str) -> list[str]:
         if isinstance(node, ast.Compare):
             for side in (node.left, *node.comparators):
                 found += [f"compares with {v}" for v in constants(side) if v in names]
+        elif isinstance(node, ast.Subscript):
+            found += [f"looks up {v}" for v in constants(node.slice) if v in names]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(".get"):
+            looked_up = [v for key in node.args[:1] for v in constants(key)]
+            found += [f"looks up {v}" for v in looked_up if v in names]
         elif isinstance(node, ast.MatchValue):
             found += [f"matches {v}" for v in constants(node.value) if v in names]
         elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
@@ -210,6 +215,8 @@ def test_special_cases_are_noticed():
         "isinstance(effect, (FreeKink, int))",
         "isinstance(effect, effects.Obstacle)",
         'match effect.name:\n    case "inertia": pass',
+        'weight = detectable.get("point_mass")',
+        'weight = detectable["point_mass"]',
     ):
         assert len(special_cases(source)) == 1, source
     assert not special_cases("from ropefit.effects import CATALOGUE, Effect")

@@ -185,7 +185,7 @@ def test_the_answer_in_one_line():
     assert "what is left is not explained" in told(diagnosed("none"))[0]
     clean = told(diagnosed("none").model_copy(update={"rms_before": 0.00125}))
     assert clean[0].startswith("Nothing is missing that this recording could show")
-    assert clean[-1] == "A weight of 0.40 g on the rope would have been noticed."
+    assert clean[-1] == "A weight of 0.4 g on the rope would have been noticed."
     assert "no effect ropefit knows explains" in told(diagnosed("unknown"))[0]
     assert told(None)[-1].endswith("run ropefit diagnose.")
     assert len(answer(RunContents(observations()))) == 2

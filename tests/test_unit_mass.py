@@ -23,7 +23,7 @@ def test_masses_and_forces_are_relative_and_nothing_else():
         "c": cause("kink", "rad"),
     }
     detectable = {
-        "point_mass": Detectable(value=0.1, unit="kg"),
+        "point_mass": Detectable(value=0.1, unit="kg", topic="weight", sentence="100 g"),
         "kink": Detectable(value=0.1, unit="rad"),
     }
     out = per_unit_mass({"causes": causes, "detectable": detectable, "verdict": "found"})
@@ -33,4 +33,5 @@ def test_masses_and_forces_are_relative_and_nothing_else():
     assert "1 kg/m" in out["causes"]["a"].sentence
     assert out["causes"]["c"].sentence == "it is so"
     assert [d.unit for d in out["detectable"].values()] == [f"kg {RELATIVE}", "rad"]
+    assert out["detectable"]["point_mass"].sentence == ""  # it would be of a known mass
     assert out["verdict"] == "found"

@@ -91,11 +91,7 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
         "correlation_length": noise_found.length * length,
         "rms_before": before,
         "rms_after": after,
-        "detectable": {
-            name: Detectable(value=float(size), unit=d.units[name])
-            for name, size in d.detectable.items()
-            if np.isfinite(size)
-        },
+        "detectable": _detectable(d),
         "segments": last.forward.base.segments,
         "rope": _rope(o, last),
         "calibration": calibration_of(last),
@@ -132,6 +128,19 @@ def _in_part(d: engine.Diagnosis) -> list[str]:
 def _sentence(candidate: Candidate) -> str:
     effect = candidate.hypothesis.effect
     return effect.sentence(dict(zip(effect.names, map(float, candidate.values()), strict=True)))
+
+
+def _detectable(d: engine.Diagnosis) -> dict[str, Detectable]:
+    """Return the least sizes that would have been found, and what they mean to a reader."""
+    effects = {score.hypothesis.name: score.hypothesis.effect for score in d.scan}
+    out = {}
+    for name, size in d.detectable.items():
+        if np.isfinite(size):
+            topic, sentence = effects[name].unseen(float(size))
+            out[name] = Detectable(
+                value=float(size), unit=d.units[name], topic=topic, sentence=sentence
+            )
+    return out
 
 
 def _rope(o: Observations, found: Fit) -> dict[str, Size]:

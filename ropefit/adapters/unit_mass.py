@@ -31,4 +31,7 @@ def _cause(cause: Cause) -> Cause:
 def _stated(size: Size | Detectable) -> Size | Detectable:
     if not GOES_WITH_MASS.search(size.unit):
         return size
-    return size.model_copy(update={"unit": f"{size.unit} {RELATIVE}"})
+    stated = {"unit": f"{size.unit} {RELATIVE}"}
+    if isinstance(size, Detectable):  # its sentence is of a known mass
+        stated |= {"topic": "", "sentence": ""}
+    return size.model_copy(update=stated)

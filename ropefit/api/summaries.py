@@ -115,7 +115,7 @@ def diagnosed(outcome: Outcome[Diagnosis]) -> dict[str, Any]:
             "rms_after_m": d.rms_after,
             "noise_m": d.noise_white,
         },
-        "linearity": d.linearity,
+        "linearity": d.unseen("linearity"),
         "detectable": {key: item.model_dump() for key, item in d.detectable.items()},
         "next_motion": {"separates": d.separates, "description": d.motion},
         "refused": d.refused,

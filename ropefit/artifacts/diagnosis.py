@@ -9,8 +9,6 @@ from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.artifacts.model import Calibration
 
-LEAST_TESTED = 1.0  # departure of the exponent: data that miss a larger one test nothing
-
 
 class Candidate(Part):
     """An effect in the score scan of the nominal model, before any was fitted."""
@@ -37,6 +35,8 @@ class Detectable(Part):
 
     value: float
     unit: str
+    topic: str = Field(default="", description="what `sentence` is about: weight, linearity")
+    sentence: str = Field(default="", description="what it means where nothing was found")
 
 
 class Simulation(Part):
@@ -111,20 +111,8 @@ class Diagnosis(Artifact):
     force_evidence: float
     force_threshold: float
 
-    @property
-    def linearity(self) -> str:
-        """Return how far from linear the bending could be without being seen; empty if that is
-        unknown."""
-        unseen = self.detectable.get("bending_law")
-        if self.causes or unseen is None:
-            return ""
-        if unseen.value > LEAST_TESTED:
-            return (
-                "Whether bending is linear cannot be determined: these data visit hardly any range "
-                "of curvature; poses with the ends brought together, and far apart, would show it."
-            )
-        low, high = max(1 - unseen.value, 0.0), 1 + unseen.value
-        return (
-            "Bending is linear as far as these data show: a moment that grows as the curvature to "
-            f"a power between {low:.2f} and {high:.2f} could not be distinguished from that."
-        )
+    def unseen(self, topic: str) -> str:
+        """Return what could be there without being seen, about one topic; empty where an effect was
+        found or nothing is known of it."""
+        told = (item.sentence for item in self.detectable.values() if item.topic == topic)
+        return "" if self.causes else next(told, "")

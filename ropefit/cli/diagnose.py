@@ -67,8 +67,8 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
     d = outcome.artifact
     if d.verdict == "none":
         session.say("no missing physics: what the nominal model does not explain is noise")
-        if d.linearity:
-            session.say(d.linearity)
+        if linearity := d.unseen("linearity"):
+            session.say(linearity)
     elif d.verdict == "unknown":
         session.say(
             "physics is missing that no effect of the catalogue explains; see the latent force in "

@@ -189,6 +189,11 @@ class Effect(ABC):
     def sentence(self, values: dict[str, float]) -> str:
         """Describe the effect, given quantities and place by name (arc_length, centre, width)."""
 
+    def unseen(self, size: float) -> tuple[str, str]:
+        """Return a topic, and what a reader is told about it where the effect was not found and
+        would have been from this size of its first quantity on; by default nothing."""
+        return "", ""
+
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         """Return the least and the greatest quantities that this rope allows."""
         return [q.lower for q in self.quantities], [q.upper for q in self.quantities]

@@ -22,6 +22,8 @@ LEAST_SLOPE = 1e-3  # over EI: a moment that no longer grows leaves equilibria u
 
 Moment = Callable[[Tensor, Tensor], Tensor]  # of curvatures (n,) and a shape (), up to a factor
 
+LEAST_TESTED = 1.0  # of the exponent: data that miss a larger departure test nothing
+
 
 class BendingLaw(Effect):
     """The slope dM/dκ of the bending moment over the rigidity EI, as a function of the curvature.
@@ -58,6 +60,18 @@ class BendingLaw(Effect):
             "curvature", "bending moment", "1/m", -1.0, _curve, _curvatures,
             np.array([True, False, False, False, False]), _forms(setup), _sentence,
         )  # fmt: skip
+
+    def unseen(self, size: float) -> tuple[str, str]:
+        if size > LEAST_TESTED:
+            return "linearity", (
+                "Whether bending is linear cannot be determined: these data visit hardly any range "
+                "of curvature; poses with the ends brought together, and far apart, would show it."
+            )
+        return "linearity", (
+            "Bending is linear as far as these data show: a moment that grows as the curvature to "
+            f"a power between {max(1 - size, 0.0):.2f} and {1 + size:.2f} could not be "
+            "distinguished from that."
+        )
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]

@@ -42,5 +42,8 @@ class PointMass(Effect):
             f"{values['arc_length']:.3f} m"
         )
 
+    def unseen(self, size: float) -> tuple[str, str]:
+        return "weight", f"A weight of {1e3 * size:.2g} g on the rope would have been noticed."
+
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
         return Drawn("weight")

@@ -67,10 +67,8 @@ def under_it(run: RunContents) -> list[str]:
         text.append(unfinished)
     if d is None and f is not None:
         text.append("Whether something is missing was not looked into: run ropefit diagnose.")
-    if d is not None and d.verdict == "none" and (seen := _would_have_seen(d)):
-        text.append(seen)
-    if d is not None and d.verdict == "none" and d.linearity:
-        text.append(d.linearity)
+    if d is not None and d.verdict == "none":
+        text += filter(None, (d.unseen("weight"), d.unseen("linearity")))
     return text
 
 
@@ -200,11 +198,3 @@ def _ties(c: Cause) -> str:
     others = " or ".join(name.replace("_", " ") for name in c.equivalent_to)
     name = c.name.replace("_", " ")
     return f"It may as well be: {others}. This recording cannot tell that from {name}."
-
-
-def _would_have_seen(d: Diagnosis) -> str:
-    """Return the smallest weight on the rope that would not have been missed, as an example."""
-    weight = d.detectable.get("point_mass")
-    if weight is None or weight.unit != "kg":
-        return ""
-    return f"A weight of {number(1e3 * weight.value, 2)} g on the rope would have been noticed."

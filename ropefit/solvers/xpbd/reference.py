@@ -41,9 +41,12 @@ SOLVERS: dict[str, DistanceSolver] = {solver.name: solver for solver in (Jacobi(
 
 
 def distance_solver(name: str) -> DistanceSolver:
-    """Return a distance solver by its name, an add-on's by that of its entry point. Raises
-    StageFailed."""
-    return SOLVERS[name] if name in SOLVERS else plugins.named(plugins.SOLVERS, name)
+    """Return a distance solver by its name, an add-on's by that of its entry point, which is a
+    class or an object. Raises StageFailed."""
+    if name in SOLVERS:
+        return SOLVERS[name]
+    found = plugins.named(plugins.SOLVERS, name)
+    return found() if isinstance(found, type) else found
 
 
 class Eta(NamedTuple):
