@@ -1,4 +1,4 @@
-"""Check states of ropes by automatic differentiation of the energy (`ropefit/rod/energy.py`).
+"""Check states of ropes by automatic differentiation of the energy (`rod_energy.py`).
 
 No code is shared with the solvers: they use neither this energy nor automatic differentiation.
 """
@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.rod.energy import energy, own
+from reference_simulators.rod_energy import energy, own
 from ropefit.rod.moving import DRAG_SPEEDS, Moving
 from ropefit.rod.quaternion import conjugate_product, director, normalise
 from ropefit.rod.rod import Rod

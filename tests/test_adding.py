@@ -143,6 +143,36 @@ every = objective("OBJ4").primary(x, seen).loss()
 assert torch.allclose(one, every / 2), (one, every)
 """
 
+TRY_RED_BLACK = """
+import torch
+from ropefit.fitting.settings import IdentifySettings
+from ropefit.models.xpbd_rope import Algorithm, build_rope
+from ropefit.rod.rod import uniform
+from ropefit.rod.setup import bare
+from ropefit.solvers.xpbd.reference import Settings
+
+ends = torch.tensor([[[0.0, 0, 0], [0.5, 0, 0]]], dtype=torch.float64)
+gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+rope = uniform(length=1.0, segments=11, bend=1.0)
+setup = bare(rope, gravity, ends, torch.full((1, 2, 4), torch.nan), torch.zeros(3))
+weights = torch.tensor([[0.04, 1, 1e-9, 1e-9, 1e-9, 1]], dtype=torch.float64)
+for name in ("red_black", "jacobi"):
+    IdentifySettings(solver=name)
+    x = build_rope(setup, Algorithm(name, Settings(1, 200))).settle(weights).x
+    print(float(((x[:, 1:] - x[:, :-1]).norm(dim=-1) - 1 / 11).abs().max()))
+"""
+
+
+def test_adding_a_distance_solver(tmp_path: Path) -> None:
+    """Its sweeps keep the length better than as many of Jacobi's."""
+    package("adding-a-distance-solver.md", tmp_path)
+    (tmp_path / "try_it.py").write_text(TRY_RED_BLACK)
+    run = python(tmp_path, "try_it.py")
+    assert run.returncode == 0, run.stderr
+    red_black, jacobi = map(float, run.stdout.split())
+    assert red_black < 0.5 * jacobi
+
+
 TRY_JET = """
 import numpy as np, torch
 from ropefit.inference.problem import FitProblem

@@ -8,13 +8,13 @@ import torch
 
 from benchmarks.robustness.random_ropes import placements
 from reference_simulators.energy_balance import equilibrium_residual
+from reference_simulators.rod_energy import energy
 from ropefit.inference.identify import Task, grid_search
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import OBJECTIVES, Pinhole, Scene
 from ropefit.losses.primary import Observed
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
 from ropefit.models.parameters import PARAMETERS, Range
-from ropefit.rod.energy import energy
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.rod.setup import bare
 from ropefit.solvers.batched import solve as batched

@@ -10,7 +10,7 @@ import torch
 from reference_simulators.as_ropefit import guess_of, planar
 from reference_simulators.closed_forms import catenary, hanging_bar, helix
 from reference_simulators.planar_elastica import Planar, elastica
-from ropefit.rod.energy import energy
+from reference_simulators.rod_energy import energy
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.equilibrium.conditions import Conditions
 from tests.rods import DOWN, NOT_HELD, Order, solved
@@ -185,7 +185,7 @@ def test_uniform_twist():
 
 @pytest.mark.parametrize("name", ["pinned stretchy", "stretchy, sheared, bent", "two clamps"])
 def test_energy_is_stationary(name):
-    """The readable energy (rod/energy.py), which the compiled code never calls."""
+    """The readable energy (rod_energy.py), which the compiled code never calls."""
     case = PLANAR[name]
     if math.isinf(case.axial):
         case = replace(case, axial=500.0, shear=300.0)

@@ -72,7 +72,7 @@ def pushes(fitted: Fit) -> list[Push]:
     for k, node in enumerate(at):
         load[:, 2 * k : 2 * k + 2, node] = across[k]
     columns = sensitivity(loads_to_nodes(point, load), s, s, fitted.whitener)
-    data = s.places(point.solution.x) + np.einsum("md,mda->ma", s.residual, s.basis)
+    data = s.places(point.solution.x) + s.offset
     arc = point.setup.arc.detach().numpy()
     rows, out = np.repeat(s.frame, s.residual.shape[1]), []
     for t in outstanding:

@@ -56,7 +56,7 @@ def misfit_of(fitted: Fit) -> Misfit:
         nodes=nodes,
         frame=s.frame,
         places=s.places(nodes),
-        moves=np.einsum("md,mda->ma", s.residual, s.basis),
+        moves=s.offset,
         variance=float(np.trace(s.white().mean(axis=0))) if len(s.frame) else 0.0,
         excess=excess(fitted),
         terms=frozenset(term.name for term in fitted.forward.terms),

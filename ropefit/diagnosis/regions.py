@@ -31,7 +31,7 @@ def misfit(fitted: Fit, bins: int) -> np.ndarray:
     place = np.clip((s.share * bins).astype(int), 0, bins - 1) if _markers(s) else s.bin
     total = np.zeros((len(fitted.point.seen), bins, 3))
     count = np.zeros((*total.shape[:2], 1))
-    np.add.at(total, (s.frame, place), np.einsum("md,mda->ma", s.residual, s.basis))
+    np.add.at(total, (s.frame, place), s.offset)
     np.add.at(count, (s.frame, place), 1.0)
     return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
 
@@ -43,7 +43,7 @@ def regions(fitted: Fit, bins: int) -> list[Mismatch]:
     bins = len(edges) - 1
     rows, row = np.unique(s.frame, return_inverse=True)  # of a motion, not every frame counts
     offset = np.full((len(rows), bins, 3), np.nan)
-    offset[row, place] = np.einsum("md,mda->ma", s.residual, s.basis)
+    offset[row, place] = s.offset
     z = np.zeros((len(offset), bins, s.residual.shape[1]))
     z[row, place] = fitted.z.reshape(s.residual.shape)
     seen = np.isfinite(offset[..., 0]).astype(float)

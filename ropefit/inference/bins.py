@@ -93,6 +93,11 @@ class Stations:
     scatter: np.ndarray
     fall: np.ndarray
 
+    @property
+    def offset(self) -> np.ndarray:
+        """Return (M, 3) [m] the residuals in space, from model to data."""
+        return np.einsum("md,mda->ma", self.residual, self.basis)
+
     def white(self) -> np.ndarray:
         """Return (M, D, D) [m²] white covariance of the stations' residuals."""
         dims = self.scatter.shape[1]

@@ -1,6 +1,6 @@
 """The discrete rod in SI units: rigidities, weight and rest shape on the paper's strains.
 
-Its energy (`energy.py`) is quadratic in stretch-shear C^S and bend-twist C^B; XPBD with compliance
+Its energy is quadratic in stretch-shear C^S and bend-twist C^B; XPBD with compliance
 α = 1/(EA l) and l/(4 EI) has the same equilibrium.
 """
 

@@ -54,6 +54,7 @@ from ropefit.solvers.xpbd.kernels.tables import (
 
 @exact_helper
 def project_shear_adjoint(g, rod, options, weights, before, change, work):
+    """Apply the adjoint of the stretch-shear projection, eq. (5)."""
     dot_x, dot_q = 0.0, 0.0
     for i in range(len(g) - 1):
         q, c, pull = v4(before, i, Q), v3(change, i, C_SHEAR), v4(work, i, PULL_Q)
@@ -75,6 +76,7 @@ def project_shear_adjoint(g, rod, options, weights, before, change, work):
 
 @exact_helper
 def project_bend_adjoint(g, rod, options, weights, before, change, work):
+    """Apply the adjoint of the bend-twist projection, eq. (7)."""
     dot_q = 0.0
     for i in range(len(g) - 2):
         p, r, c = v4(before, i, Q), v4(before, i + 1, Q), v3(change, i, C_BEND)
@@ -125,6 +127,7 @@ def project_distance_adjoint(g, rod, options, weights, before, change, work):
 
 @exact_helper
 def begin_step_adjoint(g, g_gravity, rod):
+    """Apply the adjoint of the fall that begins a step; multipliers of the step before end here."""
     for i in range(len(g)):
         g_gravity[i] += dot3(v3(g, i, X), v3(rod, i, FALL))
         for k in range(SHEAR, STATE_COLUMNS):
