@@ -12,6 +12,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, set_corner
 from ropefit.solvers.equilibrium.kernels.merit import curvature_along, end_work, merit
+from ropefit.solvers.equilibrium.kernels.planar import solve_in_plane
 from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
 from ropefit.solvers.equilibrium.kernels.state import set_state, violations
 from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
@@ -40,9 +41,10 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
     count, whole = held.node.shape[0], 0.0
     for i in range(rod.length.shape[0]):
         whole += rod.length[i]
-    shift, last_step, kicks = 0.0, np.inf, 0
+    shift, kicks = 0.0, 0
+    done, last_step = solve_in_plane(rod, held, q, lam, x0, tolerance, limit, REACH, w)
     worst, known, energy = np.inf, False, 0.0
-    for iteration in range(limit):
+    for iteration in range(done, limit):
         if not known:
             energy = set_state(rod, held, q, lam, x0, w)
         known = False

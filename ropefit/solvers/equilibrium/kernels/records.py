@@ -35,6 +35,8 @@ HELD_GRADIENT = (
     *(field for field in HELD if field.name in ("offset", "direction", "compliance")),
 )
 
+FLAT = 11  # columns of `Work.flat`
+
 # One rope, or R ropes with one dimension more; rest is the whole quaternion (N+1, 4). gauge [N m]
 # holds the spin of a rope that is free to spin, see `hessian.assemble`.
 Rod = namedtuple("Rod", [*names(ROD), "gauge"])
@@ -80,6 +82,7 @@ class Work(NamedTuple):
     trial_x: np.ndarray  # its place of node 0
     trial_lam: np.ndarray  # its forces of the supports
     gaps: np.ndarray  # its residual, as `rest`
+    flat: np.ndarray  # of Newton's method in a plane, see `planar.py`
 
 
 @maker
@@ -94,7 +97,7 @@ def make_work(n, s, extra):
         np.zeros((n, 3, s + extra)), np.zeros((n, 3, s + extra)), np.zeros((s + 3, s + 3)),
         np.zeros(s + 3), np.zeros((s + 3, s + 3)), np.zeros((s + 3, extra)),
         np.zeros((s + 5, s + 3)), np.zeros((3, 3)), np.zeros((n, 3)), np.zeros((n, 3)),
-        np.zeros((n, 4)), np.zeros(3), np.zeros(s), np.zeros(s + 3),
+        np.zeros((n, 4)), np.zeros(3), np.zeros(s), np.zeros(s + 3), np.zeros((n, FLAT)),
     )  # fmt: skip
 
 
