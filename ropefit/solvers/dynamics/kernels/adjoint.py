@@ -15,12 +15,12 @@ from ropefit.solvers.dynamics.kernels.rates import (
 )
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
-from ropefit.solvers.kernels.bends import cross_block
-from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
+from ropefit.solvers.kernels.bends import set_cross
+from ropefit.solvers.kernels.jit import copy_rows, inlined, maker
 from ropefit.solvers.kernels.rotations import rotation
 
 
-@helper
+@maker
 def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
     """Pull gradients gx (T, N+1, 3) and gq (T, N, 3), in turns, back into `out`, a `Change`.
 
@@ -193,7 +193,7 @@ def _pull_bends(rod, t, c, b, gp, out, mu, block, w):
             gp[t - 1, j, a] += c[1] * rod.bend_viscosity[j, a] * mu[a]
             gp[two, j, a] += c[2] * rod.bend_viscosity[j, a] * mu[a]
         if j == 0 or j == n:
-            cross_block(pj, w.m[j], w.firm[j], block)
+            set_cross(pj, w.m[j], w.firm[j], block)
             for a in range(3):
                 for k in range(3):
                     if j == 0:

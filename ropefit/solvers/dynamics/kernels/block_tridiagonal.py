@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ropefit.solvers.kernels.jit import helper
 
 
 @helper
-def _invert(a):
-    """Replace a (6, 6) by its inverse, by Gauss-Jordan with row exchanges."""
-    order = np.empty(6, np.int64)
+def _invert(a, order):
+    """Replace a (6, 6) by its inverse, by Gauss-Jordan with row exchanges (order: scratch)."""
     for c in range(6):
         best, row = abs(a[c, c]), c
         for r in range(c + 1, 6):
@@ -60,7 +57,7 @@ def factor(w, half):
                         total += o[k, r] * half[k, c]
                     a[r, c] -= total
                     a[3 + r, c] -= f * half[3 + r, c]
-        _invert(w.pivot[i])
+        _invert(w.pivot[i], w.order)
 
 
 @helper

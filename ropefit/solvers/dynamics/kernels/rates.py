@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import copy_rows, helper, maker
 from ropefit.solvers.kernels.rotations import darboux, rotation
 
 
@@ -63,7 +63,7 @@ def set_strains(rod, x, q, r, out):
 @helper
 def set_speeds(time, xs, v0, v):
     """Write v (T, N+1, 3) of the nodes xs (T, N+1, 3)."""
-    v[0] = v0
+    copy_rows(v0, v[0])
     for t in range(1, time.shape[0]):
         c0, c1, c2 = rates(time, t)
         for k in range(xs.shape[1]):
@@ -81,7 +81,7 @@ def set_past(c1, c2, one, two, out):
             out[k, a] = c1 * one[k, a] + c2 * two[k, a]
 
 
-@helper
+@maker
 def histories(rod, drive, xs, qs, v0, r):
     """Return speeds (T, N+1, 3), Darboux quaternions (T, N+1, 4) and strains (T, N, 3) of all
     times."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ropefit.rod.fields import MOVING_ROD, Field, names
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import maker
 
 # Derivatives in what moves one clip of T times.
 CLIP = (
@@ -62,9 +62,10 @@ class Work(NamedTuple):
     air: np.ndarray  # (N+1,) resistance of the air in this step
     drag: np.ndarray  # (N+1, 4) what it follows from, see `drag.py`
     ahead: np.ndarray  # (N+1, 3) the extrapolated speed, at which it is taken
+    order: np.ndarray  # (6,) of the rows of a block
 
 
-@helper
+@maker
 def make_work(n):
     """Return scratch for n segments."""
     return Work(
@@ -73,10 +74,11 @@ def make_work(n):
         np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n, 6, 6)), np.zeros((n, 3, 3)),
         np.zeros((n, 6)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
         np.zeros((n, 3)), np.zeros(n + 1), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)),
+        np.zeros(6, np.int64),
     )  # fmt: skip
 
 
-@helper
+@maker
 def rod_of(rods, k):
     """Return rope k of R."""
     return Rod(
@@ -86,13 +88,13 @@ def rod_of(rods, k):
     )  # fmt: skip
 
 
-@helper
+@maker
 def drive_of(drives, k):
     """Return how clip k of C is driven."""
     return Drive(drives.time[k], drives.ends[k], drives.clamp[k], drives.held)
 
 
-@helper
+@maker
 def change_of(c, k, of):
     """Return the change of clip k that shows rope `of`."""
     return Change(

@@ -17,7 +17,7 @@ from ropefit.solvers.dynamics.kernels.rates import (
 )
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import assemble, prepare, set_nodes
-from ropefit.solvers.kernels.jit import copy_rows, helper
+from ropefit.solvers.kernels.jit import copy_rows, helper, maker
 from ropefit.solvers.kernels.rotations import turn_by
 from ropefit.solvers.status import Status
 
@@ -89,7 +89,7 @@ def newton_step(rod, drive, t, c0, q, force, w, half, limit):
     return LIMIT, limit
 
 
-@helper
+@maker
 def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
     """Simulate one clip. xs, qs, forces hold the first state and receive the others. Returns the
     status and the number of steps done."""

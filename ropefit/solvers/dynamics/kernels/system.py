@@ -5,7 +5,7 @@ from __future__ import annotations
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor
 from ropefit.solvers.dynamics.kernels.drag import set_resistance
 from ropefit.solvers.dynamics.kernels.rates import jointed, rates, set_bends, set_past, step_ratio
-from ropefit.solvers.kernels.bends import add_square, cross_block, segment_block
+from ropefit.solvers.kernels.bends import add_square, segment_block, set_cross, square_blocks
 from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
 
@@ -79,7 +79,12 @@ def _add_segments(rod, q, force, c0, w):
         b[2] = -(g[0] * u[1] - g[1] * u[0])
         h = w.pivot[i]
         h[:] = 0.0
-        segment_block(g, u, e[0], e[1], e[2], h)
+        a00, a11, a22, a01, a02, a12 = segment_block(
+            g[0], g[1], g[2], u[0], u[1], u[2], e[0], e[1], e[2]
+        )
+        h[0, 0], h[0, 1], h[0, 2] = a00, a01, a02
+        h[1, 0], h[1, 1], h[1, 2] = a01, a11, a12
+        h[2, 0], h[2, 1], h[2, 2] = a02, a12, a22
         for d in range(3):
             edge = 0.0
             for a in range(3):
@@ -116,21 +121,21 @@ def _add_bends(rod, c0, w):
         c_2 = 0.5 * (p[1] * m[1] - p[2] * m[0])
         h = 0.5 * p[0]
         bend = 0.25 * (m[0] * p[1] + m[1] * p[2] + m[2] * p[3])
-        x, y, z = 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
+        block = square_blocks(k[0], k[1], k[2], h, 0.5 * p[1], 0.5 * p[2], 0.5 * p[3], bend)
         if j < n:
             b = w.right[j]
             b[0] += h * m[0] - c_0
             b[1] += h * m[1] - c_1
             b[2] += h * m[2] - c_2
-            add_square(w.pivot[j], k, h, x, y, z, bend)
+            add_square(w.pivot, j, block, 1.0)
         if j > 0:
             b = w.right[j - 1]
             b[0] += -h * m[0] - c_0
             b[1] += -h * m[1] - c_1
             b[2] += -h * m[2] - c_2
-            add_square(w.pivot[j - 1], k, -h, x, y, z, bend)
+            add_square(w.pivot, j - 1, block, -1.0)
         if 0 < j < n:
-            cross_block(p, m, k, w.off[j - 1])
+            set_cross(p, m, k, w.off[j - 1])
 
 
 @helper

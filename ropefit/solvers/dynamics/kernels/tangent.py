@@ -16,12 +16,12 @@ from ropefit.solvers.dynamics.kernels.rates import (
 )
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
-from ropefit.solvers.kernels.bends import cross_block
-from ropefit.solvers.kernels.jit import helper, inlined
+from ropefit.solvers.kernels.bends import set_cross
+from ropefit.solvers.kernels.jit import inlined, maker
 from ropefit.solvers.kernels.rotations import rotation
 
 
-@helper
+@maker
 def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
     """Write the derivatives of one clip: dx (P, T, N+1, 3), turn (P, T, N, 3).
 
@@ -144,12 +144,12 @@ def _change_bends(rod, d, s, t, c0, old_p, b, moment, block, w):
         if j > 0:
             across_back(pj, moment, -1.0, b[j - 1, :3])
         if j == 0:
-            cross_block(pj, w.m[j], w.firm[j], block)
+            set_cross(pj, w.m[j], w.firm[j], block)
             for a in range(3):
                 for c in range(3):
                     b[0, a] += block[c, a] * d.clamp[s, t, 0, c]
         if j == n:
-            cross_block(pj, w.m[j], w.firm[j], block)
+            set_cross(pj, w.m[j], w.firm[j], block)
             for a in range(3):
                 for c in range(3):
                     b[n - 1, a] += block[a, c] * d.clamp[s, t, 1, c]

@@ -11,57 +11,53 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
 from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
-from ropefit.solvers.equilibrium.kernels.state import set_state
-from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
+from ropefit.solvers.equilibrium.kernels.state import jointed, set_state
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
 @helper
-def adjoint_rope(rod, held, q, lam, x0, gx, gq, w, schur, out):
+def adjoint_rope(rod, held, q, lam, x0, gx, gq, w, out):
     """Write the gradient of a loss with derivatives gx (N+1, 3), gq (N, 4) in nodes and frames.
 
-    One solve with the transposed Hessian gives y (N, 3), virtual turns, and right (S + 3, 1),
-    virtual forces of the supports and moves of node 0; each gradient is linear in them.
+    One solve with the transposed Hessian gives virtual turns in `turn`, and in `right` virtual
+    forces of the supports and moves of node 0; each gradient is linear in them.
     """
     n, count = rod.length.shape[0], held.node.shape[0]
     set_state(rod, held, q, lam, x0, w)
     assemble(rod, held, lam, w)
     set_corner(rod, held, w)
-    b = w.border
-    right = np.zeros((count + 3, 1))
-    suffix = np.zeros((n, 3))
-    total = _load_columns(rod, held, q, gx, gq, w, right, suffix)
-    if held.free:
-        for a in range(3):
-            right[count + a, 0] = total[a]
+    total = _load_columns(rod, held, q, gx, gq, w)
     factor(w, 0.0, 0.0, rod.length)
     solve_columns(w, count + 1, True)
-    set_schur(w, count, schur)
+    set_schur(w, count)
     for s in range(count):
         for i in range(n):
             for a in range(3):
-                right[s, 0] -= b[i, a, s] * w.solved[i, a, count]
-    if not solve_border(schur, right):
+                w.right[s, 0] -= w.border[i, a, s] * w.solved[i, a, count]
+    if not solve_border(w.schur, w.right, w.small):
         out.length[:] = np.nan
         return
-    y = np.empty((n, 3))
     for i in range(n):
         for a in range(3):
-            y[i, a] = w.solved[i, a, count]
+            t = w.solved[i, a, count]
             for s in range(count):
-                y[i, a] -= w.solved[i, a, s] * right[s, 0]
-    _pull_bends(rod, w, y, out)
-    _pull_ends(rod, w, y, out)
-    _pull_segments(rod, held, w, y, right, suffix, out)
-    _pull_conditions(held, lam, w, right, total, out)
+                t -= w.solved[i, a, s] * w.right[s, 0]
+            w.turn[i, a] = t
+    _pull_bends(rod, w, out)
+    _pull_ends(rod, w, out)
+    _pull_segments(rod, held, w, out)
+    _pull_conditions(held, lam, w, total, out)
 
 
 @inlined
-def _load_columns(rod, held, q, gx, gq, w, right, suffix):
+def _load_columns(rod, held, q, gx, gq, w):
     """Write the derivative of the loss in the turns into the border's last column, that in the
-    supports' forces into right, and the sums of gx beyond each segment into suffix (N, 3); returns
-    the sum of gx."""
+    forces of the supports and in the place of node 0 into `right`, and the sums of gx beyond each
+    segment; returns the sum of gx."""
     n, count = rod.length.shape[0], held.node.shape[0]
-    b = w.border
+    b, right, suffix = w.border, w.right, w.sums
+    for s in range(count + 3):
+        right[s, 0] = 0.0
     t0, t1, t2 = 0.0, 0.0, 0.0
     for i in range(n - 1, -1, -1):
         t0 += gx[i + 1, 0]
@@ -101,20 +97,22 @@ def _load_columns(rod, held, q, gx, gq, w, right, suffix):
                 for a in range(3):
                     v = r[0, a] * d[0] + r[1, a] * d[1] + r[2, a] * d[2]
                     right[s, 0] += v * (e0, e1, e2)[a]
-    return t0 + gx[0, 0], t1 + gx[0, 1], t2 + gx[0, 2]
+    t0, t1, t2 = t0 + gx[0, 0], t1 + gx[0, 1], t2 + gx[0, 2]
+    if held.free:
+        right[count, 0], right[count + 1, 0], right[count + 2, 0] = t0, t1, t2
+    return t0, t1, t2
 
 
 @inlined
-def _pull_bends(rod, w, y, out):
+def _pull_bends(rod, w, out):
     """Write the gradients in stiffness and rest shape."""
-    n = rod.length.shape[0]
+    n, y = rod.length.shape[0], w.turn
     for j in range(n + 1):
         p = w.p[j]
-        k = rod.stiffness[j]
         h, x1, x2, x3 = 0.5 * p[0], 0.5 * p[1], 0.5 * p[2], 0.5 * p[3]
         for a in range(3):
             out.stiffness[j, a], out.rest[j, a] = 0.0, 0.0
-        if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
+        if not jointed(rod, j):
             continue
         for side in range(2):
             i = j - 1 + side
@@ -127,18 +125,16 @@ def _pull_bends(rod, w, y, out):
             for a in range(3):
                 z = (z0, z1, z2)[a]
                 out.stiffness[j, a] -= (p[a + 1] - rod.rest[j, a + 1]) * z
-                out.rest[j, a] += k[a] * z
+                out.rest[j, a] += rod.stiffness[j, a] * z
 
 
 @inlined
-def _pull_ends(rod, w, y, out):
+def _pull_ends(rod, w, out):
     """Write the gradients in the clamps' turns and in the end moments."""
-    n = rod.length.shape[0]
-    block = np.empty((3, 3))
+    n, y, block = rod.length.shape[0], w.turn, w.block
     for end in range(2):
         j, i = (0, 0) if end == 0 else (n, n - 1)
-        k = rod.stiffness[j]
-        held_turn = not (k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0)
+        held_turn = jointed(rod, j)
         if held_turn:
             cross(w, j, block)
         for a in range(3):
@@ -152,24 +148,20 @@ def _pull_ends(rod, w, y, out):
 
 
 @inlined
-def _pull_segments(rod, held, w, y, right, suffix, out):
+def _pull_segments(rod, held, w, out):
     """Write the gradients in flexibility, length and load: with the supports' virtual moves added
     to the loss's derivative in the nodes."""
     n, count = rod.length.shape[0], held.node.shape[0]
+    y, right, virtual = w.turn, w.right, w.sums
     s0, s1, s2 = 0.0, 0.0, 0.0
-    shift = np.zeros(3)
     if held.free:
-        for a in range(3):
-            shift[a] = right[count + a, 0]
-    virtual = np.zeros((n, 3))
-    copy_rows(suffix, virtual)
+        s0, s1, s2 = right[count, 0], right[count + 1, 0], right[count + 2, 0]
     for i in range(n):
         for s in range(count):
             if held.active[s] and held.node[s] > i:
                 for a in range(3):
                     virtual[i, a] += right[s, 0] * held.direction[s, a]
-    for a in range(3):
-        out.load[0, a] = shift[a]
+    out.load[0, 0], out.load[0, 1], out.load[0, 2] = s0, s1, s2
     for i in range(n):
         r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
         v = virtual[i]
@@ -190,15 +182,14 @@ def _pull_segments(rod, held, w, y, right, suffix, out):
         s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
         s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
         s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2
-        out.load[i + 1, 0], out.load[i + 1, 1], out.load[i + 1, 2] = (
-            s0 + shift[0], s1 + shift[1], s2 + shift[2],
-        )  # fmt: skip
+        out.load[i + 1, 0], out.load[i + 1, 1], out.load[i + 1, 2] = s0, s1, s2
 
 
 @inlined
-def _pull_conditions(held, lam, w, right, total, out):
+def _pull_conditions(held, lam, w, total, out):
     """Write the gradients in the supports and in the place of node 0; those in the loads are
     there already."""
+    right = w.right
     for a in range(3):
         out.anchor[a] = 0.0 if held.free else total[a]
     for s in range(held.node.shape[0]):

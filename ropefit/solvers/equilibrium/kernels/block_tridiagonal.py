@@ -127,9 +127,10 @@ def _apply(v, r0, r1, r2, z, i, c, transposed, sign):
 
 
 @helper
-def set_schur(w, count, out):
-    """Write corner - borderᵀ A⁻¹ border into out for the first `count` columns, already solved."""
-    n = w.diagonal.shape[0]
+def set_schur(w, count):
+    """Write corner - borderᵀ A⁻¹ border into `schur` for the first `count` columns, already
+    solved."""
+    n, out = w.diagonal.shape[0], w.schur
     size = count + 3
     for s in range(size):
         for t in range(size):
@@ -147,7 +148,7 @@ def set_schur(w, count, out):
 
 
 @helper
-def _unstable_directions(w, held, negative, schur):
+def _unstable_directions(w, held, negative):
     """Return how many directions allowed by the supports lower the energy.
 
     A saddle's Hessian has as many negative signs as supports that bear on the rope (c >= 0); each
@@ -168,9 +169,9 @@ def _unstable_directions(w, held, negative, schur):
         return negative
     for s in range(size):
         for t in range(size):
-            if not math.isfinite(schur[s, t]):
+            if not math.isfinite(w.schur[s, t]):
                 return 1
-    found = negative + negative_eigenvalues(schur, size)
+    found = negative + negative_eigenvalues(w.schur, size, w.small)
     for s in range(count):
         if not held.active[s]:
             found -= 1
@@ -178,10 +179,10 @@ def _unstable_directions(w, held, negative, schur):
 
 
 @helper
-def factor_system(rod, held, w, shift, mass, schur):
+def factor_system(rod, held, w, shift, mass):
     """Factor, solve all support columns and the residual's; return the descent directions."""
     count = held.node.shape[0]
     negative = factor(w, shift, mass, rod.length)
     solve_columns(w, count + 1, False)
-    set_schur(w, count, schur)
-    return _unstable_directions(w, held, negative, schur)
+    set_schur(w, count)
+    return _unstable_directions(w, held, negative)

@@ -64,11 +64,10 @@ def _of_states(sources: int) -> tuple[Callable[..., Any], ...]:
         assert sources != 0
         n, count, many = q.shape[1], lam.shape[1], clamp.shape[1]
         w = make_work(n, count, many)
-        schur = np.empty((count + 3, count + 3))
         for t in range(q.shape[0]):
             tangent_rope(
                 rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t],
-                change_of(changes, of[t]), clamp[t], anchor[t], offset[t], w, schur, dx[t], turn[t],
+                change_of(changes, of[t]), clamp[t], anchor[t], offset[t], w, dx[t], turn[t],
             )  # fmt: skip
 
     @kernel
@@ -77,10 +76,9 @@ def _of_states(sources: int) -> tuple[Callable[..., Any], ...]:
         assert sources != 0
         n, count = q.shape[1], lam.shape[1]
         w = make_work(n, count, 1)
-        schur = np.empty((count + 3, count + 3))
         for t in range(q.shape[0]):
             adjoint_rope(
-                rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], gx[t], gq[t], w, schur,
+                rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], gx[t], gq[t], w,
                 pull_in(pulls, t),
             )  # fmt: skip
 
@@ -90,10 +88,9 @@ def _of_states(sources: int) -> tuple[Callable[..., Any], ...]:
         assert sources != 0
         n, count = q.shape[1], lam.shape[1]
         w = make_work(n, count, 1)
-        schur = np.empty((count + 3, count + 3))
         for t in range(q.shape[0]):
             eigenvalue[t] = smallest_eigenvalue(
-                rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], w, schur
+                rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], w
             )
 
     return solve_ropes, tangent_ropes, adjoint_ropes, stability_ropes

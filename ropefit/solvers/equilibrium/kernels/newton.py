@@ -12,6 +12,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, set_corner
 from ropefit.solvers.equilibrium.kernels.merit import curvature_along, end_work, merit
+from ropefit.solvers.equilibrium.kernels.planar import solve_in_plane
 from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
 from ropefit.solvers.equilibrium.kernels.state import set_state, violations
 from ropefit.solvers.kernels.jit import copy_rows, helper, inlined
@@ -37,17 +38,13 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
     Hessian is shifted until the energy is convex along the supports, and the step shortened until
     the augmented Lagrangian decreases.
     """
-    n, count = rod.length.shape[0], held.node.shape[0]
-    whole = rod.length.sum()
-    trial_q, trial_x = np.empty((n, 4)), np.empty(3)
-    schur = np.empty((count + 3, count + 3))
-    right = np.empty((count + 3, 1))
-    next_lam = np.empty(count)
-    turn = np.empty((n, 3))
-    gaps = np.empty(count + 3)
-    shift, last_step, kicks = 0.0, np.inf, 0
+    count, whole = held.node.shape[0], 0.0
+    for i in range(rod.length.shape[0]):
+        whole += rod.length[i]
+    shift, kicks = 0.0, 0
+    done, last_step = solve_in_plane(rod, held, q, lam, x0, tolerance, limit, REACH, w)
     worst, known, energy = np.inf, False, 0.0
-    for iteration in range(limit):
+    for iteration in range(done, limit):
         if not known:
             energy = set_state(rod, held, q, lam, x0, w)
         known = False
@@ -55,7 +52,7 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
         if not math.isfinite(worst):
             return NOT_FINITE, iteration, worst
         set_corner(rod, held, w)
-        descent, used, size = _factor_near(rod, held, worst, w, schur)
+        descent, used, size = _factor_near(rod, held, worst, w)
         if worst < tolerance and (last_step < REACH or worst < 1e-3 * tolerance):
             if descent <= 0:
                 return CONVERGED, iteration, worst
@@ -63,36 +60,36 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
                 return UNSTABLE, iteration, worst
             kicks += 1
             last_step = np.inf
-            _kick(rod, held, q, w, schur)
+            _kick(rod, held, q, w)
             continue
         if descent > 0:
-            used = _make_convex(rod, held, used, size, shift, w, schur)
+            used = _make_convex(rod, held, used, size, shift, w)
             shift = 0.0 if worst < NEAR else used
-        if not _solve_saddle(w, right, schur):
+        if not _solve_saddle(w):
             return STUCK, iteration, worst
-        largest, size = _turns(w, right, turn)
+        largest = _turns(w)
         if not math.isfinite(largest):
             return NOT_FINITE, iteration, worst
-        curvature = curvature_along(w, turn, used)
-        for s in range(count):
-            next_lam[s] = lam[s] + right[s, 0]
-        share = 1.0 if largest < TURN_LIMIT else TURN_LIMIT / largest
         if largest < 1e-3 and used <= NEUTRAL * size:
-            _step(held, q, lam, x0, turn, right, share)
+            _step(held, q, lam, x0, w)
             last_step = largest
             continue
-        start, slope, weight, noise = merit(held, energy, curvature, whole, right, gaps, w)
-        push = end_work(rod, turn, w)
+        for s in range(count):
+            w.trial_lam[s] = lam[s] + w.right[s, 0]
+        share = 1.0 if largest < TURN_LIMIT else TURN_LIMIT / largest
+        curvature = curvature_along(w, used)
+        start, slope, weight, noise = merit(held, energy, curvature, whole, w)
+        push = end_work(rod, w)
         if held.axial.shape[0] > 0:  # L is not quadratic in the forces then
-            start = set_state(rod, held, q, next_lam, x0, w)
-            start += 0.5 * weight * violations(rod, held, next_lam, w, gaps)
+            start = set_state(rod, held, q, w.trial_lam, x0, w)
+            start += 0.5 * weight * violations(rod, held, w.trial_lam, w, w.gaps)
         for _ in range(HALVINGS):
-            for i in range(n):
-                turn_by(q[i], turn[i], share, trial_q[i])
+            for i in range(q.shape[0]):
+                turn_by(q[i], w.turn[i], share, w.trial[i])
             for a in range(3):
-                trial_x[a] = x0[a] + share * right[count + a, 0]
-            energy = set_state(rod, held, trial_q, next_lam, trial_x, w)
-            square = violations(rod, held, next_lam, w, gaps)
+                w.trial_x[a] = x0[a] + share * w.right[count + a, 0]
+            energy = set_state(rod, held, w.trial, w.trial_lam, w.trial_x, w)
+            square = violations(rod, held, w.trial_lam, w, w.gaps)
             value = energy - share * push + 0.5 * weight * square
             known = value <= start + 1e-4 * share * min(slope, 0.0) + noise
             if known:
@@ -104,11 +101,11 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
                 continue
             return STUCK, iteration, worst
         last_step = largest if share == 1.0 and used <= NEUTRAL * size else np.inf
-        copy_rows(trial_q, q)
+        copy_rows(w.trial, q)
         for a in range(3):
-            x0[a] = trial_x[a]
+            x0[a] = w.trial_x[a]
         for s in range(count):
-            lam[s] += share * right[s, 0]
+            lam[s] += share * w.right[s, 0]
         known = share == 1.0  # the last state tried is the next one
     return LIMIT, limit, worst
 
@@ -130,19 +127,19 @@ def _imbalance(rod, held, lam, whole, w):
 
 
 @inlined
-def _factor_near(rod, held, worst, w, schur):
+def _factor_near(rod, held, worst, w):
     """Factor and solve; near an equilibrium what is neutral may have either sign in rounding.
 
     Returns how many directions of descent are left, what was added to the diagonal, and the
     diagonal's largest entry (0 where no direction descends).
     """
-    descent = factor_system(rod, held, w, 0.0, 0.0, schur)
+    descent = factor_system(rod, held, w, 0.0, 0.0)
     used, size = 0.0, 0.0
     if descent > 0:
         size = _largest_entry(w)
         if worst < NEAR:
             used = NEUTRAL * size
-            descent = factor_system(rod, held, w, used, 0.0, schur)
+            descent = factor_system(rod, held, w, used, 0.0)
     return descent, used, size
 
 
@@ -157,22 +154,22 @@ def _largest_entry(w):
 
 
 @inlined
-def _make_convex(rod, held, used, size, shift, w, schur):
+def _make_convex(rod, held, used, size, shift, w):
     """Shift the Hessian until the energy is convex along the supports; returns the shift."""
     # Near an equilibrium no more than needed, or what costs next to nothing to turn would
     # be turned slowly.
     used = 16 * used if used > 0 and shift == 0 else max(1e-4 * size, shift / 4)
     tries = 0
-    while factor_system(rod, held, w, used, 0.0, schur) > 0 and tries < 20:
+    while factor_system(rod, held, w, used, 0.0) > 0 and tries < 20:
         used *= 4
         tries += 1
     return used
 
 
 @inlined
-def _solve_saddle(w, right, schur):
-    """Write the changes of λ and x_0 into right (S + 3, 1); returns False when singular."""
-    count = right.shape[0] - 3
+def _solve_saddle(w):
+    """Write the changes of λ and x_0 into `right`; returns False when singular."""
+    count, right = w.right.shape[0] - 3, w.right
     for s in range(count + 3):
         total = -w.rest[s]
         if s < count:
@@ -180,52 +177,52 @@ def _solve_saddle(w, right, schur):
                 for a in range(3):
                     total += w.border[i, a, s] * w.solved[i, a, count]
         right[s, 0] = total
-    return solve_border(schur, right)
+    return solve_border(w.schur, right, w.small)
 
 
 @inlined
-def _turns(w, right, turn):
-    """Write the turns of the segments (N, 3); returns the largest, and the last one's square."""
-    count = right.shape[0] - 3
-    largest, size = 0.0, 0.0
-    for i in range(turn.shape[0]):
+def _turns(w):
+    """Write the turns of the segments (N, 3); returns the largest."""
+    count = w.right.shape[0] - 3
+    largest = 0.0
+    for i in range(w.turn.shape[0]):
+        size = 0.0
         for a in range(3):
             t = -w.solved[i, a, count]
             for s in range(count):
-                t -= w.solved[i, a, s] * right[s, 0]
-            turn[i, a] = t
-        size = turn[i, 0] ** 2 + turn[i, 1] ** 2 + turn[i, 2] ** 2
+                t -= w.solved[i, a, s] * w.right[s, 0]
+            w.turn[i, a] = t
+            size += t * t
         largest = max(largest, size)
-    return math.sqrt(largest), size
+    return math.sqrt(largest)
 
 
 @helper
-def _step(held, q, lam, x0, turn, right, share):
-    """Move the state along a step."""
+def _step(held, q, lam, x0, w):
+    """Move the state along a whole step."""
     count = held.node.shape[0]
     for i in range(q.shape[0]):
-        turn_by(q[i], turn[i], share, q[i])
+        turn_by(q[i], w.turn[i], 1.0, q[i])
     for s in range(count):
-        lam[s] += share * right[s, 0]
+        lam[s] += w.right[s, 0]
     for a in range(3):
         if held.free:
-            x0[a] += share * right[count + a, 0]
+            x0[a] += w.right[count + a, 0]
 
 
 @helper
-def _kick(rod, held, q, w, schur):
+def _kick(rod, held, q, w):
     """Leave an unstable equilibrium along its steepest descent: inverse iteration on the Hessian,
     shifted just so far that it is convex."""
     n, count = rod.length.shape[0], held.node.shape[0]
     size = _largest_entry(w)
     mass = 1e-8 * size / rod.length[0]
-    while factor_system(rod, held, w, 0.0, mass, schur) > 0 and mass < 1e6 * size / rod.length[0]:
+    while factor_system(rod, held, w, 0.0, mass) > 0 and mass < 1e6 * size / rod.length[0]:
         mass *= 2
-    vector = np.empty((n, 3))
+    vector, right = w.turn, w.right
     for i in range(n):
         for a in range(3):
             vector[i, a] = math.sin(1.7 * i + 2.3 * a + 0.5)
-    right = np.empty((count + 3, 1))
     for _ in range(12):
         for i in range(n):
             for a in range(3):
@@ -237,7 +234,7 @@ def _kick(rod, held, q, w, schur):
                 for i in range(n):
                     for a in range(3):
                         right[s, 0] -= w.border[i, a, s] * w.solved[i, a, count]
-        solve_border(schur, right)
+        solve_border(w.schur, right, w.small)
         largest = 0.0
         for i in range(n):
             for a in range(3):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ropefit.rod.fields import ROD, TENSIONS, Field, names
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import maker
 
 # What holds a rope in one frame: S supports, B friction elements.
 HELD = (
@@ -34,6 +34,8 @@ HELD_GRADIENT = (
     Field("anchor", (3,), "m", "place of node 0"),
     *(field for field in HELD if field.name in ("offset", "direction", "compliance")),
 )
+
+FLAT = 11  # columns of `Work.flat`
 
 # One rope, or R ropes with one dimension more; rest is the whole quaternion (N+1, 4). gauge [N m]
 # holds the spin of a rope that is free to spin, see `hessian.assemble`.
@@ -58,6 +60,7 @@ class Work(NamedTuple):
     stored: np.ndarray  # of a law of axial strain, see `axial.set_stored`
     frame: np.ndarray  # R (N, 3, 3)
     x: np.ndarray
+    give: np.ndarray  # of the nodes to forces, frames held (N+1, 6) [m/N], see `set_corner`
     p: np.ndarray  # Darboux quaternion of each bend element
     m: np.ndarray  # its moment
     k: np.ndarray  # its stiffness, with the friction elements
@@ -69,22 +72,36 @@ class Work(NamedTuple):
     solved: np.ndarray
     corner: np.ndarray  # second derivative of L in (λ, x_0)
     rest: np.ndarray  # residual of the supports and of the total force
+    schur: np.ndarray  # what is left of the corner once the turns are eliminated
+    right: np.ndarray  # forces of the supports and moves of node 0 (S + 3, extra)
+    small: np.ndarray  # of `small_matrices` (S + 5, S + 3)
+    block: np.ndarray
+    turn: np.ndarray  # of each segment (N, 3) [rad]
+    sums: np.ndarray  # over the nodes beyond each segment (N, 3)
+    trial: np.ndarray  # frames (N, 4) of a step that is tried
+    trial_x: np.ndarray  # its place of node 0
+    trial_lam: np.ndarray  # its forces of the supports
+    gaps: np.ndarray  # its residual, as `rest`
+    flat: np.ndarray  # of Newton's method in a plane, see `planar.py`
 
 
-@helper
+@maker
 def make_work(n, s, extra):
     """Return scratch for n segments, s supports and `extra` right hand sides."""
     return Work(
         np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n),
         np.zeros(TENSIONS), np.zeros((n, 3, 3)),
-        np.zeros((n + 1, 3)), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
-        np.zeros(n + 1), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)),
+        np.zeros((n + 1, 3)), np.zeros((n + 1, 6)), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)),
+        np.zeros((n + 1, 3)), np.zeros(n + 1), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)),
+        np.zeros((n, 3, 3)),
         np.zeros((n, 3, s + extra)), np.zeros((n, 3, s + extra)), np.zeros((s + 3, s + 3)),
-        np.zeros(s + 3),
+        np.zeros(s + 3), np.zeros((s + 3, s + 3)), np.zeros((s + 3, extra)),
+        np.zeros((s + 5, s + 3)), np.zeros((3, 3)), np.zeros((n, 3)), np.zeros((n, 3)),
+        np.zeros((n, 4)), np.zeros(3), np.zeros(s), np.zeros(s + 3), np.zeros((n, FLAT)),
     )  # fmt: skip
 
 
-@helper
+@maker
 def rod_of(rods, k):
     """Return rope k of R."""
     return Rod(
@@ -93,7 +110,7 @@ def rod_of(rods, k):
     )  # fmt: skip
 
 
-@helper
+@maker
 def change_of(changes, k):
     """Return the directions of rope k of R."""
     return Change(
@@ -102,7 +119,7 @@ def change_of(changes, k):
     )  # fmt: skip
 
 
-@helper
+@maker
 def held_in(held, t):
     """Return the conditions of frame t of F."""
     return Held(
@@ -112,7 +129,7 @@ def held_in(held, t):
     )  # fmt: skip
 
 
-@helper
+@maker
 def pull_in(pulls, t):
     """Return the gradients of frame t of F."""
     return Pull(

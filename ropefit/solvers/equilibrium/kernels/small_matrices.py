@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ropefit.solvers.kernels.jit import helper
 
 LEAST_PIVOT = 1e-200  # stands for a pivot of zero
 
 
 @helper
-def solve_border(matrix, right):
+def solve_border(matrix, right, m):
     """Solve matrix y = right (S, P), y in the place of right; return False when singular.
 
-    Gaussian elimination with partial pivoting.
+    Gaussian elimination with partial pivoting. m: scratch of at least (S, S).
     """
     size, columns = right.shape
-    m = np.empty((size, size))
     for i in range(size):
         for j in range(size):
             m[i, j] = matrix[i, j]
@@ -50,13 +47,14 @@ def solve_border(matrix, right):
 
 
 @helper
-def negative_eigenvalues(matrix, size):
+def negative_eigenvalues(matrix, size, m):
     """Return how many eigenvalues of the symmetric matrix[:size, :size] are negative.
 
     Householder's reduction to tridiagonal form, then the signs of its pivots (Golub and Van Loan,
     Matrix Computations, 8.3.1 and 8.4.1). The lower triangle is read.
+    m: scratch of at least (size + 2, size).
     """
-    m, v, p = np.empty((size, size)), np.empty(size), np.empty(size)
+    v, p = m[size], m[size + 1]
     for i in range(size):
         for j in range(i + 1):
             m[i, j] = m[j, i] = matrix[i, j]

@@ -57,6 +57,12 @@ def set_state(rod, held, q, lam, x0, w):
 
 
 @inlined
+def jointed(rod, j):
+    """Return whether there is a bend at node j: not at the ends of a rope that is not clamped."""
+    return rod.stiffness[j, 0] != 0.0 or rod.stiffness[j, 1] != 0.0 or rod.stiffness[j, 2] != 0.0
+
+
+@inlined
 def _set_forces(rod, held, lam, w):
     """Write the force in each segment, summed from the far end."""
     f0, f1, f2 = 0.0, 0.0, 0.0
@@ -77,8 +83,7 @@ def _set_bends(rod, held, q, w, total):
     """Write Darboux quaternions, moments and stiffnesses; returns total plus their energy [J]."""
     n = rod.length.shape[0]
     for j in range(n + 1):
-        k = rod.stiffness[j]
-        if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
+        if not jointed(rod, j):
             w.m[j, 0], w.m[j, 1], w.m[j, 2] = 0.0, 0.0, 0.0
             continue
         before = held.clamp[0] if j == 0 else q[j - 1]
@@ -86,9 +91,9 @@ def _set_bends(rod, held, q, w, total):
         darboux(before, after, rod.rest[j], w.p[j])
         for a in range(3):
             c = w.p[j, a + 1] - rod.rest[j, a + 1]
-            w.m[j, a] = k[a] * c
-            w.k[j, a] = k[a]
-            total += 0.5 * k[a] * c * c
+            k = rod.stiffness[j, a]
+            w.m[j, a], w.k[j, a] = k * c, k
+            total += 0.5 * k * c * c
         if held.drag.shape[0] > 0:
             w.coupling[j] = 0.0
             for b in range(held.drag.shape[0]):

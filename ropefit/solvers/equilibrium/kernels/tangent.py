@@ -11,7 +11,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 )
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
 from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
-from ropefit.solvers.equilibrium.kernels.state import set_state
+from ropefit.solvers.equilibrium.kernels.state import jointed, set_state
 from ropefit.solvers.kernels.jit import helper
 
 
@@ -31,14 +31,12 @@ def _turn_moments(p, dm, n, j, res, c):
 
 
 @helper
-def _add_clamps(rod, held, w, turns, res, c):
+def _add_clamps(rod, w, turns, res, c):
     """Add the residual when the clamps turn by turns (2, 3) [rad]."""
-    n = rod.length.shape[0]
-    block = np.empty((3, 3))
+    n, block = rod.length.shape[0], w.block
     for end in range(2):
         j = 0 if end == 0 else n
-        k = rod.stiffness[j]
-        if k[0] == 0.0 and k[1] == 0.0 and k[2] == 0.0:
+        if not jointed(rod, j):
             continue
         cross(w, j, block)
         for a in range(3):
@@ -50,37 +48,43 @@ def _add_clamps(rod, held, w, turns, res, c):
 
 
 @helper
-def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, schur, dx, turn):
+def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, dx, turn):
     """Write the first-order change of the nodes dx (P, N+1, 3) and of the frames turn (P, N, 3)."""
     n, count, many = rod.length.shape[0], held.node.shape[0], change.length.shape[0]
     set_state(rod, held, q, lam, x0, w)
     assemble(rod, held, lam, w)
     set_corner(rod, held, w)
     b = w.border
-    b[:, :, count:] = 0.0
-    right, dm = np.zeros((count + 3, many)), np.empty(3)
-    _add_bends(rod, change, w, dm)
+    right = w.right
     for c in range(many):
-        _add_clamps(rod, held, w, clamp[c], b, count + c)
+        for s in range(count + 3):
+            right[s, c] = 0.0
+        for i in range(n):
+            for a in range(3):
+                b[i, a, count + c] = 0.0
+    _add_bends(rod, change, w)
+    for c in range(many):
+        _add_clamps(rod, w, clamp[c], b, count + c)
     _add_segments(rod, change, w, dx)
     _add_conditions(held, change, anchor, offset, dx, right)
     factor(w, 0.0, 0.0, rod.length)
     solve_columns(w, count + many, False)
-    set_schur(w, count, schur)
+    set_schur(w, count)
     for c in range(many):
         for s in range(count):
             for i in range(n):
                 for a in range(3):
                     right[s, c] += b[i, a, s] * w.solved[i, a, count + c]
-    if not solve_border(schur, right):
+    if not solve_border(w.schur, right, w.small):
         dx[:] = np.nan
         return
     _add_response(rod, held, w, right, dx, turn)
 
 
 @helper
-def _add_bends(rod, change, w, dm):
-    """Add each direction's residual when stiffness and rest shape change; dm (3,) is scratch."""
+def _add_bends(rod, change, w):
+    """Add each direction's residual when stiffness and rest shape change."""
+    dm = w.trial_x
     n, many, b = rod.length.shape[0], change.length.shape[0], w.border
     first = b.shape[2] - many
     for c in range(many):
