@@ -130,7 +130,7 @@ def test_tangent_is_the_adjoint_turned_round(clamped, axial):
     fields = [
         rope_.rod.length, rope_.rod.flexibility, rope_.strain_viscosity, rope_.rod.stiffness,
         rope_.bend_viscosity, rope_.rod.rest, rope_.rod.load, rope_.mass, rope_.spring,
-        rope_.air, rope_.drag, drive.ends, drive.clamp, start.x, start.v, start.q,
+        rope_.air, rope_.drag, rope_.bodies, drive.ends, drive.clamp, start.x, start.v, start.q,
     ]  # fmt: skip
     leaves = [f.detach().clone().requires_grad_() for f in fields]
     (
@@ -145,6 +145,7 @@ def test_tangent_is_the_adjoint_turned_round(clamped, axial):
         spring,
         air,
         drag,
+        bodies,
         ends,
         clamp,
         x0,
@@ -155,7 +156,7 @@ def test_tangent_is_the_adjoint_turned_round(clamped, axial):
         length=length, flexibility=flexibility, stiffness=stiffness, rest=rest, load=load
     )
     x, _, _ = simulate(
-        Moving(rod, strain_viscosity, bend_viscosity, mass, spring, air, drag),
+        Moving(rod, strain_viscosity, bend_viscosity, mass, spring, air, drag, bodies),
         Drive(drive.time, ends, clamp),
         Start(x0, q0, v0),
     )
@@ -164,7 +165,7 @@ def test_tangent_is_the_adjoint_turned_round(clamped, axial):
     for number, (name, leaf, gradient) in enumerate(
         zip(Directions._fields, leaves, gradients, strict=True)
     ):
-        by_clip = number >= 11
+        by_clip = number >= 12
         turn = name in ("clamp", "q0")
         shape = (*leaf.shape[:-1], 3) if turn else leaf.shape
         step = random.normal(size=shape)

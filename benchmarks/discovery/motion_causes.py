@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.discovery.concealed import interval
+from benchmarks.discovery.concealed import CONTACT_HARDNESS, interval
 from benchmarks.discovery.setting import Setting, World
-from reference_simulators.rod_equations import Point, Section
+from reference_simulators.rod_equations import Field, Point, Section
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,18 @@ class Told:
 @dataclass(frozen=True)
 class Concealed:
     """What is concealed: the names that count as found, the size by key, and where [m]; drag: the
-    power of the speed with which the medium's drag grows."""
+    power of the speed with which the medium's drag grows; above_ends: the size is a height [m],
+    told against the middle of the ends."""
 
     names: tuple[str, ...]
     key: str
     size: float
     place: tuple[float, float] | None = None
     drag: float = 1.0
+    above_ends: bool = False
 
+
+FIRST_POSES = [0, 4, 8]  # of the setting's frames: about which the clips are shaken
 
 Drawn = tuple[World, Told, Concealed | None]
 
@@ -107,6 +111,34 @@ def tether(s: Setting, rng: np.random.Generator) -> Drawn:
     )  # fmt: skip
 
 
+def table(s: Setting, rng: np.random.Generator) -> Drawn:
+    """Put a plane under the rope, which lies on it in at least half of the first poses."""
+    heights = s.states[:, :, 2].min(axis=1)[FIRST_POSES]
+    height = float(np.median(heights)) + s.rod.length * float(rng.uniform(0.01, 0.06))
+    up = np.array([0.0, 0.0, 1.0])
+    plane = Field(np.array([0.0, 0.0, height]), up, 0.0, CONTACT_HARDNESS, "plane")
+    return (
+        replace(s.world, rod=replace(s.rod, fields=(plane,))), Told(),
+        Concealed(("support_plane",), "height", height, above_ends=True),
+    )  # fmt: skip
+
+
+def bar(s: Setting, rng: np.random.Generator) -> Drawn:
+    """Put a thick horizontal bar across and under the rope, which lies on it likewise."""
+    x, reach = s.states[FIRST_POSES, :, :3], float(rng.uniform(0.04, 0.08))
+    place = float((x[:, 0, 0] + rng.uniform(0.4, 0.6) * (x[:, -1, 0] - x[:, 0, 0])).mean())
+    across = x[..., 0] - place
+    rise = np.sqrt(np.maximum(reach**2 - across**2, 0.0))
+    lows = np.where(np.abs(across) < reach, x[..., 2] - rise, np.inf).min(axis=1)
+    height = float(np.median(lows)) + s.rod.length * float(rng.uniform(0.01, 0.05))
+    axis = np.array([0.0, 1.0, 0.0])
+    one = Field(np.array([place, 0.0, height]), axis, reach, CONTACT_HARDNESS, "bar")
+    return (
+        replace(s.world, rod=replace(s.rod, fields=(one,))), Told(),
+        Concealed(("obstacle",), "z", height, above_ends=True),
+    )  # fmt: skip
+
+
 Cause = Callable[[Setting, np.random.Generator], Drawn]
 CAUSES: dict[str, tuple[Cause, ...]] = {
     "standard": (
@@ -114,4 +146,5 @@ CAUSES: dict[str, tuple[Cause, ...]] = {
         gravity_scale,
     ),
     "forces": (nothing, drag, tether, drag),
+    "contact": (nothing, table, bar, table),
 }  # fmt: skip

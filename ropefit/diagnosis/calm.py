@@ -32,7 +32,9 @@ def excess(fitted: Fit) -> np.ndarray:
 
 def calm(fitted: Fit) -> Fit:
     """Return the model, with all frames, as fitted to those that do not stand out; the fit itself
-    where all are alike."""
+    where all are alike, and in motion, where what acts in one frame is seen in those after it."""
+    if not fitted.forward.instantaneous:
+        return fitted
     if fitted.calm is None:
         fitted.calm = _calm(fitted)
     return fitted.calm

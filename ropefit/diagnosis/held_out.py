@@ -16,8 +16,9 @@ FAR_AWAY = 10.0  # m: how far off a motion is that cannot be simulated
 
 
 def by_stretches(fitted: Fit) -> bool:
-    """Return whether stretches of the rope are held out for a model, instead of frames."""
-    return any(
+    """Return whether stretches of the rope are held out for a model, instead of frames: of shapes
+    at rest, as a motion's clips are."""
+    return fitted.forward.instantaneous and any(
         t.effect is not None and t.effect.held_out == "stretches" for t in fitted.forward.terms
     )
 

@@ -22,15 +22,14 @@ class Contact(Effect):
     """A body that the rope touches in some frames.
 
     Contact has no derivative before it is made: it is never scanned, but proposed by `starts` from
-    where the data stop. It may act in two neighbouring frames, of which neither predicts the other:
-    stretches of the rope are held out instead of frames.
+    where the data stop. At rest it may act in two neighbouring frames, of which neither predicts
+    the other: stretches of the rope are held out instead of frames.
     """
 
     linear = False
     scanned = False
     slow = True
     held_out = "stretches"
-    in_motion = False
 
 
 def hardness(setup: Setup) -> Tensor:
@@ -64,6 +63,13 @@ def with_contact(
     known = None if shape is None else derivatives
     body = Potential(energy, share, stiff, derivatives=known)
     return setup._replace(potentials=(*setup.potentials, body))
+
+
+def with_body(setup: Setup, *row: Tensor) -> Setup:
+    """Return the setup of a rope in motion with one more body; row: see `Moving.bodies`."""
+    body = torch.cat([torch.atleast_1d(part) for part in row])[None]
+    bodies = body if setup.bodies is None else torch.cat([setup.bodies, body])
+    return setup._replace(bodies=bodies)
 
 
 def touching(segments: int) -> Tensor:

@@ -10,11 +10,20 @@ from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
-from ropefit.effects.contact import NO_SPREAD, Contact, has_free_end, up_of, with_contact
+from ropefit.effects.contact import (
+    NO_SPREAD,
+    Contact,
+    has_free_end,
+    up_of,
+    with_body,
+    with_contact,
+)
 from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
+from ropefit.effects.stopped import bars_below
 from ropefit.effects.support_plane import SupportPlane, bearing_point
+from ropefit.rod.fields import BAR
 from ropefit.rod.setup import Setup
 
 PUSHED_SHARE = 0.1  # of the strongest push: others with less may be what distorts a frame
@@ -45,6 +54,9 @@ class Obstacle(Contact):
         origin = middle_of(setup) + values[:3]
         radius = values[3]
 
+        if setup.damping is not None:  # in motion: part of every step
+            return with_body(setup, origin, axis, radius, torch.tensor(BAR, dtype=torch.float64))
+
         plane = torch.eye(3, dtype=torch.float64) - axis[:, None] * axis  # across the bar
 
         def distance(x: Tensor) -> tuple[Tensor, Tensor]:
@@ -69,8 +81,21 @@ class Obstacle(Contact):
         """Propose the place in space where the rope is pushed; else where it is lifted."""
         if has_free_end(misfit):
             return []
+        if misfit.setup.damping is not None:
+            return self._starts_in_motion(misfit)
         pushed, lifted = self._starts_where_pushed(misfit), self._starts_where_lifted(misfit)
         return [choices for choices in (pushed + lifted,) if choices]
+
+    def _starts_in_motion(self, misfit: Misfit) -> list[list[np.ndarray]]:
+        """Propose bars that no data enter in any frame, and that would stop the fitted rope."""
+        if self.name in misfit.terms or len(misfit.frame) == 0:
+            return []
+        heading = heading_across(misfit.setup)
+        first, second = (axis.numpy() for axis in horizontal(misfit.setup.gravity))
+        axis = np.cos(heading) * first + np.sin(heading) * second
+        return [
+            [np.array([*centre, radius, heading])] for centre, radius in bars_below(misfit, axis)
+        ]
 
     def _starts_where_pushed(self, misfit: Misfit) -> list[np.ndarray]:
         """Propose a bar where single forces explain the frames that stand out."""

@@ -17,11 +17,14 @@ from ropefit.effects.contact import (
     touching,
     up_and_normal,
     up_of,
+    with_body,
     with_contact,
 )
 from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
+from ropefit.effects.stopped import lowest_level
+from ropefit.rod.fields import PLANE
 from ropefit.rod.setup import Setup
 
 PENETRATION_SD = 2.0  # noise sd by which the fitted rope must sink below the lowest data
@@ -42,6 +45,9 @@ class SupportPlane(Contact):
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         up, normal = up_and_normal(setup, values[1], values[2])
         origin = middle_of(setup) + values[0] * up
+        if setup.damping is not None:  # in motion: part of every step
+            none = torch.zeros(1, dtype=torch.float64)
+            return with_body(setup, origin, normal, none, none + PLANE)
 
         def gap(x: Tensor) -> Tensor:
             return ((x - origin) * normal).sum(-1)
@@ -53,6 +59,9 @@ class SupportPlane(Contact):
         """Propose the level of the lowest data, where the fitted rope sinks below it."""
         if has_free_end(misfit) or self.name in misfit.terms or len(misfit.frame) == 0:
             return []
+        if misfit.setup.damping is not None:
+            level = lowest_level(misfit)
+            return [] if level is None else [[np.array([level, 0.0, 0.0])]]
         up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
         model = np.einsum("fka,a->fk", misfit.nodes - origin, up)
         height = (misfit.places + misfit.moves - origin) @ up

@@ -213,8 +213,9 @@ def rope_of(setup: Setup) -> Moving:
     """Return the rope of a setup in motion."""
     p = setup.properties
     return moving(
-        p, setup.rod(), setup.damping or undamped(p), setup.mass, setup.drag, setup.springs
-    )
+        p, setup.rod(), setup.damping or undamped(p), setup.mass, setup.drag, setup.springs,
+        setup.bodies,
+    )  # fmt: skip
 
 
 def fields_of(rope: Moving) -> dict[str, torch.Tensor]:

@@ -1,7 +1,8 @@
 """The state from which a clip is simulated, from its first two frames observed, and its derivative.
 
-Each of the two is the equilibrium of the rope that springs pull to what was observed; the speed is
-the one from which the rope, in one step, gets from the first to the second.
+Each of the two is the equilibrium of the rope that springs pull to what was observed, with the
+nodes that are inside a body on its surface: a step that had to push them out would throw them. The
+speed is the one from which the rope, in one step, gets from the first to the second.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch import Tensor
 
+from ropefit.rod.bodies import change_pushed_out, pushed_out
 from ropefit.rod.fields import ROD, names
 from ropefit.rod.moving import Moving
 from ropefit.solvers.dynamics.derivatives import Directions, tangent
@@ -29,10 +32,11 @@ CORRECTIONS = 3  # of the first speed, by where one step with it leads
 
 @dataclass(frozen=True)
 class FirstStates:
-    """The first states of C clips, and how they came about: the two equilibria of each, and the
-    first step with every speed that was tried."""
+    """The first states of C clips, and how they came about: the bodies that are touched, the two
+    equilibria of each clip, and the first step with every speed that was tried."""
 
     start: Start
+    bodies: Tensor
     equilibria: tuple[Solution, Solution]
     steps: list[Trajectory]
     time_step: np.ndarray
@@ -52,6 +56,11 @@ class FirstStates:
             )
             for t, s in enumerate(self.equilibria)
         )
+        if bool(self.bodies.any()):
+            x0, x1 = (
+                change_pushed_out(self.bodies, torch.from_numpy(s.x), rod["bodies"], dx)
+                for s, dx in zip(self.equilibria, (x0, x1), strict=True)
+            )
         dt = self.time_step[:, None, None, None]
         v0 = (x1 - x0) / dt
         for step in self.steps:
@@ -85,13 +94,14 @@ def first_states(
         )
         last = settle(rope.rod, pulled, last)
         states.append(last)
-    x0, x1, q0 = (torch.from_numpy(a) for a in (states[0].x, states[1].x, states[0].q))
+    bodies, q0 = rope.bodies.detach(), torch.from_numpy(states[0].q)
+    x0, x1 = (pushed_out(bodies, torch.from_numpy(state.x)) for state in states)
     step = drive.time[:, 1] - drive.time[:, 0]
     v, tried = (x1 - x0) / step[:, None, None], []
     for _ in range(CORRECTIONS):
         tried.append(solve(rope, drive, Start(x0, q0, v)))
         v = v + torch.nan_to_num(x1 - torch.from_numpy(tried[-1].x[:, 1])) / step[:, None, None]
-    return FirstStates(Start(x0, q0, v), (states[0], states[1]), tried, step.numpy())
+    return FirstStates(Start(x0, q0, v), bodies, (states[0], states[1]), tried, step.numpy())
 
 
 def begun_smoothly(

@@ -15,6 +15,9 @@ OCTAVES = (-6, 4)  # of speeds in m/s: from 2^-6 to 2^4, beyond which drag is li
 # Of tensions in N: from 2^-12 to 2^9, beyond which strain is in proportion to tension, and how many
 # values in each octave.
 TENSION_OCTAVES, PER_OCTAVE = (-12, 9), 4
+# Fixed bodies that a rope in motion touches: how many at most, and what a row of them is.
+BODIES = 2
+NO_BODY, PLANE, BAR = 0.0, 1.0, 2.0
 TENSIONS = (TENSION_OCTAVES[1] - TENSION_OCTAVES[0]) * PER_OCTAVE + 1
 
 
@@ -52,6 +55,12 @@ MOTION = (
         (OCTAVES[1] - OCTAVES[0] + 1,),
         "1",
         "logarithm of the factor on `air`, at speeds of whole octaves",
+    ),
+    Field(
+        "bodies",
+        (BODIES, 8),
+        "m, 1",
+        "a point, the normal of a plane or axis of a bar, radius, kind (no derivative)",
     ),
 )
 # End moments have no place in the dynamics.

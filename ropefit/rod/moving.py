@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ropefit.rod.fields import OCTAVES
+from ropefit.rod.fields import BODIES, OCTAVES
 from ropefit.rod.rod import Properties, Rod, at_nodes
 
 # [m/s]: at these the air's resistance is given where it is not in proportion to the speed.
@@ -34,7 +34,9 @@ class Moving(NamedTuple):
     Besides the rod, the fields of `fields.MOTION`: strain_viscosity (N, 3) [N s] of the strains,
     bend_viscosity (N+1, 3) [N m s] of the bends; of the nodes mass (N+1,) [kg], spring (N+1,) [N/m]
     to the origin (a load moves its anchor) and air (N+1,) [N s/m]; drag (11,): what `air` is
-    multiplied by at the speeds of `DRAG_SPEEDS`, its logarithm. The segments have no spin inertia.
+    multiplied by at the speeds of `DRAG_SPEEDS`, its logarithm; bodies (B, 8) that the nodes touch:
+    a point [m], unit normal of a plane or axis of a bar, radius [m], kind (`fields.PLANE`, ...).
+    The segments have no spin inertia.
     """
 
     rod: Rod
@@ -44,6 +46,7 @@ class Moving(NamedTuple):
     spring: Tensor
     air: Tensor
     drag: Tensor
+    bodies: Tensor
 
 
 def undamped(p: Properties) -> Damping:
@@ -59,14 +62,19 @@ def moving(
     attached: Tensor | None = None,
     drag: Tensor | None = None,
     spring: Tensor | None = None,
+    bodies: Tensor | None = None,
 ) -> Moving:
     """Return the rod of properties p in motion; attached (N+1,) [kg]: masses on its nodes.
 
-    spring (N+1,) and drag (11,): as in `Moving`; None: no springs, drag in proportion to speed.
+    spring (N+1,), drag (11,) and bodies (b, 8) as in `Moving`; None: no springs, drag in proportion
+    to speed, nothing to touch. Raises ValueError for more than `fields.BODIES` bodies.
 
     The viscosity of a bend is its stiffness times the relaxation times bend/EI and twist/GJ [s] of
     the segments beside it, averaged by length.
     """
+    touched = torch.zeros(0, 8, dtype=torch.float64) if bodies is None else bodies
+    if len(touched) > BODIES:
+        raise ValueError(f"a rope in motion can touch {BODIES} bodies, not {len(touched)}")
     share = at_nodes(p.length)
     bend = at_nodes(p.length * damping.bend / p.bend) / share
     twist = at_nodes(p.length * damping.twist / p.twist) / share
@@ -80,4 +88,5 @@ def moving(
         spring=torch.zeros_like(own) if spring is None else spring,
         air=at_nodes(0.5 * damping.air * p.length),
         drag=torch.zeros_like(DRAG_SPEEDS) if drag is None else drag,
+        bodies=torch.nn.functional.pad(touched, (0, 0, 0, BODIES - len(touched))),
     )

@@ -131,8 +131,9 @@ class Setup(NamedTuple):
     [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
     bending: the law of bending, where it is not linear; axial (A,): that of axial strain, see
     `rod.axial`; drag (11,): that of the air, see `Moving`;
-    springs (N+1,) [N/m]: of the nodes to the origin, in motion; followers: forces that turn with
-    the rope. weights (n,) or (F, n): of the moves of Algorithm 1, where that finds the shape.
+    springs (N+1,) [N/m] of the nodes to the origin, and bodies (b, 8) that they touch, in motion,
+    see `Moving`; followers: forces that turn with the rope. weights (n,) or (F, n): of the moves of
+    Algorithm 1, where that finds the shape.
     """
 
     properties: Properties
@@ -159,6 +160,7 @@ class Setup(NamedTuple):
     axial: Tensor | None = None
     drag: Tensor | None = None
     springs: Tensor | None = None
+    bodies: Tensor | None = None
     followers: tuple[Follower, ...] = ()
     weights: Tensor | None = None
 

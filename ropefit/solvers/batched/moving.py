@@ -36,6 +36,7 @@ class Clips(NamedTuple):
     spring: Tensor
     air: Tensor
     drag: Tensor
+    bodies: Tensor
     gauge: Tensor
 
 

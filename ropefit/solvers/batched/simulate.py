@@ -52,7 +52,12 @@ def solve_batched(
     member: np.ndarray | None = None,
     limit: int = LIMIT,
 ) -> Trajectory:
-    """Step through every clip like `dynamics.solve`, on `device`."""
+    """Step through every clip like `dynamics.solve`, on `device`.
+
+    Raises ValueError for a rope that touches bodies.
+    """
+    if bool(rope.bodies.any()):
+        raise ValueError("what a rope touches is stepped one clip after the other only")
     problem = problem_of(rope, drive, member)
     task = _task(problem, torch.device(device))
     x0, q0, v0 = (a.detach().to(device, torch.float64) for a in start)

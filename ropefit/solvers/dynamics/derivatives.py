@@ -106,6 +106,7 @@ class Directions(NamedTuple):
     spring: np.ndarray | None = None
     air: np.ndarray | None = None
     drag: np.ndarray | None = None
+    bodies: np.ndarray | None = None
     ends: np.ndarray | None = None
     clamp: np.ndarray | None = None
     x0: np.ndarray | None = None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import solve_system
+from ropefit.solvers.dynamics.kernels.contact import leave_bodies
+from ropefit.solvers.dynamics.kernels.histories import histories
 from ropefit.solvers.dynamics.kernels.rates import (
     across,
     across_back,
-    histories,
     jointed,
     rates,
     step_ratio,
@@ -42,18 +43,20 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
         settled(rod, drive, t, qs, xs, forces, v, p, strain, half, w)
         for k in range(n + 1):  # v of this time
             for a in range(3):
-                gx[t, k, a] += c0 * gv[t, k, a]
-                gx[t - 1, k, a] += c1 * gv[t, k, a]
-                gx[two, k, a] += c2 * gv[t, k, a]
+                gx[t, k, a] += w.rate[k, 0] * gv[t, k, a]
+                gx[t - 1, k, a] += w.rate[k, 1] * gv[t, k, a]
+                gx[two, k, a] += w.rate[k, 2] * gv[t, k, a]
         for i in range(n):
             for a in range(3):
                 b[i, a] = -gq[t, i, a]
-                b[i, 3 + a] = (
-                    w.inverse_mass[i + 1] * gx[t, i + 1, a] - w.inverse_mass[i] * gx[t, i, a]
-                )
+                b[i, 3 + a] = _given(w, i + 1, a, gx[t, i + 1]) - _given(w, i, a, gx[t, i])
         solve_system(w, b, half[0])
-        _pull_nodes(rod, drive, t, (c0, c1, c2), v[t], b, gx, gv, out, w)
-        _pull_drag(rod, drive, t, v[t], b, gx, gv, out, w)
+        for k in range(n + 1):
+            for a in range(3):
+                w.pulled[k, a] = _pulled(gx[t], b, k, a)
+        leave_bodies(rod, w, w.pulled, out.bodies)
+        _pull_nodes(rod, drive, t, gx, gv, out, w)
+        _pull_drag(rod, drive, t, gv, out, w)
         _pull_segments(rod, t, (c0, c1, c2), b, gs, out, w)
         _pull_bends(rod, t, (c0, c1, c2), b, gp, out, mu, block, w)
     copy_rows(gx[0], out.x0)
@@ -91,30 +94,37 @@ def _pull_darboux(rod, t, p, gp, gq, out):
 
 
 @inlined
-def _pull_nodes(rod, drive, t, c, v, b, gx, gv, out, w):
-    """Pull the gradient in the nodes of time t back to ends, loads, masses, air and the past.
-
-    c: the coefficients c0, c1, c2 of D.
-    """
+def _pull_nodes(rod, drive, t, gx, gv, out, w):
+    """Pull the gradient in the nodes of time t without bodies back to ends, loads, masses, air and
+    the past."""
     n, two = rod.length.shape[0], max(t - 2, 0)
     for k in range(n + 1):
-        end = 0 if k == 0 else 1
+        end, c = 0 if k == 0 else 1, w.rate[k]
         fixed = (k == 0 or k == n) and drive.held[end]
         for a in range(3):
-            total = _pulled(gx[t], b, k, a)
+            total = w.pulled[k, a]
             if fixed:
                 out.ends[t, end, a] += total
                 continue
             s = w.inverse_mass[k] * total
             out.load[k, a] += s
-            out.mass[k] -= s * (c[0] * v[k, a] + w.old_v[k, a])
-            out.spring[k] -= s * w.x[k, a]
-            out.air[k] -= s * w.drag[k, 0] * v[k, a]
+            v = c[0] * w.z[k, a] + w.old_x[k, a]
+            out.mass[k] -= s * (c[0] * v + w.old_v[k, a])
+            out.spring[k] -= s * w.z[k, a]
+            out.air[k] -= s * w.drag[k, 0] * v
             drag = (rod.mass[k] * c[0] + w.air[k]) * s
             gx[t - 1, k, a] -= c[1] * drag
             gx[two, k, a] -= c[2] * drag
             gv[t - 1, k, a] -= c[1] * rod.mass[k] * s
             gv[two, k, a] -= c[2] * rod.mass[k] * s
+
+
+@inlined
+def _given(w, k, a, g):
+    """Return how far node k gives along axis a to a force g (3,)."""
+    if w.body[k] < 0:
+        return w.inverse_mass[k] * g[a]
+    return w.give[k, a, 0] * g[0] + w.give[k, a, 1] * g[1] + w.give[k, a, 2] * g[2]
 
 
 @inlined
@@ -129,7 +139,7 @@ def _pulled(gx, b, k, a):
 
 
 @inlined
-def _pull_drag(rod, drive, t, v, b, gx, gv, out, w):
+def _pull_drag(rod, drive, t, gv, out, w):
     """Pull the gradient in the nodes of time t back to the law of drag, and to the speeds before
     that it is taken at."""
     n, two, ratio = rod.length.shape[0], max(t - 2, 0), step_ratio(drive.time, t)
@@ -139,7 +149,8 @@ def _pull_drag(rod, drive, t, v, b, gx, gv, out, w):
             continue
         total = 0.0
         for a in range(3):
-            total -= w.inverse_mass[k] * _pulled(gx[t], b, k, a) * w.air[k] * v[k, a]
+            v = w.rate[k, 0] * w.z[k, a] + w.old_x[k, a]
+            total -= w.inverse_mass[k] * w.pulled[k, a] * w.air[k] * v
         knot, above = int(w.drag[k, 1]), w.drag[k, 2]
         out.drag[knot] += (1 - above) * total
         out.drag[knot + 1] += above * total

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ropefit.solvers.kernels.jit import copy_rows, helper, maker
+from ropefit.solvers.kernels.jit import helper
 from ropefit.solvers.kernels.rotations import darboux, rotation
 
 
@@ -61,19 +59,6 @@ def set_strains(rod, x, q, r, out):
 
 
 @helper
-def set_speeds(time, xs, v0, v):
-    """Write v (T, N+1, 3) of the nodes xs (T, N+1, 3)."""
-    copy_rows(v0, v[0])
-    for t in range(1, time.shape[0]):
-        c0, c1, c2 = rates(time, t)
-        for k in range(xs.shape[1]):
-            for a in range(3):
-                v[t, k, a] = c0 * xs[t, k, a] + c1 * xs[t - 1, k, a]
-                if t > 1:
-                    v[t, k, a] += c2 * xs[t - 2, k, a]
-
-
-@helper
 def set_past(c1, c2, one, two, out):
     """Write c1 one + c2 two into out, row by row."""
     for k in range(out.shape[0]):
@@ -81,18 +66,12 @@ def set_past(c1, c2, one, two, out):
             out[k, a] = c1 * one[k, a] + c2 * two[k, a]
 
 
-@maker
-def histories(rod, drive, xs, qs, v0, r):
-    """Return speeds (T, N+1, 3), Darboux quaternions (T, N+1, 4) and strains (T, N, 3) of all
-    times."""
-    steps, n = qs.shape[0], qs.shape[1]
-    v, p = np.zeros((steps, n + 1, 3)), np.zeros((steps, n + 1, 4))
-    strain = np.zeros((steps, n, 3))
-    set_speeds(drive.time, xs, v0, v)
-    for t in range(steps):
-        set_bends(rod, drive.clamp[t], qs[t], p[t])
-        set_strains(rod, xs[t], qs[t], r, strain[t])
-    return v, p, strain
+@helper
+def set_nodes_past(rate, one, two, out):
+    """Do what `set_past` does, with coefficients of D for each row (K, 3)."""
+    for k in range(out.shape[0]):
+        for a in range(3):
+            out[k, a] = rate[k, 1] * one[k, a] + rate[k, 2] * two[k, a]
 
 
 @helper

@@ -48,7 +48,7 @@ class Work(NamedTuple):
     yields: np.ndarray  # l dΓ/du
     x: np.ndarray
     y: np.ndarray  # nodes without the forces in the segments
-    inverse_mass: np.ndarray  # W (N+1,): x = y + W (n_k - n_{k-1})
+    inverse_mass: np.ndarray  # W (N+1,): z = y + W (n_k - n_{k-1})
     p: np.ndarray  # (N+1, 4)
     m: np.ndarray  # moment of each bend
     firm: np.ndarray  # its stiffness in this step
@@ -63,6 +63,12 @@ class Work(NamedTuple):
     drag: np.ndarray  # (N+1, 4) what it follows from, see `drag.py`
     ahead: np.ndarray  # (N+1, 3) the extrapolated speed, at which it is taken
     order: np.ndarray  # (6,) of the rows of a block
+    rate: np.ndarray  # (N+1, 3) coefficients of D for each node, see `contact.py`
+    z: np.ndarray  # (N+1, 3) nodes without the bodies that they touch
+    body: np.ndarray  # (N+1,) which each touches, -1: none; of those that touch one:
+    out: np.ndarray  # (N+1, 3, 3) dx/dz
+    give: np.ndarray  # (N+1, 3, 3) [m/N] W dx/dz
+    pulled: np.ndarray  # (N+1, 3) gradient in z
 
 
 @maker
@@ -74,7 +80,8 @@ def make_work(n):
         np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n, 6, 6)), np.zeros((n, 3, 3)),
         np.zeros((n, 6)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
         np.zeros((n, 3)), np.zeros(n + 1), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)),
-        np.zeros(6, np.int64),
+        np.zeros(6, np.int64), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.full(n + 1, -1),
+        np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 3)),
     )  # fmt: skip
 
 
@@ -84,7 +91,7 @@ def rod_of(rods, k):
     return Rod(
         rods.length[k], rods.flexibility[k], rods.stiffness[k], rods.rest[k], rods.load[k],
         rods.strain_viscosity[k], rods.bend_viscosity[k], rods.mass[k], rods.spring[k],
-        rods.air[k], rods.drag[k], rods.gauge[k],
+        rods.air[k], rods.drag[k], rods.bodies[k], rods.gauge[k],
     )  # fmt: skip
 
 
@@ -100,5 +107,5 @@ def change_of(c, k, of):
     return Change(
         c.length[of], c.flexibility[of], c.stiffness[of], c.rest[of], c.load[of],
         c.strain_viscosity[of], c.bend_viscosity[of], c.mass[of], c.spring[of], c.air[of],
-        c.drag[of], c.ends[k], c.clamp[k], c.x0[k], c.v0[k], c.q0[k],
+        c.drag[of], c.bodies[of], c.ends[k], c.clamp[k], c.x0[k], c.v0[k], c.q0[k],
     )  # fmt: skip

@@ -7,10 +7,12 @@ import math
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor, solve_system
+from ropefit.solvers.dynamics.kernels.contact import set_rates
 from ropefit.solvers.dynamics.kernels.drag import set_resistance
 from ropefit.solvers.dynamics.kernels.rates import (
     rates,
     set_bends,
+    set_nodes_past,
     set_past,
     set_strains,
     step_ratio,
@@ -59,11 +61,15 @@ def newton_step(rod, drive, t, c0, q, force, w, half, limit):
     most = math.inf  # largest spin of all segments alike in one iteration
     if rod.gauge > 0.0:
         most = SPIN_LIMIT if rod.bend_viscosity.any() else 0.0
+    weight = 0.0  # of a node: forces that count, also in a rope that flies freely and bears none
+    for k in range(n + 1):
+        for a in range(3):
+            weight = max(weight, abs(rod.load[k, a]))
     for iteration in range(limit):
         assemble(rod, drive, t, c0, q, force, w)
         factor(w, half)
         solve_system(w, w.right, half[0])
-        turn, change, largest = 0.0, 0.0, 0.0
+        turn, change, largest = 0.0, 0.0, weight
         # A spin of all segments alike costs nothing here, or next to nothing; away from the
         # solution the matrix knows little of it, and the next step would take it for motion.
         spin = w.right[0, 2] - max(-most, min(most, w.right[0, 2]))
@@ -102,8 +108,9 @@ def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
     for t in range(1, steps):
         c0, c1, c2 = rates(drive.time, t)
         now, one, two = t % 3, (t - 1) % 3, (t - 2) % 3
-        set_past(c1, c2, xs[t - 1], xs[max(t - 2, 0)], w.old_x)
-        set_past(c1, c2, v[one], v[two], w.old_v)
+        set_rates(rod, drive.time, xs, t, w.rate)
+        set_nodes_past(w.rate, xs[t - 1], xs[max(t - 2, 0)], w.old_x)
+        set_nodes_past(w.rate, v[one], v[two], w.old_v)
         set_past(c1, c2, p[one, :, 1:], p[two, :, 1:], w.old_p)
         set_past(c1, c2, strain[one], strain[two], w.old_strain)
         _predict(qs, forces, t, qs[t], forces[t])
@@ -113,10 +120,11 @@ def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
         iterations[t] = count
         if status != CONVERGED:
             return status, t
-        set_nodes(forces[t], w.y, w.inverse_mass, xs[t])
+        set_nodes(rod, forces[t], w)
+        copy_rows(w.x, xs[t])
         for k in range(n + 1):
             for a in range(3):
-                v[now, k, a] = c0 * xs[t, k, a] + w.old_x[k, a]
+                v[now, k, a] = w.rate[k, 0] * xs[t, k, a] + w.old_x[k, a]
         set_bends(rod, drive.clamp[t], qs[t], p[now])
         set_strains(rod, xs[t], qs[t], half[:3, :3], strain[now])
     return CONVERGED, steps

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor
+from ropefit.solvers.dynamics.kernels.contact import push_out, set_rates
 from ropefit.solvers.dynamics.kernels.drag import set_resistance
-from ropefit.solvers.dynamics.kernels.rates import jointed, rates, set_bends, set_past, step_ratio
+from ropefit.solvers.dynamics.kernels.rates import (
+    jointed,
+    rates,
+    set_bends,
+    set_nodes_past,
+    set_past,
+    step_ratio,
+)
 from ropefit.solvers.kernels.bends import add_square, segment_block, set_cross, square_blocks
 from ropefit.solvers.kernels.jit import helper, inlined
 from ropefit.solvers.kernels.rotations import rotation
@@ -15,14 +23,14 @@ def prepare(rod, drive, t, c0, w):
     """Write what stays the same in the iterations of a step."""
     n = rod.length.shape[0]
     for k in range(n + 1):
-        end = 0 if k == 0 else 1
+        end, c = 0 if k == 0 else 1, w.rate[k, 0]
         if (k == 0 or k == n) and drive.held[end]:
             w.inverse_mass[k] = 0.0
             for a in range(3):
                 w.y[k, a] = drive.ends[t, end, a]
             continue
-        drag = rod.mass[k] * c0 + w.air[k]
-        w.inverse_mass[k] = 1.0 / (drag * c0 + rod.spring[k])
+        drag = rod.mass[k] * c + w.air[k]
+        w.inverse_mass[k] = 1.0 / (drag * c + rod.spring[k])
         for a in range(3):
             known = rod.load[k, a] - drag * w.old_x[k, a] - rod.mass[k] * w.old_v[k, a]
             w.y[k, a] = w.inverse_mass[k] * known
@@ -34,7 +42,7 @@ def prepare(rod, drive, t, c0, w):
 @helper
 def assemble(rod, drive, t, c0, q, force, w):
     """Write the residual into `right`, the matrix into `pivot` (diagonal blocks) and `off`."""
-    set_nodes(force, w.y, w.inverse_mass, w.x)
+    set_nodes(rod, force, w)
     _add_segments(rod, q, force, c0, w)
     set_bends(rod, drive.clamp[t], q, w.p)
     _add_bends(rod, c0, w)
@@ -42,11 +50,8 @@ def assemble(rod, drive, t, c0, q, force, w):
 
 
 @helper
-def set_nodes(force, y, inverse_mass, x):
-    """Write the nodes x (N+1, 3) that follow from the forces in the segments (N, 3).
-
-    y (N+1, 3) [m]: where they would be without; inverse_mass (N+1,) [m/N].
-    """
+def set_nodes(rod, force, w):
+    """Write the nodes x (N+1, 3) that follow from the forces in the segments (N, 3)."""
     n = force.shape[0]
     for k in range(n + 1):
         for a in range(3):
@@ -55,7 +60,8 @@ def set_nodes(force, y, inverse_mass, x):
                 pull += force[k, a]
             if k > 0:
                 pull -= force[k - 1, a]
-            x[k, a] = y[k, a] + inverse_mass[k] * pull
+            w.z[k, a] = w.y[k, a] + w.inverse_mass[k] * pull
+    push_out(rod, w)
 
 
 @inlined
@@ -98,7 +104,12 @@ def _add_segments(rod, q, force, c0, w):
             for a in range(3):
                 h[3 + d, a] = h[a, 3 + d]
                 h[3 + d, 3 + a] = -(e0 * r[a, 0] + e1 * r[a, 1] + e2 * r[a, 2])
-            h[3 + d, 3 + d] -= w.inverse_mass[i] + w.inverse_mass[i + 1]
+            for k in range(i, i + 2):
+                if w.body[k] < 0:
+                    h[3 + d, 3 + d] -= w.inverse_mass[k]
+                else:
+                    for a in range(3):
+                        h[3 + d, 3 + a] -= w.give[k, d, a]
         w.off[i] = 0.0
 
 
@@ -144,8 +155,9 @@ def settled(rod, drive, t, qs, xs, forces, v, p, strain, half, w):
     times."""
     c0, c1, c2 = rates(drive.time, t)
     two = max(t - 2, 0)
-    set_past(c1, c2, xs[t - 1], xs[two], w.old_x)
-    set_past(c1, c2, v[t - 1], v[two], w.old_v)
+    set_rates(rod, drive.time, xs, t, w.rate)
+    set_nodes_past(w.rate, xs[t - 1], xs[two], w.old_x)
+    set_nodes_past(w.rate, v[t - 1], v[two], w.old_v)
     set_past(c1, c2, p[t - 1, :, 1:], p[two, :, 1:], w.old_p)
     set_past(c1, c2, strain[t - 1], strain[two], w.old_strain)
     set_resistance(rod, step_ratio(drive.time, t), v[t - 1], v[two], w)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import solve_system
+from ropefit.solvers.dynamics.kernels.contact import meet_bodies
+from ropefit.solvers.dynamics.kernels.histories import histories
 from ropefit.solvers.dynamics.kernels.rates import (
     across,
     across_back,
-    histories,
     jointed,
     rates,
+    set_nodes_past,
     set_past,
     step_ratio,
 )
@@ -45,45 +47,48 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
             if t == 0:
                 dx[s, 0], dv[s, 0], turn[s, 0] = d.x0[s], d.v0[s], d.q0[s]
             else:
-                set_past(c1, c2, dx[s, t - 1], dx[s, max(t - 2, 0)], old_x)
-                set_past(c1, c2, dv[s, one], dv[s, two], old_v)
+                set_nodes_past(w.rate, dx[s, t - 1], dx[s, max(t - 2, 0)], old_x)
+                set_nodes_past(w.rate, dv[s, one], dv[s, two], old_v)
                 set_past(c1, c2, dp[s, one], dp[s, two], old_p)
                 set_past(c1, c2, ds[s, one], ds[s, two], old_s)
-                _move_nodes(rod, drive, d, s, t, c0, v[t], old_x, old_v, dy, w)
-                _change_drag(rod, drive, d, s, ratio, v[t], dv[s, one], dv[s, two], dy, w)
+                _move_nodes(rod, drive, d, s, t, old_x, old_v, dy, w)
+                _change_drag(rod, drive, d, s, ratio, dv[s, one], dv[s, two], dy, w)
+                meet_bodies(rod, d.bodies[s], w, dy)
                 _change_segments(rod, d, s, c0, old_s, dy, b, vector, w)
                 _change_bends(rod, d, s, t, c0, old_p, b, vector, block, w)
                 solve_system(w, b, half[0])
                 _respond(b, dy, turn[s, t], dx[s, t], w)
                 for k in range(n + 1):
                     for a in range(3):
-                        dv[s, now, k, a] = c0 * dx[s, t, k, a] + old_x[k, a]
+                        dv[s, now, k, a] = w.rate[k, 0] * dx[s, t, k, a] + old_x[k, a]
             _change_darboux(rod, d, s, t, p[t], turn[s, t], dp[s, now])
             _change_strains(rod, d, s, qs[t], strain[t], turn[s, t], dx[s, t], block, ds[s, now])
 
 
 @inlined
-def _move_nodes(rod, drive, d, s, t, c0, v, old_x, old_v, dy, w):
-    """Write how direction s moves the nodes, the forces in the segments held, into dy (N+1, 3)."""
+def _move_nodes(rod, drive, d, s, t, old_x, old_v, dy, w):
+    """Write how direction s moves the nodes, the forces in the segments held and without bodies,
+    into dy (N+1, 3)."""
     n = rod.length.shape[0]
     for k in range(n + 1):
-        end = 0 if k == 0 else 1
+        end, c = 0 if k == 0 else 1, w.rate[k, 0]
         fixed = (k == 0 or k == n) and drive.held[end]
         for a in range(3):
             if fixed:
                 dy[k, a] = d.ends[s, t, end, a]
                 continue
-            acc = c0 * v[k, a] + w.old_v[k, a]
+            v = c * w.z[k, a] + w.old_x[k, a]
+            acc = c * v + w.old_v[k, a]
             dy[k, a] = w.inverse_mass[k] * (
-                d.load[s, k, a] - d.mass[s, k] * acc - d.spring[s, k] * w.x[k, a]
-                - d.air[s, k] * w.drag[k, 0] * v[k, a]
-                - (rod.mass[k] * c0 + w.air[k]) * old_x[k, a]
+                d.load[s, k, a] - d.mass[s, k] * acc - d.spring[s, k] * w.z[k, a]
+                - d.air[s, k] * w.drag[k, 0] * v
+                - (rod.mass[k] * c + w.air[k]) * old_x[k, a]
                 - rod.mass[k] * old_v[k, a]
             )  # fmt: skip
 
 
 @inlined
-def _change_drag(rod, drive, d, s, ratio, v, dv_one, dv_two, dy, w):
+def _change_drag(rod, drive, d, s, ratio, dv_one, dv_two, dy, w):
     """Add to dy what a change of the law of drag, and of the speed it is taken at, does."""
     n = rod.length.shape[0]
     for k in range(n + 1):
@@ -97,7 +102,8 @@ def _change_drag(rod, drive, d, s, ratio, v, dv_one, dv_two, dy, w):
         change *= w.drag[k, 3]
         change += (1 - above) * d.drag[s, knot] + above * d.drag[s, knot + 1]
         for a in range(3):
-            dy[k, a] -= w.inverse_mass[k] * w.air[k] * change * v[k, a]
+            v = w.rate[k, 0] * w.z[k, a] + w.old_x[k, a]
+            dy[k, a] -= w.inverse_mass[k] * w.air[k] * change * v
 
 
 @inlined
@@ -164,12 +170,15 @@ def _respond(b, dy, turn, dx, w):
             turn[i, a] = -b[i, a]
     for k in range(n + 1):
         for a in range(3):
-            pull = 0.0
-            if k < n:
-                pull -= b[k, 3 + a]
-            if k > 0:
-                pull += b[k - 1, 3 + a]
-            dx[k, a] = dy[k, a] + w.inverse_mass[k] * pull
+            dx[k, a] = dy[k, a]
+            for c in range(3):
+                if c == a or w.body[k] >= 0:
+                    pull = 0.0
+                    if k < n:
+                        pull -= b[k, 3 + c]
+                    if k > 0:
+                        pull += b[k - 1, 3 + c]
+                    dx[k, a] += (w.inverse_mass[k] if w.body[k] < 0 else w.give[k, a, c]) * pull
 
 
 @inlined
