@@ -45,11 +45,13 @@ def by_short_horizons(
     near = _over(SHORT, current.forward, current.problem.under(noise), near.point.u)
     if near is None:
         return []
+    needed = near.cost - 2 * threshold
     supported = [
         candidate
         for score in _leaders(near, every)
         if score.log_factor > PROMISING
-        for candidate in [fit_candidate(near, score.hypothesis, np.concatenate(score.starts()[0]))]
+        for start in [np.concatenate(score.starts()[0])]
+        for candidate in [fit_candidate(near, score.hypothesis, start, needed=needed)]
         if candidate and candidate.evidence > threshold and agreeing(candidate.gains)
     ]
     supported.sort(key=lambda candidate: -candidate.evidence)
