@@ -38,7 +38,7 @@ def leader(current):
 
 def test_what_the_leader_explains_is_no_noise(lengthened):
     before = leader(lengthened)
-    current, (after, *_) = with_noise_beside_leader(lengthened, [before])
+    current, (after, *_) = with_noise_beside_leader(lengthened, [before], 6.0)
     assert current.problem.noise.marker < 0.25 * MISTAKEN.marker
     assert after.evidence > 2 * before.evidence
     assert after.values()[0] == pytest.approx(0.03, abs=0.004)
@@ -49,7 +49,7 @@ def test_noise_stays_where_the_leader_leaves_it(lengthened):
     problem = lengthened.problem.under(right)
     current = fit(lengthened.forward, problem, lengthened.point.u, 5)
     before = [leader(current)]
-    assert with_noise_beside_leader(current, before) == (current, before)
+    assert with_noise_beside_leader(current, before, 6.0) == (current, before)
 
 
 def test_a_clamp_is_looked_for_at_a_pinned_end_in_motion():

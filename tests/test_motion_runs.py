@@ -17,14 +17,17 @@ MANIFEST = (
 )
 
 
-def recorded(folder: Path, frames: int = 30, sway: float = 0.0, span: float = 0.7) -> Path:
+def recorded(
+    folder: Path, frames: int = 30, sway: float = 0.0, span: float = 0.7, length: float = 1.1
+) -> Path:
     """Markers of an arc that is moved as a whole by `sway` m in a second."""
     folder.mkdir(parents=True)
     time = 0.02 * np.arange(frames)
     lines = np.stack([rope_points(3, 9) for _ in time]) * [span / 0.7, 1, 1]
     lines += np.sin(3 * time)[:, None, None] * [0, sway, 0]
-    np.savez(folder / "markers.npz", positions=lines, time=time, arc_length=np.linspace(0, 1.1, 9))
-    (folder / "recording.toml").write_text(MANIFEST.format(name=folder.name, length=1.1))
+    arc = np.linspace(0, length, 9)
+    np.savez(folder / "markers.npz", positions=lines, time=time, arc_length=arc)
+    (folder / "recording.toml").write_text(MANIFEST.format(name=folder.name, length=length))
     return folder
 
 
@@ -53,8 +56,9 @@ def test_no_motion_is_said(tmp_path, given, words):
     [
         ({"span": 0.6}, ("ends of simulation and recording", "recorded motion")),
         ({"frames": 24}, ("24 frames", "every frame")),
+        ({"length": 1.2}, ("1.2 m long", "1.1 m", "same length")),
     ],
-    ids=["ends", "frames"],
+    ids=["ends", "frames", "length"],
 )
 def test_a_simulation_of_another_motion_is_refused(tmp_path, given, words):
     real = preprocessed(tmp_path / "real", sway=0.05)

@@ -35,17 +35,21 @@ class Score:
     parameters: dict[str, dict]
 
 
-def join(source: Path, clips: list[Path], target: Path, arc: np.ndarray | None = None) -> None:
+def join(
+    source: Path, clips: list[Path], target: Path, arc: np.ndarray | None = None,
+    frames: int | None = None,
+) -> None:  # fmt: skip
     """Join several clips to one recording, with pauses between them.
 
-    Arc (M,) [m]: places of the markers on the rope, if known from other clips.
+    Arc (M,) [m]: places of the markers on the rope, if known from other clips. frames: only so many
+    of each, from the first on.
     """
     arrays = [np.load(clip / "markers.npz") for clip in clips]
     target.mkdir(parents=True)
     np.savez(
         target / "markers.npz",
-        positions=np.concatenate([a["positions"] for a in arrays]),
-        time=np.concatenate([a["time"] + APART * k for k, a in enumerate(arrays)]),
+        positions=np.concatenate([a["positions"][:frames] for a in arrays]),
+        time=np.concatenate([a["time"][:frames] + APART * k for k, a in enumerate(arrays)]),
     )
     text = (clips[0] / "recording.toml").read_text()
     if arc is not None:

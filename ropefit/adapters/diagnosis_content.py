@@ -148,7 +148,8 @@ def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     scale, forward, out, place = stated_units(o), found.forward, {}, 0
     for term, u in zip(forward.terms, forward.split(found.point.u), strict=True):
         mine = slice(place, place := place + term.size)
-        if not set(term.names) <= scale.keys():
+        # A cause may have the names of parameters: of a rest curve.
+        if term.effect is not None or not set(term.names) <= scale.keys():
             continue
         ends = term.interval(u, found.covariance[mine, mine], found.quantile)
         for name, value, low, high in zip(term.names, term.value(u), *ends, strict=True):

@@ -16,6 +16,7 @@ from ropefit.models.correlated import correlated
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 
+TakenOver = tuple[str, Cause, Term]  # a name for it, the cause there, and the term here
 LEAST_SD = 1e-3  # of the usual size, or of the length: however well another run knows a value
 
 
@@ -23,7 +24,8 @@ def as_found(model: Model, found: Diagnosis) -> Model:
     """Return another run's model with the rope's own values as they were fitted along with what was
     found, and with what was then left."""
     fitted = model.nominal
-    if not found.causes or fitted.balance is None:
+    solved = fitted.balance or fitted.stepped
+    if not found.causes or solved is None:
         return model
     name, group = next(iter(fitted.groups.items()))
     parameters = {
@@ -33,25 +35,24 @@ def as_found(model: Model, found: Diagnosis) -> Model:
         for key, p in group.parameters.items()
     }
     stiffer = parameters["EI"].value / group.parameters["EI"].value
-    longer = fitted.balance.bending_length * stiffer ** (1 / 3)
-    balance = fitted.balance.model_copy(update={"bending_length": longer})
+    longer = solved.bending_length * stiffer ** (1 / 3)
+    changed = solved.model_copy(update={"bending_length": longer})
     groups = {name: group.model_copy(update={"parameters": parameters})}
     left = min(fitted.rms_fit, found.rms_after)
-    changed = {"groups": groups, "balance": balance, "rms_fit": left}
+    where = "balance" if fitted.balance else "stepped"
+    changed = {"groups": groups, where: changed, "rms_fit": left}
     models = model.models | {"nominal": fitted.model_copy(update=changed)}
     return model.model_copy(update={"models": models})
 
 
-def of_rope(
-    model: Model, found: Diagnosis, o: Observations, setup: Setup
-) -> list[tuple[str, Cause, Term]]:
+def of_rope(model: Model, found: Diagnosis, o: Observations, setup: Setup) -> list[TakenOver]:
     """Return what another run found that belongs to the rope, each with its name and its term: its
     values there, under their covariance. Weights count as in `frozen.weight_factor`."""
     out, factor = [], weight_factor(model.nominal, o)
     length = float(setup.properties.length.sum())
     for name, cause in (found.known | found.causes).items():
         effect = effect_of(cause)
-        if not effect.of_rope or cause.covariance is None or not effect.applies(setup):
+        if not effect.of_rope or cause.covariance is None or not effect.possible(setup):
             continue
         places = [1.0] * len(effect.place_names)
         scale = np.array([*(factor**q.by_weight for q in effect.quantities), *places])

@@ -69,4 +69,7 @@ def main() -> None:
     """Run the `ropefit` command."""
     # numba's third level compiles 1.4 times as long and gives loops that are no faster.
     os.environ.setdefault("NUMBA_OPT", "1")
+    # torch's threads wait for each other by spinning, which takes three quarters of a processor
+    # that others use, too. Compiled loops are spread over threads of our own.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     app()

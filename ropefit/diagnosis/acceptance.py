@@ -6,6 +6,7 @@ import numpy as np
 
 from ropefit.diagnosis.candidate import NORMAL_QUANTILE, Candidate
 from ropefit.diagnosis.held_out import by_stretches, heldout_rms, weighted_error
+from ropefit.diagnosis.innovations import contradicted
 from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
 from ropefit.inference.least_squares import Fit
@@ -60,6 +61,8 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     most = MOST_RMS_RATIO_ALIKE if alike else MOST_RMS_RATIO_IN_MOTION
     if moving and not _allowed_for(effect, current) and after > most * before:
         return "the error of held-out clips hardly falls"
+    if contradicted(candidate.fit, current):
+        return "short predictions contradict it"
     return ""
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.equivalence import equivalents, ordered
+from ropefit.diagnosis.equivalence import TIE_NATS, equivalents, ordered
 from ropefit.diagnosis.nested import with_special_cases
 from ropefit.inference.least_squares import Fit
 
@@ -26,6 +26,12 @@ class Accepted:
     evidence: float
     p_value: float
     beaten: list[Candidate] = field(default_factory=list)
+
+
+def least_evidence(threshold: float, best: float) -> float:
+    """Return the evidence [nats] from which a candidate counts beside the best one so far: it may
+    be accepted, or wins beside other effects."""
+    return max(threshold - TIE_NATS, CLOSE_EVIDENCE * best)
 
 
 def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: int) -> Accepted:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ropefit.diagnosis.accepted import CLOSE_EVIDENCE
+from ropefit.diagnosis.accepted import least_evidence
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, best_of, continued, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
@@ -70,7 +70,7 @@ class Fits:
         """Return the cost at which a candidate begins to count: it may be accepted, or is close to
         the best, and better than what is known of the same hypothesis."""
         best, known = self.best(), self.best_of.get(hypothesis.key)
-        evidence = max(self.threshold - TIE_NATS, CLOSE_EVIDENCE * best.evidence if best else 0.0)
+        evidence = least_evidence(self.threshold, best.evidence if best else 0.0)
         cost = self.current.cost - 2 * evidence
         return cost if known is None else min(cost, known.fit.cost + 2 * TIE_NATS)
 

@@ -101,8 +101,7 @@ def effects_of(setup: Setup, names: tuple[str, ...] | None = None) -> Iterator[E
     for kind in concrete(Effect, EFFECTS):
         for end in (0, 1) if kind.locus == "end" else (0,):
             effect = kind(end)  # pyright: ignore[reportAbstractUsage]
-            possible = setup.damping is None or effect.in_motion
             if effect.path_dependent and setup.followers:  # a walk knows no forces that turn
                 continue
-            if possible and (names is None or effect.name in names) and effect.applies(setup):
+            if (names is None or effect.name in names) and effect.possible(setup):
                 yield effect

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.candidates import fit_candidates
@@ -33,10 +35,12 @@ class Selection:
         """
         begin = best.fit.point.u[: current.forward.size]
         forward = current.forward.with_terms(current.forward.terms, best.fit.point.solution)
-        again = attempted(forward, current.problem, begin, RESTART_EVALUATIONS, tolerance=1e-5)
-        if again is None:
-            return None
-        return again if again.cost < current.cost - share * best.evidence else None
+        needed = current.cost - share * best.evidence
+        hopeless = np.inf if forward.instantaneous else needed  # a step of a motion is costly
+        again = attempted(
+            forward, current.problem, begin, RESTART_EVALUATIONS, tolerance=1e-5, needed=hopeless
+        )
+        return again if again is not None and again.cost < needed else None
 
     def acceptable(
         self, candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]

@@ -108,10 +108,11 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         )  # fmt: skip
         known, fitted = [], []  # of the nominal model
         if far_beyond_sensor(current):
-            scanned = [s.hypothesis for s in scan.sensitivities]
-            near = by_short_horizons(current, scanned, limits.threshold)
-            candidates = best_of([*candidates, *near])
-            current, candidates = with_noise_beside_leader(current, candidates)
+            if not candidates or far_beyond_sensor(candidates[0].fit):  # it explains too little
+                scanned = [s.hypothesis for s in scan.sensitivities]
+                near = by_short_horizons(current, scanned, limits.threshold)
+                candidates = best_of([*candidates, *near])
+            current, candidates = with_noise_beside_leader(current, candidates, limits.threshold)
         if candidates and candidates[0].evidence >= limits.threshold:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from ropefit.diagnosis.hypotheses import Hypothesis
-from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.inference.bins import aligned
+from ropefit.inference.least_squares import Fit
 from ropefit.models.response import Point
 from ropefit.models.terms import change_by
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 NEAR = 1e-3  # of the length: shapes that differ by less answer alike
+NEAR_IN_MOTION = 0.1  # of what is missed, rms: the same of motions
 STRAIGHT = 1e-9  # of the rest vectors of bend elements
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity, and those of
-    the nodes (Q k, F, K, 3) [m] that they come from, of a rope `seen` (F, K, 3) [m]."""
+    """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity, and those
+    that they come from, of a rope `seen` (F, K, 3) [m]: moved (Q k, F, K, 3) [m] of the nodes, or
+    (M, D, Q k) of the stations in a motion, of which all frames of all clips are too many."""
 
     hypothesis: Hypothesis
     values: np.ndarray
-    nodes: np.ndarray
+    moved: np.ndarray
     seen: np.ndarray
 
 
@@ -37,33 +40,38 @@ class Sensitivities:
         self.now = fit.problem.match(np.where(np.isfinite(fit.point.seen), fit.point.seen, 0.0))
         self.setup = fit.point.setup
 
-    def whiten(self, dx: np.ndarray) -> np.ndarray:
-        """Return (M D, P) whitened changes at the stations of changes dx (P, F, K, 3) [m]."""
-        return sensitivity(np.nan_to_num(dx), self.now, self.fit.stations, self.fit.whitener)
-
     def of(self, hypothesis: Hypothesis, known: Sensitivity | None = None) -> Sensitivity:
         """Return the sensitivity to a hypothesis: by its loads, its tangent or finite responses, or
         from one that is known of a rope in nearly the same shapes."""
-        if known is None or not self._alike(hypothesis, known):
-            known = Sensitivity(hypothesis, np.empty(0), self._nodes(hypothesis), self.point.seen)
-        rows = self.whiten(known.nodes)
+        moving, seen = not self.fit.forward.instantaneous, self.point.seen
+        if known is not None and self._alike(hypothesis, known):
+            moved, seen = known.moved, known.seen
+        else:
+            moved = np.nan_to_num(self._nodes(hypothesis))
+            moved = self._at_stations(moved) if moving else moved
+        rows = self.fit.whitener(moved if moving else self._at_stations(moved))
         shape = (len(rows), len(hypothesis.places), hypothesis.size)
-        if not self.fit.forward.instantaneous:  # all frames of all clips: too many to keep
-            known = replace(known, nodes=np.empty(0))
-        return replace(known, hypothesis=hypothesis, values=rows.reshape(shape))
+        return Sensitivity(hypothesis, rows.reshape(shape), moved, seen)
+
+    def _at_stations(self, dx: np.ndarray) -> np.ndarray:
+        """Return (M, D, P) [m] what changes dx (P, F, K, 3) [m] of the nodes change there."""
+        return aligned(self.now, self.fit.stations, self.now.project(dx))
 
     def _alike(self, hypothesis: Hypothesis, known: Sensitivity) -> bool:
-        """Return whether nodes respond as they are known to."""
+        """Return whether the rope responds as it is known to."""
         places, seen = known.hypothesis.places, known.seen
         if places.shape != hypothesis.places.shape or seen.shape != self.point.seen.shape:
             return False
-        if not known.nodes.size:
+        length = float(self.setup.properties.length.sum())
+        if (np.abs(places - hypothesis.places) >= NEAR * length).any():
             return False
-        near = NEAR * float(self.setup.properties.length.sum())
-        return bool(
-            (np.abs(places - hypothesis.places) < near).all()
-            and (np.abs(seen - self.point.seen) < near).all()
-        )
+        if self.fit.forward.instantaneous:
+            return bool((np.abs(seen - self.point.seen) < NEAR * length).all())
+        stations = self.fit.stations
+        apart = self.fit.problem.match(np.nan_to_num(seen)).residual - self.now.residual
+        missed = np.linalg.norm(stations.residual)
+        same = apart.shape == stations.residual.shape == known.moved.shape[:2]
+        return same and bool(np.linalg.norm(apart) < NEAR_IN_MOTION * missed)
 
     def _nodes(self, hypothesis: Hypothesis) -> np.ndarray:
         loads = self._loads(hypothesis) if self.fit.forward.instantaneous else None

@@ -16,6 +16,7 @@ import numpy as np
 from ropefit.diagnosis.acceptance import agreeing
 from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, compared, fit_candidate
 from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.innovations import SHORT, over_horizons
 from ropefit.diagnosis.scan import Projection, Score, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.diagnosis.wander import wandering_noise
@@ -23,9 +24,7 @@ from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.problem import FitProblem
 from ropefit.models.model import Model
 
-SHORT = 0.4  # s
 LONGER = (1.2,)  # s: horizons between the short one and whole clips
-MOST_SECONDS = 12.0  # of motion that is looked at over horizons
 MOST_LEADERS = 3
 PROMISING = 0.0  # nats to first order: what is far off gains more than that when it is fitted
 MOST_WHOLE = 2  # candidates that are fitted to whole clips
@@ -46,11 +45,13 @@ def by_short_horizons(
     near = _over(SHORT, current.forward, current.problem.under(noise), near.point.u)
     if near is None:
         return []
+    needed = near.cost - 2 * threshold
     supported = [
         candidate
         for score in _leaders(near, every)
         if score.log_factor > PROMISING
-        for candidate in [fit_candidate(near, score.hypothesis, np.concatenate(score.starts()[0]))]
+        for start in [np.concatenate(score.starts()[0])]
+        for candidate in [fit_candidate(near, score.hypothesis, start, needed=needed)]
         if candidate and candidate.evidence > threshold and agreeing(candidate.gains)
     ]
     supported.sort(key=lambda candidate: -candidate.evidence)
@@ -82,6 +83,4 @@ def _over_whole_clips(current: Fit, near: Candidate) -> Candidate | None:
 
 def _over(seconds: float, forward: Model, problem: FitProblem, start: np.ndarray) -> Fit | None:
     """Return a fit over horizons, from search variables (P,)."""
-    parts = forward.horizon(seconds, MOST_SECONDS)
-    reached = np.isin(np.arange(len(problem.data.points)), np.concatenate(parts.clips))
-    return attempted(parts, problem.without(~reached), start, LOOK, tolerance=1e-3)
+    return attempted(*over_horizons(seconds, forward, problem), start, LOOK, tolerance=1e-3)

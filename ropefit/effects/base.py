@@ -181,6 +181,11 @@ class Effect(ABC):
         """Return whether the effect can occur in this setup at all."""
         return True
 
+    def possible(self, setup: Setup) -> bool:
+        """Return whether the effect can occur in this setup and be simulated as it is: at rest, or
+        in motion."""
+        return (setup.damping is None or self.in_motion) and self.applies(setup)
+
     @abstractmethod
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         """Return the setup with the effect, of the sizes and at the place in values (n,)."""

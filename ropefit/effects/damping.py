@@ -36,6 +36,7 @@ class DampingInMotion(Effect):
     """More damping of a rope that is simulated in motion: of the air, and of its own bending."""
 
     name = "damping"
+    of_rope = True
     quantities = (
         Quantity("air", "N s/m^2", 0.05, 0.0, by_weight=1.0, by_length=-1.0),
         Quantity("bend", "N m^2 s", 3e-4, 0.0, by_weight=1.0, by_length=2.0),

@@ -32,6 +32,7 @@ class DragLaw(Effect):
     """
 
     name = "drag_law"
+    of_rope = True
     quantities = (
         Quantity("exponent", "1", 0.5, -2.0, 4.0),
         Quantity("more_below", "1", 0.5, -4.0, 4.0),

@@ -15,6 +15,7 @@ class RestShape(Effect):
     """Rest curvature [1/m] that varies along the whole rope, about its two directions across."""
 
     name = "rest_curve"
+    of_rope = True
     vector = ("curvature", "1/m")
     quantities = tuple(
         Quantity(f"curvature_{axis}_at_{place}", "1/m", 0.5, by_length=-1.0)

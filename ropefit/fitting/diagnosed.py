@@ -13,7 +13,7 @@ from ropefit.adapters.motion_model import at_observed_nodes
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
-from ropefit.adapters.taken_over import as_found, of_rope
+from ropefit.adapters.taken_over import TakenOver, as_found, of_rope
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.diagnosis import search as engine
@@ -30,7 +30,6 @@ from ropefit.fitting.nominal import (
 from ropefit.fitting.nominal_motion import nominal_in_motion
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.problem import FitProblem
-from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
@@ -43,9 +42,13 @@ def in_motion(
 ) -> dict[str, Any]:
     """Diagnose the stepped rope. Raises BadInput, NotConverged, WrongUsage."""
     context.progress(0.02, "nominal fit")
-    known = context.external["nominal"] if settings.nominal else None
+    source, found = None, None
+    if settings.nominal:
+        source, found = _as_diagnosed(context.external["nominal"], context)
     calibration = context.external["calibration"] if settings.calibration else None
-    span, nominal = nominal_in_motion(o, model, settings.most_frames, known, calibration)
+    span, nominal, known = nominal_in_motion(
+        o, model, settings.most_frames, source, found, calibration
+    )
     result = engine.search(nominal, settings.seed, context.progress, rules)
     shown = np.unique(nominal.stations.frame)
     reached = np.isin(np.arange(len(o.frames)), shown)
@@ -54,7 +57,7 @@ def in_motion(
         return at_observed_nodes(o, span, seen, reached)[shown]
 
     layout = Layout(o.frames, shown, span.first, span.last - span.first, nodes)
-    return content(o, result, layout)
+    return content(o, result, layout) | {"known": _as_fitted(known, result.final)}
 
 
 def at_rest(
@@ -107,8 +110,7 @@ def at_rest(
     layout = Layout(
         o.frames[used], np.arange(len(used)), 0.0, o.length, lambda x: x[:, ::every][:, :nodes]
     )
-    now = {name: _as_fitted(cause, term, result.final) for name, cause, term in known}
-    return content(o, result, layout) | {"known": now}
+    return content(o, result, layout) | {"known": _as_fitted(known, result.final)}
 
 
 def _as_diagnosed(source: Model, context: Context) -> tuple[Model, Diagnosis | None]:
@@ -125,11 +127,14 @@ def _as_diagnosed(source: Model, context: Context) -> tuple[Model, Diagnosis | N
     return as_found(source, found), found
 
 
-def _as_fitted(cause: Cause, term: Term, final: Fit) -> Cause:
-    """Return a cause of the nominal run with its values as fitted here."""
-    parts = zip(final.forward.terms, final.forward.split(final.point.u), strict=True)
-    u = next(part for one, part in parts if one is term)
-    return cause.model_copy(update={"values": term.value(u)})
+def _as_fitted(known: list[TakenOver], final: Fit) -> dict[str, Cause]:
+    """Return causes of the nominal run with their values as fitted here."""
+    parts = list(zip(final.forward.terms, final.forward.split(final.point.u), strict=True))
+    out = {}
+    for name, cause, term in known:
+        u = next(part for one, part in parts if one is term)
+        out[name] = cause.model_copy(update={"values": term.value(u)})
+    return out
 
 
 def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:

@@ -11,8 +11,9 @@ from ropefit.adapters.motion_of import times_of
 from ropefit.adapters.motion_setup import Span
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS
+from ropefit.adapters.taken_over import TakenOver, of_rope
 from ropefit.adapters.units import stated_units
-from ropefit.artifacts import Model, Observations
+from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import NotConverged
 from ropefit.fitting.motion import LEAST_NOISE, OF_MOTION, identified_span, long_clips, model_of
 from ropefit.fitting.nominal import as_known, calibrated, set_up_errors
@@ -28,12 +29,14 @@ EVALUATIONS = 8
 
 
 def nominal_in_motion(
-    o: Observations, model: Model, most_frames: int, known: Model | None, calibration: Model | None
-) -> tuple[Span, Fit]:
-    """Fit the nominal model to as many clips as `most_frames` shapes stand for.
+    o: Observations, model: Model, most_frames: int, known: Model | None, found: Diagnosis | None,
+    calibration: Model | None,
+) -> tuple[Span, Fit, list[TakenOver]]:  # fmt: skip
+    """Fit the nominal model to as many clips as `most_frames` shapes stand for; with what it takes
+    over from another run.
 
-    known: another run's model, whose rope is known; calibration: one whose camera and gravity are.
-    Raises BadInput, NotConverged, WrongUsage.
+    known: that run's model, whose rope is known, and found: its diagnosis; calibration: a model
+    whose camera and gravity are known. Raises BadInput, NotConverged, WrongUsage.
     """
     span = identified_span(o, model.nominal)
     clips = long_clips(o, span)
@@ -42,8 +45,13 @@ def nominal_in_motion(
     clips = [clips[k] for k in spread]
     span = replace(span, lines=begun_smoothly(times_of(o), span.lines, clips, clips))
     forward, start = model_of(o, model.nominal, span, clips)
+    taken: list[TakenOver] = []
     if known:
         forward, start = _known_rope(o, forward, start, known)
+        taken = of_rope(known, found, o, span.setup) if found else []
+        begin = [np.zeros(term.size) for _, _, term in taken]
+        forward = forward.with_terms([*(term for _, _, term in taken), *forward.terms])
+        start = np.concatenate([*begin, start])
     if calibration:
         errors = set_up_errors(span.setup, o, None)
         loosened = [new for old, new in zip(errors, calibrated(errors, calibration), strict=True)
@@ -57,15 +65,15 @@ def nominal_in_motion(
     problem = FitProblem(
         span.data, Noise(marker=LEAST_NOISE, sensor=noise_of(o, span.data).marker), STATIONS
     ).without(~compared)
-    found = fit(forward, problem, start, EVALUATIONS, tolerance=1e-4)
+    fitted = fit(forward, problem, start, EVALUATIONS, tolerance=1e-4)
     # The mesh's error is that of this rope: with one that is far off, others would be corrected
     # wrongly.
-    corrected = forward.corrected(found.point.u)
-    again = fit(corrected, problem, found.point.u, EVALUATIONS, tolerance=1e-4)
-    found = again if again.cost < found.cost else found
-    if not found.point.converged.all():
+    corrected = forward.corrected(fitted.point.u)
+    again = fit(corrected, problem, fitted.point.u, EVALUATIONS, tolerance=1e-4)
+    fitted = again if again.cost < fitted.cost else fitted
+    if not fitted.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
-    return span, found
+    return span, fitted, taken
 
 
 def _known_rope(

@@ -20,10 +20,11 @@ from ropefit.models.model import Model
 from ropefit.models.response import Point
 from ropefit.runs.journal import Arrays
 
-STOPPED = -2  # status of a fit
+STOPPED, ENDED = -2, 1  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
+NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
@@ -78,7 +79,8 @@ Report = Callable[[float], None]
 
 
 class _Stopped(Exception):
-    """A fit cannot reach the cost that is needed."""
+    """A fit ends at u (P,), with a cost and a status: it cannot reach the cost that is needed, or
+    has hardly anything to gain."""
 
 
 class _Objective:
@@ -150,11 +152,16 @@ class _Objective:
         rows = self.known.rows("slope", u, lambda: self.jacobian(u))
         out = np.concatenate([-rows, np.diag(1 / self.prior)[self.held]])
         self.count += 1
-        if self.needed < np.inf and self.count >= FEWEST_SLOPES:
-            low, high = self.forward.bounds()
-            cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
-            if cost - OPTIMISM * linear_gain(out, self.latest, low - u, high - u) > self.needed:
-                raise _Stopped(u.copy(), cost)
+        hopeful = self.needed == np.inf or self.count < FEWEST_SLOPES
+        if hopeful and self.forward.instantaneous:
+            return out
+        low, high = self.forward.bounds()
+        cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
+        gain = linear_gain(out, self.latest, low - u, high - u)
+        if not hopeful and cost - OPTIMISM * gain > self.needed:
+            raise _Stopped(u.copy(), cost, STOPPED)
+        if gain < NEGLIGIBLE and not self.forward.instantaneous:
+            raise _Stopped(u.copy(), cost, ENDED)
         return out
 
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
@@ -177,8 +184,8 @@ class _Objective:
                     gtol=1e-10,
                 )
         except _Stopped as stopped:
-            best, cost = stopped.args
-            summary = np.array([0.5 * cost, STOPPED, len(self.trace)])
+            best, cost, status = stopped.args
+            summary = np.array([0.5 * cost, status, len(self.trace)])
             return {"u": best, "told": summary, "trace": np.array(self.trace)}, self.at(best)[0]
         summary = np.array([result.cost, result.status, result.nfev])
         found = {"u": result.x, "told": summary, "trace": np.array(self.trace)}

@@ -1,0 +1,216 @@
+"""Causes withheld on measured ropes in motion: each must be named again, with its size.
+
+A run on some clips, identified and diagnosed, is the nominal rope (`--nominal`). Other clips tell
+one thing falsely, or the nominal run has one thing taken away: the noise is real, the truth exact.
+"""
+
+from __future__ import annotations
+
+import resource
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import CommandFailed, ropefit
+from benchmarks.discovery.run import kept
+from benchmarks.real.falsehoods import FALSEHOODS, Falsehood, Told
+from benchmarks.real.motion import clips_of, join
+from ropefit.artifacts import Diagnosis, Model, read, write
+
+CLIPS, FRAMES = 5, 200  # of each recording: the nominal run's, and the others'
+HELD = ("--holdout", "0")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A thing withheld: what is told falsely, which parameters of the rope are frozen at nothing,
+    and whether the nominal run's own causes are."""
+
+    falsehood: Falsehood | None = None
+    undamped: bool = False
+    undiagnosed: bool = False
+
+
+CASES: dict[str, Case] = {
+    "rest curvature": Case(undiagnosed=True),
+    "damping": Case(undamped=True),
+    **{name: Case(falsehood) for name, falsehood in FALSEHOODS.items()},
+}
+DAMPINGS = ("bend_damping", "air_damping")
+
+
+def withheld(source: Path, folder: Path, gravity: str) -> dict[str, dict[str, Any]]:
+    """Return what is found of each cause withheld from a rope; gravity: the one of `FALSEHOODS` in
+    it that is put into this rope. What folder holds already is not computed again."""
+    clips = clips_of(source, "train")
+    few = [clips[k] for k in np.linspace(0, len(clips) - 1, 2 * CLIPS).round().astype(int)]
+    nominal, others = folder / "nominal", few[1::2]
+    known = kept(folder / "nominal.json", lambda: _diagnosed(source, few[::2], nominal, None))
+    out = {"nothing": known}
+    for what, case in CASES.items():
+        if what.startswith("gravity") and what != gravity:
+            continue
+        run = folder / what.replace(" ", "-")
+        out[what] = kept(
+            run.with_suffix(".json"),
+            lambda c=case, r=run: _case(c, source, others, r, nominal, known["answer"]),
+        )
+    return out
+
+
+def _case(
+    case: Case, source: Path, clips: list[Path], run: Path, nominal: Path, known: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the answer of one case, with what is true."""
+    told = run.with_name(f"{run.name}-nominal")
+    taken_away(nominal, told, case)
+    out = _diagnosed(source, clips, run, case.falsehood, told, case.undamped)
+    return out | {"true": _true(case, nominal, known)}
+
+
+def _true(case: Case, nominal: Path, known: dict[str, Any]) -> dict[str, Any]:
+    """Return the names that are right, and the sizes that are true."""
+    model, _ = read(nominal / Model.file_name, Model)
+    parameters = next(iter(model.nominal.groups.values())).parameters
+    if case.undamped:
+        air, bend = (parameters[name].value for name in ("air_damping", "bend_damping"))
+        return {"names": ["damping"], "sizes": {"air": air, "bend": bend}}
+    if case.undiagnosed:
+        of = next((e for e in known["effects"] if e["name"] == "rest_curve"), None)
+        size = of["parameters"]["curvature"]["value"] if of else None
+        return {"names": ["rest_curve"], "sizes": {"curvature": size}}
+    assert case.falsehood is not None
+    sizes = dict(case.falsehood.sizes)
+    for effect in known["effects"]:  # what the nominal run found wrong is wrong here, too
+        for key in sizes.keys() & effect["parameters"].keys():
+            if effect["name"] in case.falsehood.names:
+                sizes[key] = case.falsehood.beside(sizes[key], effect["parameters"][key]["value"])
+    return {"names": list(case.falsehood.names), "sizes": sizes}
+
+
+def taken_away(nominal: Path, target: Path, case: Case) -> None:
+    """Copy a run without what a case withholds."""
+    if target.exists():
+        shutil.rmtree(target)
+    shutil.copytree(nominal, target)
+    if case.undiagnosed:
+        (target / Diagnosis.file_name).unlink()
+    if case.undamped:
+        model, _ = read(target / Model.file_name, Model)
+        fitted = model.nominal
+        ((name, group),) = fitted.groups.items()
+        free = {
+            key: p.model_copy(update={"free": p.free and key not in DAMPINGS})
+            for key, p in group.parameters.items()
+        }
+        groups = {name: group.model_copy(update={"parameters": free})}
+        models = {"nominal": fitted.model_copy(update={"groups": groups})}
+        write(target / Model.file_name, model.model_copy(update={"models": models}))
+
+
+def _diagnosed(
+    source: Path, clips: list[Path], run: Path, falsehood: Falsehood | None,
+    nominal: Path | None = None, undamped: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the answer of `diagnose`, and the processor time [s] of all stages."""
+    recording = run.with_name(f"{run.name}-recording")
+    for path in (recording, run):
+        if path.exists():
+            shutil.rmtree(path)
+    join(source, clips, recording, frames=FRAMES)
+    if falsehood is not None:
+        Told(recording, clips=len(clips)).changed(falsehood)
+    free = ("--free", "EI,GJ") if undamped else ()
+    begin, seconds = _used(), {}
+    out: dict[str, Any] = {"answer": None, "error": None, "seconds": seconds}
+    steps = (
+        ("preprocess", recording, "--run", run),
+        ("identify", "--solver", "dynamics", *HELD, *free, "--run", run),
+        ("diagnose", "--run", run, *(("--nominal", nominal) if nominal else ())),
+    )
+    for step in steps:
+        try:
+            out["answer"] = ropefit(*step, unconverged=True)
+        except CommandFailed as error:
+            return out | {"answer": None, "error": str(error)}
+        seconds[step[0]] = _used() - begin - sum(seconds.values())
+    return out
+
+
+def _used() -> float:
+    """Return the processor time [s] of all commands so far."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def judged(found: dict[str, Any]) -> dict[str, Any]:
+    """Return whether a cause is named, in a reported set at least, and its sizes in their
+    intervals; the sizes as told."""
+    answer, true = found["answer"], found["true"]
+    out = {"named": False, "in_set": False, "inside": False, "told": {}}
+    for effect in answer["effects"] if answer else []:
+        named = effect["name"] in true["names"]
+        out["named"] |= named
+        out["in_set"] |= named or bool({*effect["equivalent_to"]} & {*true["names"]})
+        if named:
+            told = {key: effect["parameters"].get(key) for key in true["sizes"]}
+            out["told"] = told
+            out["inside"] = all(
+                size is not None and told[key] and within(size, told[key]["ci95"])
+                for key, size in true["sizes"].items()
+            )
+    return out
+
+
+def within(size: float, interval: list[float]) -> bool:
+    low, high = interval
+    return low <= size <= high
+
+
+def withheld_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Return the table; found: by rope, then by what is withheld."""
+    whats = list(dict.fromkeys(what for one in found.values() for what in one if what != "nothing"))
+    rows = [
+        f"Causes withheld on these cables: {CLIPS} other training clips of {FRAMES} frames, with",
+        "the run on as many, diagnosed, as `--nominal`; one thing is told falsely, or taken away",
+        "from that run. **Bold**: named, and the true size in its 95 % interval (true → found).",
+        "Seconds are processor time of all stages. Written by",
+        "`python -m benchmarks.real --only withheld`.",
+        "",
+        "| withheld | " + " | ".join(found) + " |",
+        "|---" * (1 + len(found)) + "|",
+    ]
+    cases = [(rope, what) for what in whats for rope in found if what in found[rope]]
+    verdicts = {(rope, what): judged(found[rope][what]) for rope, what in cases}
+    for what in whats:
+        cells = [
+            _cell(one[what], verdicts[rope, what]) if what in one else "-"
+            for rope, one in found.items()
+        ]
+        rows.append(f"| {what} | " + " | ".join(cells) + " |")
+    right = sum(v["named"] and v["inside"] for v in verdicts.values())
+    named = sum(v["named"] for v in verdicts.values())
+    rows += ["", f"Named: {named} of {len(cases)}, with the true size in its interval: {right}."]
+    return "\n".join(rows) + "\n"
+
+
+def _cell(found: dict[str, Any], verdict: dict[str, Any]) -> str:
+    """Return what was answered."""
+    seconds = f"{sum(found['seconds'].values()):.0f} s"
+    answer = found["answer"]
+    if answer is None:
+        return f"no answer: {found['error']}"
+    names = ", ".join(effect["name"] for effect in answer["effects"]) or f"`{answer['verdict']}`"
+    if verdict["in_set"] and not verdict["named"]:
+        names += " (in the set)"
+    sizes = "; ".join(
+        f"{found['true']['sizes'][key]:.3g} → {t['value']:.3g} "
+        f"({t['ci95'][0]:.3g} .. {t['ci95'][1]:.3g})"
+        for key, t in verdict["told"].items()
+        if t and found["true"]["sizes"][key] is not None
+    )
+    names = f"**{names}**" if verdict["named"] and verdict["inside"] else names
+    return ", ".join(part for part in (names, sizes, seconds) if part)
