@@ -156,4 +156,4 @@ def resealed(data: bytes, **claims: Any) -> bytes:
     seal = claimed(data[-SIZE:])
     image = data[:-SIZE] if seal else data
     seal = seal or Seal(Observations.schema_name, Observations.schema_version, "0" * 64)
-    return sealed(image, replace(seal, **claims))
+    return b"".join(sealed(image, replace(seal, **claims)))

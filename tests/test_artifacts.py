@@ -189,7 +189,7 @@ def test_sealed_text_of_variable_length_is_refused(path: Path) -> None:
         del file["recording"]
         file["recording"] = '"r"'
     found = identity(path)
-    path.write_bytes(sealed(path.read_bytes(), Seal(*found, "0" * 64)))
+    path.write_bytes(b"".join(sealed(path.read_bytes(), Seal(*found, "0" * 64))))
     assert "variable length" in refused(path)
 
 

@@ -23,7 +23,7 @@ try:
     main()
 except SystemExit as end:
     code = end.code or 0
-loaded = sorted({name.split(".")[0] for name in sys.modules})
+loaded = sorted({name.split(".")[0] for name in sys.modules} & set(sys.modules))
 print(json.dumps([code, loaded]), file=open("loaded.json", "w"))
 """
 FAST = ["--solver", "thomas", "--steps", "2", "--iterations", "2", "--evaluations", "1"]

@@ -12,12 +12,13 @@ from pathlib import Path
 from ropefit.errors import StageFailed
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write beside the file, flush, and rename. Raises OSError; the old file is then unchanged."""
+def write_bytes(path: Path, *parts: bytes) -> None:
+    """Write parts of a file, one after the other, beside it, flush, and rename. Raises OSError; the
+    old file is then unchanged."""
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as out:
-            out.write(content)
+            out.writelines(parts)
             out.flush()
             os.fsync(out.fileno())
         os.chmod(temporary, 0o644)

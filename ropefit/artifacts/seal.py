@@ -29,10 +29,10 @@ class Seal:
     content_sha256: str
 
 
-def sealed(image: bytes, seal: Seal) -> bytes:
-    """Return the bytes of a file: an HDF5 image and its seal."""
+def sealed(image: bytes, seal: Seal) -> tuple[bytes, bytes]:
+    """Return the two parts of a file: an HDF5 image and its seal."""
     line = f"ropefit-seal/1 {seal.schema_name} {seal.schema_version} {seal.content_sha256}".encode()
-    return image + (line + b" " + _hash(image, line)).ljust(SIZE - 1) + b"\n"
+    return image, (line + b" " + _hash(image, line)).ljust(SIZE - 1) + b"\n"
 
 
 def opened(image: bytes, end: bytes) -> tuple[Seal | None, bytes]:

@@ -90,7 +90,7 @@ def _add(digest: Any, path: str, value: np.ndarray | str) -> None:
         digest.update(value.encode())
     else:
         digest.update(f"{value.dtype.str}{value.shape}".encode())
-        digest.update(np.ascontiguousarray(value).tobytes())
+        digest.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8))  # no copy
 
 
 def write(path: Path, artifact: Artifact) -> str:
@@ -99,7 +99,7 @@ def write(path: Path, artifact: Artifact) -> str:
     digest = content_sha256(artifact)
     try:
         seal = Seal(artifact.schema_name, artifact.schema_version, digest)
-        write_bytes(path, sealed(_image(artifact, digest), seal))
+        write_bytes(path, *sealed(_image(artifact, digest), seal))
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
         raise StageFailed(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import Annotated
 
 import typer
@@ -19,6 +18,7 @@ from ropefit.cli.preprocess import preprocess
 from ropefit.cli.report import report
 from ropefit.cli.run import run
 from ropefit.cli.simulate import simulate
+from ropefit.cli.startup import lighten
 from ropefit.cli.view import view
 from ropefit.cli.warm_up import warm_up
 
@@ -67,9 +67,5 @@ for group, commands in {
 
 def main() -> None:
     """Run the `ropefit` command."""
-    # numba's third level compiles 1.4 times as long and gives loops that are no faster.
-    os.environ.setdefault("NUMBA_OPT", "1")
-    # torch's threads wait for each other by spinning, which takes three quarters of a processor
-    # that others use, too. Compiled loops are spread over threads of our own.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    lighten()
     app()

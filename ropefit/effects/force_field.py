@@ -113,11 +113,13 @@ class ForceField(Effect):
         low, high = (f(good, axis=(0, 1)) for f in (np.min, np.max))
         edges = np.linspace(low - AROUND * length, high + AROUND * length, GRID)
         centres = np.stack(np.meshgrid(*edges.T, indexing="ij"), -1).reshape(-1, 3)
-        arm = misfit.places - centres[:, None]
-        far = np.maximum(np.linalg.norm(arm, axis=-1), 0.5 * REFERENCE * length)
-        force = arm / far[..., None] ** 3
-        along = (force * misfit.moves).sum((1, 2))
-        score = along / np.sqrt((force**2).sum((1, 2)))
+        along, score = np.empty(len(centres)), np.empty(len(centres))
+        for some in np.array_split(np.arange(len(centres)), GRID**2):  # not all at once: memory
+            arm = misfit.places - centres[some, None]
+            far = np.maximum(np.linalg.norm(arm, axis=-1), 0.5 * REFERENCE * length)
+            force = arm / far[..., None] ** 3
+            along[some] = (force * misfit.moves).sum((1, 2))
+            score[some] = along[some] / np.sqrt((force**2).sum((1, 2)))
         usual = [q.size(setup) for q in self.quantities]
         out: list[np.ndarray] = []
         for k in np.argsort(-np.abs(score)):

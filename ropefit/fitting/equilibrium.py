@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -14,11 +14,9 @@ from ropefit.adapters.priors import noise_of, priors_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Observations
-from ropefit.diagnosis.candidate import Candidate
 from ropefit.errors import NotConverged
 from ropefit.fitting.branch import nearer_branch
 from ropefit.fitting.choices import free_names, given_values, held_node
-from ropefit.fitting.free_law import law_cause, law_named, with_law
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
@@ -32,6 +30,9 @@ from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context, Progress
 from ropefit.solvers.equilibrium.branches import follow
 
+if TYPE_CHECKING:
+    from ropefit.diagnosis.candidate import Candidate
+
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 
 
@@ -39,6 +40,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
     if settings.law:
+        from ropefit.fitting.free_law import law_named
+
         law_named(settings.law)  # before anything is computed
     setup = base_setup(o, segments_of(o))
     data = data_in_space(o)
@@ -63,6 +66,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     context.progress(0.9, "stability")
     model = fitted_model(o, settings.loss, node, started, data, parts, groups, out, train)
     if law:
+        from ropefit.fitting.free_law import law_cause
+
         context.progress(0.95, "forms of the law")
         model = model.model_copy(update={"laws": {"law_0": law_cause(o, law)}})
     if not out.any():
@@ -158,6 +163,8 @@ def _fit_group(
     few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)
     found, law = nominal_fit(few, seen, free, o, settings.evaluations, progress), None
     if settings.law:
+        from ropefit.fitting.free_law import law_named, with_law
+
         progress(0.7, "law")
         law = with_law(found, law_named(settings.law))
         found = law.fit

@@ -8,6 +8,7 @@ A frame's equilibrium depends on the frames before by the state that they leave 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import torch
@@ -30,6 +31,7 @@ from ropefit.models.response import (
     add_sensor,
     directions_of,
     law_moments,
+    same_rod,
     slopes_of,
     with_axial_law,
 )
@@ -75,7 +77,7 @@ class WalkedPoint(Point):
         if not changes:
             return np.zeros((0, *self.seen.shape))
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
-        everywhere = [lambda size, c=change: c(size).whole()[0] for change in changes]
+        everywhere = [cache(lambda size, c=change: c(size).whole()[0]) for change in changes]
         slopes = slopes_of(self.whole, everywhere, self.path)
         rods = self.whole.rod()
         directions = directions_of(rods, slopes, frames)
@@ -279,12 +281,16 @@ def in_frames(values: np.ndarray | None, frames: int) -> np.ndarray:
 
 def _law_slopes(changes: list[Change]) -> Laws:
     """Return derivatives of the branches' laws in P changes."""
-    rows = []
+    rows, none = [], [np.zeros_like(value) for value in laws_of(changes[0](STEP))[:4]]
     for changed in changes:
-        low, high = (laws_of(changed(size)) for size in (-STEP, STEP))
+        a, b = changed(-STEP), changed(STEP)
+        if a.memory is b.memory and same_rod(a, b):
+            rows.append(none)
+            continue
+        low, high = laws_of(a), laws_of(b)
         with np.errstate(invalid="ignore"):
-            rows.append([np.nan_to_num((b - a) / (2 * STEP), posinf=0.0, neginf=0.0)
-                         for a, b in zip(low[:4], high[:4], strict=True)])  # fmt: skip
+            rows.append([np.nan_to_num((q - p) / (2 * STEP), posinf=0.0, neginf=0.0)
+                         for p, q in zip(low[:4], high[:4], strict=True)])  # fmt: skip
     fields = (np.stack(field) for field in zip(*rows, strict=True))
     return Laws(*fields, fresh=np.empty(0))
 

@@ -122,35 +122,37 @@ class Model(ABC):
         return point.respond(self.changes(point.u))
 
     def changes(self, u: np.ndarray) -> list[Change]:
-        """Return the change of the setup by each search variable, at u (P,)."""
+        """Return the change of the setup by each search variable, at u (P,); of a rope that
+        remembers that of all the frames that it has been through."""
         parts = self.split(u)
-        setup, made = self.base._replace(past=None), []
-        for term, part in zip(self.terms, parts, strict=True):
-            value = torch.from_numpy(term.value(part))
-            made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
-            setup = made[-1].after
-        change = self._past_change if setup.remembers else partial(self._change, made)
+        base, made = self._made(self.base, parts)
+        if made and made[-1].after.remembers:
+            base, made = self._made(self.base.whole()[0], parts)
         return [
-            partial(change, parts, number, k)
+            partial(self._change, base, made, parts, number, k)
             for number, term in enumerate(self.terms)
             for k in range(term.size)
         ]
 
+    def _made(self, base: Setup, parts: list[np.ndarray]) -> tuple[Setup, list[Done]]:
+        """Return a setup without its past, and what each term makes of it."""
+        base = setup = base._replace(past=None)
+        made = []
+        for term, part in zip(self.terms, parts, strict=True):
+            value = torch.from_numpy(term.value(part))
+            made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
+            setup = made[-1].after
+        return base, made
+
     def _change(
-        self, made: list[Done], parts: list[np.ndarray], number: int, k: int, step: float
-    ) -> Setup:
+        self, base: Setup, made: list[Done], parts: list[np.ndarray], number: int, k: int,
+        step: float,
+    ) -> Setup:  # fmt: skip
         """Return the setup where one term's k-th value has moved by a step; made: by all terms."""
         term = self.terms[number]
-        before = made[number - 1].after if number else self.base._replace(past=None)
+        before = made[number - 1].after if number else base
         setup = term.apply(before, value_at(term, parts[number], k, step))
         moved = differing(setup, made[number].after)
         for later in made[number + 1 :]:
             setup, moved = later.again(setup, moved)
-        return setup
-
-    def _past_change(self, parts: list[np.ndarray], number: int, k: int, step: float) -> Setup:
-        """Return the same of a rope that remembers, with the frames of its past."""
-        setup = self.base
-        for n, (term, part) in enumerate(zip(self.terms, parts, strict=True)):
-            setup = applied(setup, term, value_at(term, part, k, step if n == number else 0.0))
         return setup

@@ -181,7 +181,7 @@ def _slopes(
     is built from changes."""
     a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
     rod, law = still, None
-    same = _equal(_built_from(a), _built_from(b))
+    same = same_rod(a, b)
     if not same or a.bending is not b.bending:
         rods = a.rod(), b.rod()
         rod = still if same else [slope(p, q) for p, q in zip(*rods, strict=True)]
@@ -213,6 +213,11 @@ def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
     """Return (F, K) [J] of each potential."""
     return [p.share * p.energy(x) for p in setup.potentials]
+
+
+def same_rod(a: Setup, b: Setup) -> bool:
+    """Return whether two setups have the same rod: all that it is built from is equal."""
+    return _equal(_built_from(a), _built_from(b))
 
 
 def _built_from(setup: Setup) -> list[Tensor]:

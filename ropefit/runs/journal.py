@@ -14,7 +14,7 @@ from contextvars import ContextVar
 
 import numpy as np
 
-MOST = 256e6  # bytes of the parts of what is under way
+MOST = 16e6  # bytes of the parts of what is under way; saved, they are in memory four times
 
 Arrays = dict[str, np.ndarray]
 Entries = dict[str, Arrays]

@@ -9,7 +9,6 @@ import numpy as np
 
 from ropefit.adapters.scene import check_loss
 from ropefit.artifacts import Observations
-from ropefit.fitting import equilibrium, motion, searched, weights
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.runs.protocol import Context
 
@@ -19,7 +18,7 @@ LARGE = 3.0  # times the noise of a point: a misfit beyond it has a cause
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
     """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
     observations: Observations = inputs[Observations.file_name]
-    if _solver(settings) not in (equilibrium, motion):  # these compare by no loss
+    if settings.how != "least-squares":
         check_loss(observations, settings.loss)
     content = _solver(settings).compute(observations, settings, context)
     left = float(content["models"]["nominal"].rms_fit)
@@ -36,9 +35,13 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
 
 
 def _solver(settings: IdentifySettings) -> ModuleType:
-    """Return the module that fits by the chosen solver and search."""
+    """Return the module that fits by the chosen solver and search; the others are not imported."""
     if settings.solver == "dynamics":
-        return motion
-    if settings.solver != "equilibrium":
-        return weights
-    return equilibrium if settings.how == "least-squares" else searched
+        from ropefit.fitting import motion as chosen
+    elif settings.solver != "equilibrium":
+        from ropefit.fitting import weights as chosen
+    elif settings.how == "least-squares":
+        from ropefit.fitting import equilibrium as chosen
+    else:
+        from ropefit.fitting import searched as chosen
+    return chosen

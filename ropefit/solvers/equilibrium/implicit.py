@@ -31,6 +31,8 @@ from ropefit.solvers.equilibrium.solve import solve
 from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.xpbd.reference import State
 
+AT_ONCE = 4  # frames whose directions are spread over all fields: memory
+
 
 def settle(
     rod: Rod,
@@ -188,16 +190,11 @@ def _under_dead_loads(solution: Solution, directions: Directions) -> tuple[np.nd
     """Return what `tangent` does, with the loads of followers as they are."""
     frames, segments = solution.q.shape[:2]
     problem = solution.problem
-    given = [item for name in names(ROD) if (item := getattr(directions, name)) is not None]
-    if any(len(item) not in (1, len(problem.rods.length)) for item in given):
-        problem = _one_rope_each(problem)
-    count, ropes = problem.held.node.size, len(problem.rods.length)
     many = next(item.shape[1] for item in directions if item is not None)
-    change = Change(**{
-        # A copy: compiled code tells writable arrays from others.
-        name: _or_zero(getattr(directions, name), (ropes, many, *shape))
-        for name, shape in shapes(ROD, segments).items()
-    })  # fmt: skip
+    given = {name: item for name in names(ROD) if (item := getattr(directions, name)) is not None}
+    alike = len(problem.rods.length) == 1 and all(len(item) == 1 for item in given.values())
+    whole = _change(given, 1, many, segments) if alike else None
+    count = problem.held.node.size
     ends = _or_zero(directions.ends, (frames, many, 2, 3))
     clamp = _or_zero(directions.clamp, (frames, many, 2, 3))
     offset = np.zeros((frames, many, count))
@@ -212,13 +209,36 @@ def _under_dead_loads(solution: Solution, directions: Directions) -> tuple[np.nd
 
     def work(index: slice) -> None:
         s = solution
-        tangent_ropes(
-            *cut(problem, index), s.q[index], s.reaction[index], s.base[index], change,
-            clamp[index], anchor[index], offset[index], dx[index], turn[index],
-        )  # fmt: skip
+        for k in range(index.start, index.stop, AT_ONCE):
+            few = slice(k, min(k + AT_ONCE, index.stop))
+            part, change = cut(problem, few), whole
+            if change is None:
+                own = {name: _of_frames(item, problem, few) for name, item in given.items()}
+                part = _one_rope_each(part)
+                change = _change(own, few.stop - few.start, many, segments)
+            tangent_ropes(
+                *part, s.q[few], s.reaction[few], s.base[few], change,
+                clamp[few], anchor[few], offset[few], dx[few], turn[few],
+            )  # fmt: skip
 
     in_threads(work, frames)
     return dx, turn
+
+
+def _change(given: dict[str, np.ndarray], ropes: int, many: int, segments: int) -> Change:
+    """Return the change of some ropes in `many` directions, zero where none is given."""
+    return Change(**{
+        # A copy: compiled code tells writable arrays from others.
+        name: _or_zero(given.get(name), (ropes, many, *shape))
+        for name, shape in shapes(ROD, segments).items()
+    })  # fmt: skip
+
+
+def _of_frames(item: np.ndarray, problem: Problem, few: slice) -> np.ndarray:
+    """Return directions of ropes, or of frames, for some frames; one for all stays one."""
+    if len(item) == 1:
+        return item
+    return item[problem.of[few]] if len(item) == len(problem.rods.length) else item[few]
 
 
 def _one_rope_each(problem: Problem) -> Problem:
