@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.diagnosis.candidate import NORMAL_QUANTILE, Candidate
+from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.held_out import by_stretches, heldout_rms, weighted_error
 from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit
 
 LEAST_SIGNIFICANCE = NORMAL_QUANTILE  # standard errors from zero: 95 %
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
