@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from ropefit.inference.bins import Stations
-from ropefit.inference.discrepancy import inflation, unequal
+from ropefit.inference.discrepancy import ALIGNED, inflation, misled, unequal
+from ropefit.inference.noise import Noise
+from ropefit.models.correlated import correlated
+from ropefit.models.parameters import PARAMETERS
+from tests.concealed import rope
 
 FRAMES, BINS, DIMS = 40, 20, 2
 ORDER = np.random.default_rng(5).permutation(FRAMES)  # in which poses are recorded
@@ -66,3 +70,33 @@ def test_a_clip_that_is_missed_by_more_counts_for_less():
     few = unequal(stations(), lasting.reshape(-1, DIMS), clips, FRAMES)
     assert 3 < few[clips[2]].mean() < 0.9 * 25
     assert (few[clips[2]] > few[clips[0]]).all()
+
+
+def test_what_frames_share_misleads_by_its_share_however_many_they_are():
+    """Of a mean over all samples: by `ALIGNED` of the misfit's size, and no less with more."""
+    s = stations()
+    rng = np.random.default_rng(7)
+    s.residual[:] = 0.01 * rng.choice([-1.0, 1.0], s.residual.shape)
+    lever = np.full((1, *s.residual.shape), 1 / s.residual.size)
+    assert misled(s, lever, 0.0)[0] == pytest.approx(ALIGNED * 0.01)
+    assert misled(s, lever, 0.03)[0] == pytest.approx(ALIGNED * 0.03)  # as elsewhere
+    s.residual[s.bin > 0] = 0.0  # what is missed at one place misleads what looks there
+    lever[:, s.bin > 0] = 0.0
+    assert misled(s, lever, 0.0)[0] == pytest.approx(ALIGNED * 0.01 / BINS)
+
+
+def test_a_noise_far_above_the_sensors_is_a_misfit():
+    assert Noise(marker=3e-3, sensor=1e-3).misfit
+    assert not Noise(marker=1.2e-3, sensor=1e-3).misfit
+    assert not Noise(marker=3e-3).misfit  # nothing else is known of the markers
+
+
+def test_values_that_are_known_only_together_keep_their_covariance():
+    """A covariance without full rank had no Cholesky factor."""
+    axis = np.array([1.0, -2.0, 0.5])
+    covariance = np.outer(axis, axis)
+    names = ("curvature_1_at_0", "curvature_1_at_50", "curvature_1_at_100")
+    terms = [PARAMETERS[name].term(rope(20), 0.0) for name in names]
+    term = correlated("rest_curve", terms, covariance)
+    np.testing.assert_allclose(term.root @ term.root.T, covariance, atol=1e-7)
+    np.testing.assert_allclose(term.value(term.search(axis)), axis, atol=1e-3)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.diagnosis.candidate import NORMAL_QUANTILE, Candidate
+from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.held_out import by_stretches, heldout_rms, weighted_error
 from ropefit.diagnosis.innovations import contradicted
 from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit
 from ropefit.inference.verdict import AT_BOUND
 
 LEAST_SIGNIFICANCE = NORMAL_QUANTILE  # standard errors from zero: 95 %

@@ -7,9 +7,10 @@ import torch
 
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
+from ropefit.solvers.equilibrium.branches import other_states
 from ropefit.solvers.equilibrium.solution import States
 
-SUSPECT_RATIO = 4.0  # of a frame's residual to the median one
+SUSPECT_RATIO = 3.0  # of a frame's residual to the median one
 GAIN_RATIO = 0.7  # of the misfit on another branch to that before
 EVALUATIONS = 20
 
@@ -25,7 +26,8 @@ def on_right_branches(fitted: Fit) -> Fit:
 
 
 def repaired(fitted: Fit) -> States | None:
-    """Return states in which such frames are settled from their neighbours', None if none gains."""
+    """Return states in which such frames are settled from their neighbours', or in their other
+    equilibrium; None if none gains."""
     point, frame = fitted.point, fitted.stations.frame
     if point.setup.remembers or not fitted.forward.instantaneous:
         # Each frame's states follow from the ones before.
@@ -39,12 +41,17 @@ def repaired(fitted: Fit) -> States | None:
     if len(far) == 0 or len(far) > frames // 3:
         return None
     out, gained = point.solution.states, False
-    for t in far:
+    others, apart = other_states(point.solution.frames(far))
+    for k, t in enumerate(far):
         best = _misfit(fitted.problem, point.seen, int(t), int(t))
-        for near in (t - 1, t + 1):
-            if not 0 <= near < frames or near in far:
-                continue
-            start = point.solution.frames(np.array([near]))
+        starts = [
+            point.solution.frames(np.array([near]))
+            for near in (t - 1, t + 1)
+            if 0 <= near < frames and near not in far
+        ]
+        if np.isfinite(apart[k]):  # frames may be in any order
+            starts.append(others.frames(np.array([k])))
+        for start in starts:
             few = point.setup.frames(torch.tensor([int(t)]))
             there = fitted.forward.of_setup(few).at(np.empty(0), start)
             if not there.converged.all():
@@ -58,4 +65,4 @@ def repaired(fitted: Fit) -> States | None:
 
 def _misfit(problem: FitProblem, seen: np.ndarray, frame: int, row: int) -> float:
     s = problem.frames(np.array([frame])).match(seen[row : row + 1])
-    return float(np.median(np.abs(s.residual))) if len(s.frame) else np.inf
+    return float(np.median(np.linalg.norm(s.residual, axis=1))) if len(s.frame) else np.inf

@@ -11,7 +11,7 @@ from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection
 from ropefit.inference.known import settled
-from ropefit.inference.least_squares import Fit, attempted, sensitivity
+from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted, sensitivity
 from ropefit.models.terms import Term
 
 SIZE_PRIOR_SD = 3.0  # usual sizes
@@ -24,7 +24,6 @@ SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of a
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
 DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
 UNMOVED = 1e-8  # m
-NORMAL_QUANTILE = 1.96  # of 95 %, where Student has many degrees of freedom
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 NO_VARIANCE = 1e-10  # of the largest: less is rounding
 
@@ -56,8 +55,11 @@ class Candidate:
 
     def covariance(self) -> np.ndarray:
         """Return (k + p, k + p) the covariance of its values in search coordinates."""
+        return self._own(self.fit.covariance)
+
+    def _own(self, covariance: np.ndarray) -> np.ndarray:
         mine = self._mine(np.arange(len(self.fit.point.u)))
-        out = self.fit.covariance[np.ix_(mine, mine)]
+        out = covariance[np.ix_(mine, mine)]
         along = np.where(self._pointing(), self._raw() / self.term.scale, 0.0)
         if along.any():  # across a direction: its length changes nothing
             across = np.eye(len(along)) - np.outer(along, along) / (along @ along)
@@ -78,12 +80,14 @@ class Candidate:
 
         Where few samples are independent a standard error is longer, as Student's t is.
         """
-        off, k = self.usual_sizes(), self.hypothesis.size
-        covariance = self.covariance()[:k, :k]
+        off, k, found = self.usual_sizes(), self.hypothesis.size, self.fit
+        # What is missed here may have a further cause; what was missed elsewhere has none here.
+        known = found.problem.noise.misfit
+        covariance = self._own(found.covariance if known else found.by_noise)[:k, :k]
         # What nothing determines has no variance in it but for rounding, and is not counted.
         information = np.linalg.pinv(covariance, rcond=NO_VARIANCE, hermitian=True)
         apart = np.sqrt(max(off @ information @ off, 0.0))
-        return float(apart * NORMAL_QUANTILE / self.fit.quantile)
+        return float(apart * NORMAL_QUANTILE / (found.quantile if known else found.student))
 
     def magnitude(self) -> tuple[float, float]:
         """Return the length of a vector of sizes, and its standard error, in SI."""

@@ -17,7 +17,7 @@ def nearer_branch(result: Fit) -> Solution:
     for t in np.flatnonzero(np.isfinite(apart)):
         one = np.array([t])
         gaps = [
-            np.median(np.abs(result.problem.frames(one).match(s.x[one]).residual))
+            np.median(np.linalg.norm(result.problem.frames(one).match(s.x[one]).residual, axis=1))
             for s in (last, found)
         ]
         if gaps[1] < gaps[0]:

@@ -145,7 +145,7 @@ def calibrated_fit(
     own = problem.noise.marker
     first = fit(full, problem.under(replace(problem.noise, marker=loose * own)), start, evaluations)
     missed = max(1.0, loose * first.scale) if loose > 1 else 1.0
-    noise = estimate(first.stations, Noise(marker=missed * own))
+    noise = estimate(first.stations, Noise(marker=missed * own, sensor=own))
     return fit(full, problem.under(noise), first.point.u, evaluations)
 
 

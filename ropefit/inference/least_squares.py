@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize
@@ -12,9 +13,9 @@ from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from ropefit.inference.bins import Stations, aligned
-from ropefit.inference.discrepancy import inflation
+from ropefit.inference.discrepancy import inflation, misled
 from ropefit.inference.known import Known
-from ropefit.inference.noise import Whitener
+from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.problem import FitProblem
 from ropefit.models.model import Model
 from ropefit.models.response import Point
@@ -24,6 +25,7 @@ STOPPED, ENDED = -2, 1  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
+NORMAL_QUANTILE = 1.96  # of 95 %
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
@@ -47,11 +49,10 @@ class Fit:
     z: np.ndarray
     jacobian: np.ndarray
     prior: np.ndarray
-    covariance: np.ndarray
     cost: float
     spread: float
     freedom: int
-    independent: float
+    samples: float
     converged: bool
     evaluations: int
     trace: list[float]
@@ -66,9 +67,47 @@ class Fit:
         return float(np.sqrt((self.z @ self.z) / self.freedom))
 
     @property
+    def misses(self) -> bool:
+        """Return whether the model misses more of markers at rest than their noise, here or in the
+        recording that the rope is known from."""
+        at_rest = self.problem.data.material and self.forward.instantaneous
+        return at_rest and (self.problem.noise.misfit or self.scale > MISFIT)
+
+    @cached_property
+    def by_noise(self) -> np.ndarray:
+        """Return (P, P) covariance of the search variables, what is missed taken for noise: it
+        scales the data's share of the information, not the priors'."""
+        data = self.jacobian.T @ self.jacobian / self.spread
+        return np.linalg.pinv(data + self._held, rcond=1e-14)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Return (P, P) of the search variables; at rest what the model misses misleads them."""
+        if not self.misses:
+            return self.by_noise
+        data, s = self.jacobian.T @ self.jacobian, self.stations
+        inverse = np.linalg.pinv(data + self._held, rcond=1e-14)
+        lever = inverse @ self.whitener.weighted(self.jacobian).T
+        noise = data * max(self.scale**2, 1.0) / self.problem.noise.repeats
+        out = inverse @ (noise + self._held) @ inverse
+        bias = misled(s, lever.reshape(-1, *s.residual.shape), self.problem.noise.marker)
+        wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
+        return wider[:, None] * out * wider
+
+    @property
+    def _held(self) -> np.ndarray:
+        """Return (P, P) the priors' information."""
+        return np.diag(np.where(np.isfinite(self.prior), 1 / self.prior**2, 0.0))
+
+    @property
+    def student(self) -> float:
+        """Return Student's t for 95 %, of the variance by noise."""
+        return float(stdtrit(self.samples, 0.975))
+
+    @property
     def quantile(self) -> float:
-        """Return Student's t for 95 %."""
-        return float(stdtrit(self.independent, 0.975))
+        """Return the standard errors of a 95 % interval."""
+        return NORMAL_QUANTILE if self.misses else self.student
 
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
@@ -221,14 +260,12 @@ def fit(
     spread, share = inflation(
         objective.stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere
     )
-    independent = max(share * len(z) / problem.noise.repeats - free, 1.0)
-    # What the model misses scales the data's share of the information, not the priors'.
-    scaled = jacobian.T @ jacobian / spread + np.diag(np.where(held, 1 / prior**2, 0.0))
+    samples = max(share * len(z) / problem.noise.repeats - free, 1.0)
     current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
         forward, problem, point, current, objective.whitener, z, jacobian, prior,
-        np.linalg.pinv(scaled, rcond=1e-14), 2 * float(cost), spread, freedom, independent,
-        bool(status > 0), int(nfev), best["trace"].tolist(), bool(status == STOPPED),
+        2 * float(cost), spread, freedom, samples, bool(status > 0), int(nfev),
+        best["trace"].tolist(), bool(status == STOPPED),
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white 
 # m, sd of an end in one frame
 POSITIONS = (0.0, 5e-5, 1e-4, 1.5e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)
 TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
+MISFIT = 1.5  # times the noise: more is what the model misses
 COST = 2.0  # nats that a further kind of noise must earn
 
 
@@ -61,6 +62,11 @@ class Noise:
     ends: EndNoise | None = None
 
     @property
+    def misfit(self) -> bool:
+        """Return whether it is mostly what a model of the same rope missed elsewhere."""
+        return self.marker > MISFIT * self.sensor > 0
+
+    @property
     def coloured(self) -> bool:
         """Return whether it is more than white."""
         return self.correlated > 0 or (self.ends is not None and any(self.ends.sd))
@@ -100,6 +106,14 @@ class Whitener:
         for rows, factor in zip(self.rows, self.factors, strict=True):
             own = z[rows]
             out[rows] = (factor @ own.reshape(*rows.shape, -1)).reshape(own.shape)
+        return out
+
+    def weighted(self, z: np.ndarray) -> np.ndarray:
+        """Return the inverse covariance's product with values of which z (M D, P) are the whitened
+        ones."""
+        out = np.empty_like(z)
+        for rows, inverse in zip(self.rows, self.inverses, strict=True):
+            out[rows] = np.swapaxes(inverse, 1, 2) @ z[rows]
         return out
 
     def variance(self) -> float:

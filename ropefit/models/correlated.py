@@ -41,9 +41,8 @@ def correlated(name: str, terms: list[Term], covariance: np.ndarray) -> Correlat
     """Return the terms as one, about their starts, under a covariance (n, n) in SI."""
     start = np.concatenate([term.start for term in terms])
     sd = np.sqrt(np.diag(covariance))
-    root = sd[:, None] * np.linalg.cholesky(
-        covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd))
-    )
+    values, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
+    root = sd[:, None] * axes * np.sqrt(np.maximum(values, 0.0) + JITTER)
     last = np.cumsum([term.size for term in terms])
 
     def apply(setup: Setup, v: Tensor) -> Setup:
