@@ -11,7 +11,16 @@ import numpy as np
 from ropefit.artifacts import Diagnosis, FittedModel, Observations, Parameter
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.words import digits_of, given, metres, millimetres, number, plural, with_unit
+from ropefit.reporting.words import (
+    common_power,
+    digits_of,
+    given,
+    metres,
+    millimetres,
+    number,
+    plural,
+    with_unit,
+)
 
 SENSOR = {"clouds": "a point cloud sensor", "rgbd": "a depth camera", "markers": "motion capture"}
 HELD = {"pinned": "held but free to turn", "clamped": "held firmly", "free": "loose"}
@@ -146,14 +155,14 @@ def _value(name: str, p: Parameter) -> str:
         return f"{what} is below {below} (95 %): softer makes no difference that could be seen"
     if p.ci95 is None:
         return f"{what} is not determined ({p.verdict})"
-    digits = digits_of(p.ci95, 3)
-    low, high = (number(value, digits) for value in p.ci95)
-    value = with_unit(number(p.value, digits), p.unit)
+    digits, power = digits_of(p.ci95, 3), common_power([p.value, *p.ci95])
+    low, high = (number(value, digits, power) for value in p.ci95)
+    value = with_unit(number(p.value, digits, power), p.unit)
     return f"{what} is {value} (95 % interval {low} to {high})"
 
 
 def _fit(o: Observations, f: FittedModel) -> str:
-    noise = float(np.median(o.noise))
+    noise = o.noise_distance
     if f.rms_heldout is None:
         left = f.rms_fit
         text = f"The simulation fits the recording to {millimetres(left)} (no frame was held out)"
