@@ -151,8 +151,8 @@ def _frames_without_poses(recording: Recording) -> list[str]:
         if rows.kind != "free" and lost:
             found.append(
                 f"frame {lost[0]}: end {end} has no pose ({len(lost)} of {len(recording.frames)} "
-                "frames; there is no row of that frame or, on two clocks, none about its time): "
-                "preprocess drops such frames"
+                "frames), as no row is of that frame or, with another clock, near its time: "
+                "preprocess drops it"
             )
     return found
 

@@ -11,6 +11,7 @@ from ropefit.rod.quaternion import multiply
 from ropefit.rod.setup import Setup
 
 USUAL_SHARE = 0.1  # of the time between frames: a usual lag, where frames are few
+LONG = 0.1  # s: told in seconds
 LARGEST = 0.3  # s; more than the time between two frames only where they are dense
 
 
@@ -52,7 +53,9 @@ class TimeLag(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         late = "late" if values["lag"] > 0 else "early"
-        return f"the ends are recorded {abs(values['lag']) * 1e3:.2g} ms too {late}"
+        lag = abs(values["lag"])
+        time = f"{lag:.3g} s" if lag >= LONG else f"{1e3 * lag:.2g} ms"
+        return f"the ends are recorded {time} too {late}"
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
         return Drawn("clock")

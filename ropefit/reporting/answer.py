@@ -26,6 +26,7 @@ SENSOR = {"clouds": "a point cloud sensor", "rgbd": "a depth camera", "markers":
 HELD = {"pinned": "held but free to turn", "clamped": "held firmly", "free": "loose"}
 TENTH = 0.1  # of its length that a piece of rope droops, a measure of its stiffness
 TOLD = 0.01  # of the error: smaller gains in millimetres say nothing to a reader
+EVERYWHERE = 0.9  # of the rope: a mismatch in all frames along as much of it has no place
 AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
 
 
@@ -74,6 +75,8 @@ def under_it(run: RunContents) -> list[str]:
     text.append(_rope(o, f, d))
     if f is not None and (unfinished := _unfinished(o, f)):
         text.append(unfinished)
+    if d is not None and d.verdict == "unknown":
+        text.append("What is missing may have shifted these values; the intervals leave that out.")
     if d is None and f is not None:
         text.append("Whether something is missing was not looked into: run ropefit diagnose.")
     if d is not None and d.verdict == "none" and (seen := _would_have_seen(d)):
@@ -202,6 +205,9 @@ def _where(d: Diagnosis) -> str:
         return ""
     r = d.mismatch[0]
     low, high = (number(v, 2) for v in r.arc_length)
+    along = (r.arc_length[1] - r.arc_length[0]) / float(d.node_arc[-1])
+    if along > EVERYWHERE and r.frames == (d.frames[0], d.frames[-1]):
+        return ""
     return f", most at {low} to {high} m in frames {r.frames[0]} to {r.frames[1]}"
 
 
