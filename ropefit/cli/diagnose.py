@@ -82,7 +82,7 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
     rows = _rows(d)
     if rows:
         session.table(
-            f"{d.recording}: missing physics",
+            f"{d.recording}: what the model left out",
             ["effect", "where [m]", "size (95 %)", "as good", "evidence"],
             rows,
         )
@@ -125,7 +125,12 @@ def _rows(d: Diagnosis) -> list[list[str]]:
 
     rows = []
     for c in d.causes.values():
-        where = "-" if c.arc_length is None else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"
+        whole = c.arc_length == (0.0, d.node_arc[-1])
+        where = (
+            "-"
+            if c.arc_length is None or whole
+            else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"
+        )
         key, size = next(iter(c.parameters.items()))
         others = ", ".join(c.equivalent_to) or "-"
         evidence = f"{strength(c.log_evidence, d.threshold)} ({c.log_evidence:.4g} nats)"
@@ -135,5 +140,9 @@ def _rows(d: Diagnosis) -> list[list[str]]:
 
 def size_text(key: str, size: Size) -> str:
     """Return a size with its interval and its unit."""
-    interval = f"({size.ci95[0]:.3g} .. {size.ci95[1]:.3g})"
-    return f"{key} {size.value:.3g} {interval}" + ("" if size.unit == "1" else f" {size.unit}")
+    from ropefit.reporting.words import digits_of
+
+    digits = digits_of(size.ci95, 3)
+    low, high = (f"{v:.{digits}g}" for v in size.ci95)
+    unit = "" if size.unit == "1" else f" {size.unit}"
+    return f"{key} {size.value:.{digits}g} ({low} .. {high}){unit}"

@@ -52,10 +52,13 @@ class TimeLag(Effect):
         )
 
     def sentence(self, values: dict[str, float]) -> str:
-        late = "late" if values["lag"] > 0 else "early"
-        lag = abs(values["lag"])
-        time = f"{lag:.3g} s" if lag >= LONG else f"{1e3 * lag:.2g} ms"
-        return f"the ends are recorded {time} too {late}"
+        return f"the ends are recorded {_late(values['lag'], 'too ')}"
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        return Drawn("clock")
+        return Drawn("clock", label=_late(values["lag"]))
+
+
+def _late(lag: float, too: str = "") -> str:
+    size = abs(lag)
+    time = f"{size:.3g} s" if size >= LONG else f"{1e3 * size:.2g} ms"
+    return f"{time} {too}{'late' if lag > 0 else 'early'}"

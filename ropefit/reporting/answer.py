@@ -58,7 +58,7 @@ def headline(run: RunContents) -> str:
             f"Something is missing that no effect ropefit knows explains{_where(d)}: the error on "
             f"unseen data is {before}; noise is {noise}."
         )
-    causes = "; and ".join(c.sentence for c in d.causes.values())
+    causes = "; and ".join(_without_form(c) for c in d.causes.values())
     text = f"{causes[0].upper()}{causes[1:]}"
     if d.rms_before - d.rms_after < TOLD * d.rms_before:
         return (
@@ -209,6 +209,16 @@ def _where(d: Diagnosis) -> str:
     if along > EVERYWHERE and r.frames == (d.frames[0], d.frames[-1]):
         return ""
     return f", most at {low} to {high} m in frames {r.frames[0]} to {r.frames[1]}"
+
+
+def _without_form(c: Cause) -> str:
+    """Return what a cause is; the form of a law and its constants stand in a section of their
+    own."""
+    text = c.sentence
+    if c.law is not None:
+        for mark in (f": {c.law.form}", "; its form", "; no known form"):
+            text = text.split(mark)[0] if mark != ": " else text
+    return text
 
 
 def _ties(c: Cause) -> str:

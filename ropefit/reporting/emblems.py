@@ -1,7 +1,5 @@
-"""Symbols of what has no place on the rope: they stand above the middle of its ends.
-
-Each is lines (P, 3) in the plane of the view, and where its label begins.
-"""
+"""Symbols of what has no place on the rope: they stand above the middle of its ends, under their
+labels. Each is lines (P, 3) in the plane of the view."""
 
 from __future__ import annotations
 
@@ -29,7 +27,7 @@ def emblem(drawn: Drawn, place: Any) -> tuple[list[np.ndarray], np.ndarray]:
         centre + place.size * (np.asarray(flat) @ np.stack([place.side, place.up]))
         for flat in EMBLEMS[drawn.symbol](drawn)
     ]
-    return lines, centre + 1.9 * place.size * place.side
+    return lines, centre + place.size * (2.0 * place.up - 1.5 * place.side)
 
 
 def _ruler(_: Drawn) -> list[Points]:

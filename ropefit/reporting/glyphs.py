@@ -134,7 +134,7 @@ def _arc(d: Drawn, p: Place) -> Lines:
     start = np.arctan2(away @ p.up, away @ p.side)
     centre = p.centre + (1.2 * p.size - d.size) * away
     curve = p.circle(centre, d.size, np.linspace(start - half, start + half, 24))
-    return [curve], p.centre + 2.0 * p.size * away
+    return [curve], max(curve, key=lambda x: x @ p.side) + 0.4 * p.size * p.side
 
 
 def _kink(d: Drawn, p: Place) -> Lines:
@@ -216,7 +216,7 @@ def _gravity(d: Drawn, p: Place) -> Lines:
 def _clock(d: Drawn, p: Place) -> Lines:
     centre = p.x[0] + 1.6 * p.size * p.up
     hands = [centre + 0.5 * p.size * p.up, centre, centre + 0.4 * p.size * p.side]
-    return [p.circle(centre, 0.8 * p.size, TURN), hands], centre + p.size * p.side
+    return [p.circle(centre, 0.8 * p.size, TURN), hands], centre + 1.6 * p.size * p.up
 
 
 def _centre(d: Drawn, p: Place) -> Lines:

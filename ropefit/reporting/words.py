@@ -120,7 +120,7 @@ def unit_text(unit: str) -> str:
     share."""
     if unit == "1":
         return ""
-    return unit.replace("^2", "²").replace("^3", "³").replace(" ", "·")
+    return re.sub(r"\^(-?\d+)", lambda m: _superscript(int(m.group(1))), unit).replace(" ", "·")
 
 
 def with_unit(text: str, unit: str) -> str:

@@ -28,6 +28,11 @@ VERDICTS = {
     "dead": "the value makes no difference to these data",
     "at bound": "the search ended at the edge of its range",
 }
+KINDS = {
+    "physics": "the rope or its surroundings",
+    "measurement": "the recording or its description",
+    "solver": "the simulation",
+}
 MOST = 24  # rows
 WIDE, HIGH = 150, 10  # px of an interval bar
 
@@ -77,11 +82,12 @@ def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[
             rows.append(_row(name, label, p, along))
             used.add(p.verdict)
     for cause in d.causes.values() if d else ():
-        for name, size in _independent(cause.parameters).items():
+        known = cause.law.parameters if cause.law else cause.parameters
+        for name, size in _independent(known).items():
             label = Markup("{} of {}").format(name.replace("_", " "), cause.name.replace("_", " "))
             value, ci95, unit = in_use(size.value, size.ci95, size.unit)
             text = _value(value, ci95, unit, common_power([value, *ci95]))
-            rows.append([label, "–", text, _bars(None, size), "", cause.kind])
+            rows.append([label, "–", text, _bars(None, size), "", KINDS[cause.kind]])
     return rows, used
 
 
