@@ -1,4 +1,4 @@
-"""Exports of Motive and Qualisys, and others with two header rows, as they are written."""
+"""Exports of Motive, Qualisys and Vicon, and others with two header rows, as they are written."""
 
 from __future__ import annotations
 
@@ -65,14 +65,28 @@ def qualisys(path: Path, lead: bool) -> Path:
     return path
 
 
-def two_rows(path: Path) -> Path:
-    rows = [",," + ",".join(f"{n},," for n in NAMES)]
-    rows.append("Frame,Time," + ",".join(["X (mm),Y (mm),Z (mm)"] * 4))
+def two_rows(path: Path, time_above: bool = False) -> Path:
+    names, axes = ",".join(f"{n},," for n in NAMES), ",".join(["X (mm),Y (mm),Z (mm)"] * 4)
+    rows = [f"Frame,Time,{names}", f",s,{axes}"] if time_above else [f",,{names}"]
+    rows += [] if time_above else [f"Frame,Time,{axes}"]
     for frame in range(FRAMES):
         values = [f"{1000 * v:.3f}" for v in points(frame).ravel()]
         if frame == 3:
             values[3:6] = [""] * 3
         rows.append(",".join([str(frame), f"{frame / 100:.3f}", *values]))
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def vicon(path: Path) -> Path:
+    rows = ["Trajectories", "100", ",," + ",".join(f"rope:{n},," for n in NAMES)]
+    rows.append("Frame,Sub Frame," + ",".join(["X,Y,Z"] * 4))
+    rows.append(",," + ",".join(["mm"] * 12))
+    for frame in range(FRAMES):
+        values = [f"{1000 * v:.3f}" for v in points(frame).ravel()]
+        if frame == 3:
+            values[3:6] = [""] * 3
+        rows.append(",".join([str(frame + 1), "0", *values]))
     path.write_text("\n".join(rows) + "\n")
     return path
 
@@ -85,8 +99,18 @@ def two_rows(path: Path) -> Path:
         lambda path: qualisys(path / "take.tsv", True),
         lambda path: qualisys(path / "take.tsv", False),
         lambda path: two_rows(path / "take.csv"),
+        lambda path: two_rows(path / "take.csv", time_above=True),
+        lambda path: vicon(path / "take.csv"),
     ],
-    ids=["motive mm", "motive m", "qualisys with time", "qualisys", "two rows"],
+    ids=[
+        "motive mm",
+        "motive m",
+        "qualisys with time",
+        "qualisys",
+        "two rows",
+        "time above",
+        "vicon",
+    ],
 )
 def test_exports_as_written(make, tmp_path: Path) -> None:
     source = make(tmp_path)

@@ -109,7 +109,7 @@ def test_untrusted_text_is_escaped():
 
 def test_heldout_frames_are_told():
     page = render_report(RunContents(observations(), model()))
-    assert "predicts frames it was never shown to 1.3 mm; noise is 1.0 mm" in headline(page)
+    assert "predicts frames it was never shown to 1.3 mm; noise is 1.4 mm" in headline(page)
     without = render_report(RunContents(observations(), model(heldout=False)))
     assert "fits the recording to 1.2 mm (no frame was held out)" in headline(without)
     assert "No frame was held out: how well the fit predicts unseen frames is not known." in without

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from ropefit.artifacts import write
-from ropefit.artifacts.causes import Size
+from ropefit.artifacts.causes import Curve, Law, Size
 from ropefit.effects import CATALOGUE
 from ropefit.errors import WrongUsage
 from ropefit.reporting.answer import answer
 from ropefit.reporting.comparison import render_comparison
-from ropefit.reporting.glyphs import Place, band, strokes
+from ropefit.reporting.glyphs import Place, band, drawn_of, label_of, strokes
 from ropefit.reporting.printed import print_figures
 from ropefit.reporting.report import RunContents, figures_of, render_report
 from ropefit.reporting.sections.why import candidates
-from ropefit.reporting.words import strength
+from ropefit.reporting.words import common_power, number, strength
 from ropefit.stages.report import compare_runs
+from tests.concealed import rope
 from tests.report_runs import (
     EVIL,
     K,
@@ -111,10 +112,51 @@ def test_every_effect_is_drawn(kind):
     place = Place(ropes()[0], arc, (0.35, 0.65), end, np.zeros(3), up, side)
     lines, label = strokes(drawn, place)
     assert np.isfinite(label).all()
-    if drawn.symbol != "stretch":
+    if (
+        drawn.symbol == "stretch"
+    ):  # a stretch is a picture only of what has one; a law has its graph
+        assert "width" in effect.names or effect.law(rope(4)) is not None
+    else:
         assert np.isfinite(lines).all(axis=1).sum() >= 2
         assert np.nanmax(np.abs(lines)) < 3
     assert len(band(place)) > 2
+
+
+def test_a_law_is_drawn_as_its_curve():
+    x = np.linspace(0.5, 8, 20)
+    curve = Curve(
+        name_x="curvature", unit_x="1/m", name_y="moment", unit_y="N m", x=x, y=x**0.5, low=x, high=x,
+        visited=(1.0, 6.0),
+    )  # fmt: skip
+    law = Law(form="", forms=[], parameters={}, curve=curve)
+    cause = (
+        diagnosed()
+        .causes["cause_0"]
+        .model_copy(
+            update={"variant": "BendingLaw", "law": law, "value_names": ["exponent"]}
+            | {"values": np.array([-0.5]), "arc_length": None}
+        )
+    )
+    drawn = drawn_of(cause, np.array([0, 0, -9.81]))
+    assert (drawn.symbol, label_of(cause, drawn)) == ("graph", "moment over curvature")
+    assert drawn.curve is not None
+    assert (drawn.curve[:, 0] > 0.9).all()
+    assert (drawn.curve[:, 0] < 6.1).all()  # where the data are
+    lines, _ = strokes(
+        drawn,
+        Place(ropes()[0], np.linspace(0, 1, K), (0, 1), None, np.zeros(3), *np.eye(3)[[2, 0]]),
+    )
+    rising = lines[np.isfinite(lines).all(axis=1)][-len(drawn.curve) :]
+    slope = np.diff(rising[:, 2]) / np.diff(rising[:, 0])
+    assert (np.diff(slope) < 0).all()  # bent as the square root is
+
+
+def test_numbers_that_are_compared_share_a_power_of_ten():
+    power = common_power([1.004e-3, 9.651e-4])
+    assert (number(1.004e-3, 4, power), number(9.651e-4, 4, power)) == ("1.004·10⁻³", "0.9651·10⁻³")
+    assert common_power([0.2, 0.3]) is None  # none is needed
+    assert common_power([1e-9, 1.0]) is None  # too far apart
+    assert number(9.651e-4, 4) == "9.651·10⁻⁴"
 
 
 def test_why_this_and_not_that():

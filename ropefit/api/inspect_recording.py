@@ -72,13 +72,14 @@ def inspect_recording(path: Path) -> dict[str, Any]:
             trace = tracer.trace(frame)
         except FrameRejected as reason:
             traced[str(frame)] = f"no rope: {reason}"
-            failed.append(f"frame {frame}: {reason}; preprocess drops it")
+            failed.append((frame, f"frame {frame}: {reason}; preprocess drops it"))
         else:
             line = float(np.linalg.norm(np.diff(trace.centreline, axis=0), axis=1).sum())
             traced[str(frame)] = f"{len(trace.points)} points on {line:.4g} m of rope"
     if len(failed) == len(some):
-        raise BadInput(f"{path}: no rope in any of frames {', '.join(traced)}: {failed[0]}")
-    warnings = [*tracer.warnings, *failed, *_unsaid(recording), *_frames_without_poses(recording)]
+        raise BadInput(f"{path}: no rope in any of frames {', '.join(traced)}: {failed[0][1]}")
+    lost = [text for frame, text in failed if _posed(recording, frame)]
+    warnings = [*tracer.warnings, *lost, *_unsaid(recording), *_frames_without_poses(recording)]
     time = recording.times(frames)
     clock = "no times" if time is None else f"{np.nanmin(time):g} to {np.nanmax(time):g} s"
     rope = recording.manifest.rope
@@ -94,8 +95,8 @@ def inspect_recording(path: Path) -> dict[str, Any]:
          else ", ".join(f"end {k} {kind}" for k, kind in enumerate(tracer.end_kind))),
         ("rope", ", ".join(known) or "nothing given: its length is estimated"),
         ("gravity", "{:g}, {:g}, {:g} m/s²".format(*recording.gravity)),
-        ("noise", tracer.noise_source if tracer.noise is None
-         else f"{tracer.noise * 1e3:.2g} mm ({tracer.noise_source})"),
+        ("noise", f"measured by preprocess: {tracer.noise_source}" if tracer.noise is None
+         else f"{tracer.noise * 1e3:.2g} mm per coordinate ({tracer.noise_source})"),
         *((f"frame {frame}", text) for frame, text in traced.items()),
     ]  # fmt: skip
     return {
@@ -150,6 +151,11 @@ def _frames_without_poses(recording: Recording) -> list[str]:
         if rows.kind != "free" and lost:
             found.append(
                 f"frame {lost[0]}: end {end} has no pose ({len(lost)} of {len(recording.frames)} "
-                "frames): preprocess drops them"
+                "frames), as no row is of that frame or, with another clock, near its time: "
+                "preprocess drops it"
             )
     return found
+
+
+def _posed(recording: Recording, frame: int) -> bool:
+    return all(rows.kind == "free" or frame in rows.position for rows in recording.ends or ())

@@ -114,7 +114,7 @@ class Observations(Artifact):
     centreline_px: Annotated[np.ndarray, ArraySpec(("frame", "node", "uv"), "px", nan=True)]
     seen: Annotated[np.ndarray, ArraySpec(("frame", "segment"), dtype="bool")]
     lowest: Annotated[np.ndarray, ArraySpec(("frame", "xyz"), "m")]
-    noise: Annotated[np.ndarray, ArraySpec(("frame",), "m")]  # sd of a point about the centreline
+    noise: Annotated[np.ndarray, ArraySpec(("frame",), "m")]  # sd of a point, per coordinate
     noise_source: str
     # The part of the noise that neighbouring points share, from what is left after a curve that
     # bends as much as a rope credibly may. None where it cannot be measured.
@@ -147,3 +147,12 @@ class Observations(Artifact):
     def visibility(self) -> np.ndarray:
         """Return (frame,) fraction of the rope's segments that are seen."""
         return self.seen.mean(axis=1)
+
+    @property
+    def noise_distance(self) -> float:
+        """Return the rms distance [m] from the rope at which noise alone leaves a point.
+
+        That of a typical frame. Across a rope are two coordinates, in a picture one.
+        """
+        across = 2 if self.depth_measured else 1
+        return float(np.sqrt(across) * np.median(self.noise))

@@ -62,6 +62,7 @@ def diagnose(
 def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, Any]:
     """Print what was diagnosed, and return its summary."""
     from ropefit.api.summaries import diagnosed
+    from ropefit.reporting.next_step import next_step
 
     session.finished("diagnose", outcome)
     d = outcome.artifact
@@ -71,28 +72,28 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
             session.say(linearity)
     elif d.verdict == "unknown":
         session.say(
-            "physics is missing that no effect of the catalogue explains; see the latent force in "
-            "the report"
+            "something is missing that no effect of the catalogue explains; the report shows where"
         )
     rows = _rows(d)
     if rows:
         session.table(
-            f"{d.recording}: missing physics",
-            ["effect", "where [m]", "size (95 %)", "equivalent", "nats"],
+            f"{d.recording}: what the model left out",
+            ["effect", "where [m]", "size (95 %)", "as good", "evidence"],
             rows,
         )
         for c in d.causes.values():
             session.say(c.sentence)
     if d.simulation:
         _show_simulation(session, d.simulation)
+    after = f", {d.rms_after * 1e3:.3g} mm with what was found" if d.causes else ""
     session.say(
-        f"held-out frames: rms {d.rms_before * 1e3:.3g} mm before, {d.rms_after * 1e3:.3g} mm "
-        f"after; noise of a point {d.noise_white * 1e3:.3g} mm"
+        f"held-out frames: rms {d.rms_before * 1e3:.3g} mm by the nominal model{after}; noise of a "
+        f"point {d.noise_white * 1e3:.3g} mm"
     )
     for reason in d.refused:
         session.say(f"not accepted: {reason}")
-    if d.motion:
-        session.say(f"to tell {' from '.join(d.separates)}: {d.motion}")
+    if advice := next_step(d):
+        session.say(advice)
     return diagnosed(outcome)
 
 
@@ -115,16 +116,28 @@ def _show_simulation(session: Session, s: Simulation) -> None:
 
 def _rows(d: Diagnosis) -> list[list[str]]:
     """Return a row an effect: its name, its place, its size, its equivalents, its evidence."""
+    from ropefit.reporting.words import strength
+
     rows = []
     for c in d.causes.values():
-        where = "-" if c.arc_length is None else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"
+        whole = c.arc_length == (0.0, d.node_arc[-1])
+        where = (
+            "-"
+            if c.arc_length is None or whole
+            else f"{c.arc_length[0]:.3f} .. {c.arc_length[1]:.3f}"
+        )
         key, size = next(iter(c.parameters.items()))
         others = ", ".join(c.equivalent_to) or "-"
-        rows.append([c.name, where, size_text(key, size), others, f"{c.log_evidence:.1f}"])
+        evidence = f"{strength(c.log_evidence, d.threshold)} ({c.log_evidence:.4g} nats)"
+        rows.append([c.name, where, size_text(key, size), others, evidence])
     return rows
 
 
 def size_text(key: str, size: Size) -> str:
     """Return a size with its interval and its unit."""
-    interval = f"({size.ci95[0]:.3g} .. {size.ci95[1]:.3g})"
-    return f"{key} {size.value:.3g} {interval}" + ("" if size.unit == "1" else f" {size.unit}")
+    from ropefit.reporting.words import digits_of
+
+    digits = digits_of(size.ci95, 3)
+    low, high = (f"{v:.{digits}g}" for v in size.ci95)
+    unit = "" if size.unit == "1" else f" {size.unit}"
+    return f"{key} {size.value:.{digits}g} ({low} .. {high}){unit}"

@@ -181,7 +181,7 @@ def show_model(session: Session, outcome: Outcome[Model]) -> dict[str, Any]:
     m = model.nominal
     session.table(
         f"{model.recording}: {m.solver}, {m.loss}, {m.search}",
-        ["parameter", "before", "after", "95 % interval", "verdict"],
+        ["parameter", "start", "fitted", "95 % interval", "verdict"],
         _rows(m),
     )
     for cause in m.laws.values():
@@ -189,7 +189,7 @@ def show_model(session: Session, outcome: Outcome[Model]) -> dict[str, Any]:
     heldout = "none held out" if m.rms_heldout is None else f"held out {m.rms_heldout * 1e3:.3g} mm"
     session.say(
         f"point-to-line rms: fitted frames {m.rms_fit * 1e3:.3g} mm, {heldout}, "
-        f"before {np.sqrt(np.mean(m.rms_initial**2)) * 1e3:.3g} mm"
+        f"at the start {np.sqrt(np.mean(m.rms_initial**2)) * 1e3:.3g} mm"
     )
     _say_how_it_settled(session, m)
     for group in m.groups.values():

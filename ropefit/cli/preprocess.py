@@ -79,9 +79,9 @@ def show_observations(
             ["frames", f"{len(o.frames)} used, {len(o.dropped)} dropped"],
             [
                 "rope",
-                f"{o.length:.4g} m ({o.length_source}); ends {o.end_kind[0]}, {o.end_kind[1]}",
+                f"{o.length:.4g} m ({o.length_source}); {_held(o.end_kind)}",
             ],
-            ["noise", f"{data['noise_m'] * 1e3:.2g} mm ({o.noise_source})"],
+            ["noise", f"{data['noise_m'] * 1e3:.2g} mm per coordinate ({o.noise_source})"],
             ["seen", f"{o.visibility.mean():.0%} of the rope"],
             ["plane", o.projection_reason],
         ],
@@ -95,3 +95,9 @@ def show_observations(
             "[rope] length and [ends] are given"
         )
     return data
+
+
+def _held(kinds: tuple[str, str]) -> str:
+    """Return how both ends are held, in words."""
+    first, second = kinds
+    return f"both ends {first}" if first == second else f"end 0 {first}, end 1 {second}"

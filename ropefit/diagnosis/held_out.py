@@ -103,8 +103,10 @@ def heldout_rms(fitted: Fit, along: bool = False) -> tuple[float, float]:
     residual = fitted.whitener.undo(predicted(fitted, along)).reshape(s.residual.shape)
     white = s.scatter.mean(axis=0)
     noise = float(np.sqrt(white.sum()))
-    if not white.any():  # markers: their noise is in the whitener
-        noise = float(np.sqrt(fitted.whitener.variance() * 3 / fitted.problem.noise.repeats))
+    if not white.any():  # markers: theirs alone, without what the ends do to all of them
+        known = fitted.problem.noise
+        share = np.ones(1) if known.unequal is None else np.array(known.unequal)[s.frame]
+        noise = known.marker * float(np.sqrt(white.size * share.mean()))
     return points_rms(s, residual), noise
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 
 SMALLEST, LARGEST = 1e-300, 1e300  # 1/N, N: beyond, EA is no longer a number
@@ -33,3 +35,6 @@ class AxialExtensibility(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the rope stretches by {100 * values['compliance']:.3g} % per newton of tension"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("spring")

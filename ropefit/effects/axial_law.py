@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.rod.axial import TENSIONS
 from ropefit.rod.fields import PER_OCTAVE
@@ -72,9 +73,12 @@ class AxialLaw(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         way = "stiffens" if values["exponent"] < 0 else "softens"
         return (
-            f"the rope {way} as it stretches: its tension grows as "
-            f"strain^{1 / (1 + values['exponent']):.2g}"
+            f"the rope {way} as it stretches: its tension grows as the strain to the power "
+            f"{1 / (1 + values['exponent']):.2g}"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("spring", label="tension over strain")
 
 
 def _compliance(setup: Setup) -> float:
@@ -126,7 +130,7 @@ def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
     way = "stiffens" if power > 1 else "softens"
     return (
         f"the rope {way} as it stretches: between strains of {100 * x[0]:.2g} and "
-        f"{100 * x[1]:.2g} % its tension grows as strain^{power:.2g}"
+        f"{100 * x[1]:.2g} % its tension grows as the strain to the power {power:.2g}"
     )
 
 

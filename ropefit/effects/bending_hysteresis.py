@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.attachments import BendingFriction
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.revisit import revisits
 from ropefit.rod.memory import Branch
 from ropefit.rod.setup import Setup
@@ -53,3 +55,6 @@ class BendingHysteresis(Effect):
             f"friction inside the rope resists a change of its bending by {values['moment']:.2g} "
             f"N m, fully after a change of curvature by {values['range']:.2g} 1/m"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("loop")

@@ -83,7 +83,8 @@ class BendingLaw(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         way = "softens" if values["exponent"] < 0 else "stiffens"
         return (
-            f"the rope {way} in bending: its moment grows as curvature^{1 + values['exponent']:.2g}"
+            f"the rope {way} in bending: its moment grows as the curvature to the power "
+            f"{1 + values['exponent']:.2g}"
         )
 
 

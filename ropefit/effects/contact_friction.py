@@ -12,6 +12,7 @@ from torch import Tensor
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.contact import has_free_end, touching
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.revisit import FEWEST
 from ropefit.rod.setup import Setup
@@ -68,6 +69,9 @@ class ContactFriction(Effect):
             "the rope sticks and slides on what it lies on, with a coefficient of friction of "
             f"{values['coefficient']:.2g}"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("loop")
 
 
 def rough(record: Any, coefficient: float) -> Any:

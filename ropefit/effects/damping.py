@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.inertia import node_share
 from ropefit.rod.setup import Setup
 
@@ -30,6 +32,9 @@ class Damping(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the rope is slowed by {values['air']:.3g} N per metre of it and m/s"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("dashpot")
 
 
 class DampingInMotion(Effect):
@@ -64,3 +69,6 @@ class DampingInMotion(Effect):
             f"the rope is damped more: by the air with {values['air']:.3g} N s/m², by its bending "
             f"with {values['bend']:.3g} N m² s"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("dashpot")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 
 
@@ -23,6 +25,9 @@ class DepthBias(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         return f"the sensor reports the rope {values['offset'] * 1e3:+.2g} mm off along its rays"
 
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("camera", label=f"depth {1e3 * values['offset']:+.2g} mm")
+
 
 class DepthGain(Effect):
     """Distances from the sensor are reported 1 + `gain` times too large."""
@@ -38,3 +43,6 @@ class DepthGain(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the sensor's depths are {100 * values['gain']:+.2g} % off"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("camera", label=f"depth {100 * values['gain']:+.2g} %")

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.rod.moving import DRAG_SPEEDS
 from ropefit.rod.setup import Setup
@@ -63,6 +64,9 @@ class DragLaw(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the air resists the rope as its speed to the power {1 + values['exponent']:.2g}"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("dashpot", label="drag over speed")
 
 
 def _speed_scale(setup: Setup) -> float:

@@ -9,7 +9,9 @@ import numpy as np
 
 Symbol = Literal[
     "stretch", "weight", "load", "arc", "kink", "clamp", "turn", "arrow", "tether", "plane",
-    "bar", "gravity", "clock",
+    "bar", "gravity", "clock", "centre", "follower",
+    # of what has no place on the rope
+    "ruler", "camera", "spring", "dashpot", "swing", "mesh", "loop", "graph",
 ]  # fmt: skip
 
 
@@ -19,7 +21,8 @@ class Drawn:
 
     vector (3,): the direction of an arrow, an axis or a normal; point (3,) [m]: a place in space
     against the middle of the ends; size: of a stretch, its thickness against the rest; of an arc
-    or a bar, the radius [m]. label: beside the symbol; if empty, the effect's first quantity.
+    or a bar, the radius [m]; of a force, positive outwards. curve (P, 2): of a graph. label: beside
+    the symbol; if empty, the effect's first quantity.
     """
 
     symbol: Symbol = "stretch"
@@ -27,6 +30,7 @@ class Drawn:
     point: np.ndarray | None = None
     size: float = 1.0
     label: str = ""
+    curve: np.ndarray | None = None
 
 
 def components(values: dict[str, float], name: str) -> np.ndarray:

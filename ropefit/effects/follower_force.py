@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.place import at_point
 from ropefit.rod.setup import Follower, Setup, twist_held
 
@@ -51,3 +53,6 @@ class FollowerForce(Effect):
             f"a force that turns with the rope acts at {values['arc_length']:.3f} m, "
             f"{across:.3g} N across it and {values['along']:.3g} N along it"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("follower")

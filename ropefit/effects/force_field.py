@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import middle_of
@@ -148,6 +149,12 @@ class ForceField(Effect):
             f"something {way} the rope from a point in space, {abs(values['strength']):.2g} N/m at "
             "a tenth of the rope's length"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn(
+            "centre", point=components(values, "centre_"), size=np.sign(values["strength"]),
+            label="repels" if values["strength"] > 0 else "attracts",
+        )  # fmt: skip
 
 
 def lumped(arc: Tensor) -> Tensor:

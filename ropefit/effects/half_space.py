@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.force_field import has_field
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
@@ -99,3 +100,6 @@ class HalfSpace(Effect):
         return (
             f"a force of ({x:.2g}, {y:.2g}, {z:.2g}) N/m acts on what is {side} a plane across it"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("load", vector=components(values, "load_"), label="a part of the room")

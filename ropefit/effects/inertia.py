@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
 from ropefit.rod.setup import Setup
 
@@ -49,6 +50,9 @@ class Inertia(Effect):
             "the rope's own mass resists being accelerated "
             f"({values['share']:.2f} of what its weight implies)"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("swing")
 
 
 def node_share(setup: Setup, per_length: Tensor) -> Tensor:

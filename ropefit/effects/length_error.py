@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 
 
@@ -28,3 +30,6 @@ class LengthError(Effect):
     def sentence(self, values: dict[str, float]) -> str:
         longer = "longer" if values["excess"] > 0 else "shorter"
         return f"the rope is {100 * abs(values['excess']):.2g} % {longer} than stated"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("ruler", label=f"length {100 * values['excess']:+.2g} %")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 
 
@@ -24,3 +26,6 @@ class LostOutOfPlane(Effect):
             f"{100 * values['share']:.0f} % of the rope's sideways shape is missing: the data were "
             "projected onto a plane"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("camera", label=f"{100 * values['share']:.0f} % of the depth lost")

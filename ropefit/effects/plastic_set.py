@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.revisit import revisits
 from ropefit.rod.memory import Branch
 from ropefit.rod.setup import Setup
@@ -44,6 +46,9 @@ class PlasticSet(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return (
-            f"bent beyond {values['yield_curvature']:.2g} 1/m the rope yields, and "
+            f"bent to a radius below {1 / values['yield_curvature']:.2g} m the rope yields, and "
             f"{100 * values['share']:.2g} % of the excess stays in it as a set"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("loop")

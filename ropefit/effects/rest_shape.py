@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.intrinsic_curvature import twist_held
 from ropefit.effects.place import QUARTERS, between_quarters
 from ropefit.rod.setup import Setup
@@ -33,11 +35,20 @@ class RestShape(Effect):
         return setup._replace(properties=p._replace(curvature=p.curvature + turn))
 
     def sentence(self, values: dict[str, float]) -> str:
-        most = max(
-            (values[f"curvature_1_at_{p}"] ** 2 + values[f"curvature_2_at_{p}"] ** 2) ** 0.5
-            for p in QUARTERS
-        )
         return (
             "the unloaded rope is curved, differently along its length, with radii down to "
-            f"{1 / max(most, 1e-9):.2g} m"
+            f"{_radius(values):.2g} m"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        radius = _radius(values)
+        return Drawn("arc", size=radius, label=f"radius down to {radius:.2g} m")
+
+
+def _radius(values: dict[str, float]) -> float:
+    """Return the least radius [m] of the unloaded rope."""
+    most = max(
+        (values[f"curvature_1_at_{p}"] ** 2 + values[f"curvature_2_at_{p}"] ** 2) ** 0.5
+        for p in QUARTERS
+    )
+    return 1 / max(most, 1e-9)

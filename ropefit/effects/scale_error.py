@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 
 
@@ -24,3 +26,6 @@ class ScaleError(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the recorded coordinates are {100 * values['scale']:+.2g} % off in scale"
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("ruler", label=f"scale {100 * values['scale']:+.2g} %")

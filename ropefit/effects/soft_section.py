@@ -31,8 +31,8 @@ class SoftSection(Effect):
 
     def sentence(self, values: dict[str, float]) -> str:
         return (
-            f"{values['width']:.2f} m of rope about {values['centre']:.3f} m have "
-            f"{math.exp(-values['log_factor']):.3g} of the others' stiffness"
+            f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are "
+            f"{math.exp(-values['log_factor']):.3g} times as stiff as the rest"
         )
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:

@@ -11,6 +11,7 @@ from ropefit.rod.quaternion import multiply
 from ropefit.rod.setup import Setup
 
 USUAL_SHARE = 0.1  # of the time between frames: a usual lag, where frames are few
+LONG = 0.1  # s: told in seconds
 LARGEST = 0.3  # s; more than the time between two frames only where they are dense
 
 
@@ -51,8 +52,13 @@ class TimeLag(Effect):
         )
 
     def sentence(self, values: dict[str, float]) -> str:
-        late = "late" if values["lag"] > 0 else "early"
-        return f"the ends are recorded {abs(values['lag']) * 1e3:.2g} ms too {late}"
+        return f"the ends are recorded {_late(values['lag'], 'too ')}"
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        return Drawn("clock")
+        return Drawn("clock", label=_late(values["lag"]))
+
+
+def _late(lag: float, too: str = "") -> str:
+    size = abs(lag)
+    time = f"{size:.3g} s" if size >= LONG else f"{1e3 * size:.2g} ms"
+    return f"{time} {too}{'late' if lag > 0 else 'early'}"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.rod import Properties
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -40,6 +42,9 @@ class TooCoarse(Effect):
             "the shapes are those of a simulation with segments "
             f"{COARSENING * max(values['amount'], 0) ** 0.5:.2g} times as long as ours"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("mesh")
 
 
 def coarse_error(setup: Setup) -> Tensor:

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
 from ropefit.rod.strains import straight_rest
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -64,6 +65,9 @@ class UnderConverged(Effect):
             f"{values['reach']:.2g} of the rope, as after {iterations(values['reach']):.0f} Jacobi "
             f"iterations of {NODES} particles"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("mesh")
 
 
 def iterations(reach: float) -> float:

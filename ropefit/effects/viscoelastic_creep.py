@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
+from ropefit.effects.drawn import Drawn
 from ropefit.effects.revisit import revisits
 from ropefit.rod.memory import Branch
 from ropefit.rod.setup import Setup
@@ -42,3 +44,6 @@ class ViscoelasticCreep(Effect):
             f"bent quickly the rope is {100 * values['share']:.2g} % stiffer, which fades within "
             f"{values['time']:.2g} s: it creeps"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("dashpot")

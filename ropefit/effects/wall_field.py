@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
 from ropefit.effects.distributed_load import DistributedLoad
+from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.force_field import has_field
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
@@ -100,3 +101,6 @@ class WallField(Effect):
             f"a force of ({x:.2g}, {y:.2g}, {z:.2g}) N/m below the middle of the ends acts along "
             f"one direction in space, and {way} along it"
         )
+
+    def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
+        return Drawn("load", vector=components(values, "load_"), label="a wall in space")

@@ -28,4 +28,5 @@ class WeightError(Effect):
         )
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        return Drawn("gravity", vector=gravity)
+        label = f"{1 + values['excess']:.3g} × as heavy"
+        return Drawn("load", vector=gravity, label=label)

@@ -14,10 +14,12 @@ from ropefit.recordings.clouds import read_cloud
 
 
 class CloudOptions(Options):
-    """scale: metres per unit. viewpoint: x,y,z [m] of the camera."""
+    """scale: metres per unit. viewpoint: x,y,z [m] of the camera. ends: a table as ends.csv, by
+    the clouds' numbers from 0."""
 
     scale: float = 1.0
     viewpoint: str | None = None
+    ends: Path | None = None
 
 
 class Clouds(Importer):
@@ -37,6 +39,10 @@ class Clouds(Importer):
         for frame, path in enumerate(paths):
             draft.progress(frame / len(paths), path.name)
             draft.cloud(frame, read_cloud(path) * options.scale, path)
+        if options.ends is not None:
+            draft.ends_of(options.ends)
+        else:
+            draft.note("no --set ends: those seen in the clouds will be taken as pinned")
         viewpoint = None if options.viewpoint is None else vector("viewpoint", options.viewpoint)
         draft.clouds_table(viewpoint)
 

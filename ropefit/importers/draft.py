@@ -10,6 +10,7 @@ import numpy as np
 
 from ropefit.errors import BadInput
 from ropefit.importers.plausible import check_depth, check_points
+from ropefit.recordings.clouds import SCENE
 from ropefit.recordings.writer import RecordingWriter
 
 CLOCK_DIGITS = 6  # decimals of a second: finer than the clocks of sensors
@@ -37,7 +38,7 @@ class Draft(RecordingWriter):
         if len(points) == 0:
             self.note(f"frame {frame} has no finite points and is not imported")
             return
-        check_points(source, frame, points, self.about.length)
+        check_points(source, frame, points, self.about.length, SCENE)
         self.write_cloud(frame, points)
         self.frames += 1
 

@@ -1,5 +1,5 @@
-"""Tables as Motive and Qualisys Track Manager export them: headers of several rows before the
-numbers, Motive's with Y up, Qualisys' in millimetres."""
+"""Tables as Motive, Qualisys Track Manager and Vicon Nexus export them: headers of several rows
+before the numbers, Motive's with Y up, Qualisys' in millimetres."""
 
 from __future__ import annotations
 
@@ -50,9 +50,8 @@ def exported(source: Path, rows: list[list[str]]) -> Capture | None:
 
 
 def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
-    """Return markers whose names stand in a row above X, Y, Z in row `at` (Motive, and others)."""
+    """Return markers whose names stand in a row above X, Y, Z in row `at` (Motive, Vicon, ...)."""
     axes, above = rows[at], rows[:at]
-    low = [cell.lower() for cell in axes]
     motive = bool(rows[0]) and rows[0][0].lower() == "format version"
     header = dict(zip(rows[0][::2], rows[0][1::2], strict=False)) if motive else {}
     table = [row + [""] * (len(axes) - len(row)) for row in above[1 if motive else 0 :]]
@@ -61,6 +60,7 @@ def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
         kinds = next((row for row in table if "Marker" in row), kinds)
         what = next((row for row in table if "Position" in row), what)
         table = [row for row in table if row is not kinds and row is not what]
+    table = [row for row in table if any(row[1:])]  # not Vicon's title and rate
     if not table:
         raise BadInput(f"{source}: no row with names above the row {','.join(axes)[:80]}")
     names_row = table[0]
@@ -79,17 +79,33 @@ def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
             raise BadInput(f"{source}: marker {name or '(without a name)'} occurs twice")
         found[name][match.group(1).lower()] = column
         units |= {match.group(2).lower()} if match.group(2) else set()
+    below = {cell.lower() for cell in rows[at + 1] if cell} if len(rows) > at + 1 else set()
+    if below and below <= {*UNITS, "s"}:  # a row of units (Vicon)
+        units, at = units | below - {"s"}, at + 1
     whole = {key: axes for key, axes in found.items() if len(axes) == 3}
     if not whole:
         raise BadInput(f"{source}: a header of several rows, but no marker with X, Y and Z in it")
     data = _numbers(source, rows, at + 1, len(axes))
     positions = np.stack([data[:, [a["x"], a["y"], a["z"]]] for a in whole.values()], axis=1)
-    clock = [c for c, cell in enumerate(low) if cell.startswith(("time", "timestamp"))]
     unit = header.get("Length Units", next(iter(units), "m")).lower()
     if unit not in UNITS:
         raise BadInput(f"{source}: lengths in {unit!r}, which is no unit known here")
-    time = data[:, clock[0]] if clock else None
-    return Capture(list(whole), time, positions, UNITS[unit], "y" if motive else "z")
+    return Capture(
+        list(whole), _clock(above, axes, data), positions, UNITS[unit], "y" if motive else "z"
+    )
+
+
+def _clock(above: list[list[str]], axes: list[str], data: np.ndarray) -> np.ndarray | None:
+    """Return time (F,) [s]: a column named so in any row of the header, or by the rate that Vicon
+    writes in its second row; None where there is neither."""
+    for row in [axes, *above]:
+        named = [c for c, cell in enumerate(row) if cell.lower().startswith("time")]
+        if named and named[0] < data.shape[1] and np.isfinite(data[:, named[0]]).all():
+            return data[:, named[0]]
+    vicon = len(above) > 1 and above[0][:1] == ["Trajectories"]
+    if vicon and _is_number(above[1][0]) and float(above[1][0]) > 0:
+        return np.arange(len(data)) / float(above[1][0])
+    return None
 
 
 def _qualisys(source: Path, rows: list[list[str]], keys: dict[str, list[str]]) -> Capture:

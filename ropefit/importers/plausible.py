@@ -37,11 +37,14 @@ def check_depth(path: Path, frame: int, depth: np.ndarray, scale: float) -> floa
     )
 
 
-def check_points(path: Path, frame: int, points: np.ndarray, length: float | None) -> None:
-    """Refuse points (N, 3) that spread as no rope does. Raises BadInput."""
+def check_points(
+    path: Path, frame: int, points: np.ndarray, length: float | None, times: float = 1.0
+) -> None:
+    """Refuse points (N, 3) that spread as nothing of `times` the rope's length does. Raises
+    BadInput."""
     if len(points) >= 2:
         _check_unit(path, frame, points)
-    check_spread(path, frame, points, length)
+    check_spread(path, frame, points, length, times)
 
 
 def _check_unit(path: Path, frame: int, points: np.ndarray) -> None:

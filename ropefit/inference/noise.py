@@ -116,11 +116,6 @@ class Whitener:
             out[rows] = np.swapaxes(inverse, 1, 2) @ z[rows]
         return out
 
-    def variance(self) -> float:
-        """Return [m²] of a row, on average."""
-        every = [(factor**2).sum(axis=2).ravel() for factor in self.factors]
-        return float(np.concatenate(every).mean())
-
 
 def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield of n frames with as many stations their rows (n, k) in (M D,), and the covariances

@@ -242,7 +242,7 @@ def _whether_to_project(
 ) -> tuple[bool, str]:
     """Return whether to project, and why. noise [m]: None where it is assumed, or an upper bound;
     nothing is flattened on the strength of that."""
-    noise_text = "noise not measured" if noise is None else f"noise {noise * 1e3:.2g} mm"
+    noise_text = "noise is not measured" if noise is None else f"noise is {noise * 1e3:.2g} mm"
     share = (
         f"the rope leaves the plane of gravity and its ends by {out_of_plane * 1e3:.1f} mm rms "
         f"({noise_text})"

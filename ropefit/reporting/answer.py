@@ -11,12 +11,22 @@ import numpy as np
 from ropefit.artifacts import Diagnosis, FittedModel, Observations, Parameter
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.reporting.contents import RunContents
-from ropefit.reporting.words import digits_of, given, metres, millimetres, number, plural, with_unit
+from ropefit.reporting.words import (
+    common_power,
+    digits_of,
+    given,
+    metres,
+    millimetres,
+    number,
+    plural,
+    with_unit,
+)
 
 SENSOR = {"clouds": "a point cloud sensor", "rgbd": "a depth camera", "markers": "motion capture"}
 HELD = {"pinned": "held but free to turn", "clamped": "held firmly", "free": "loose"}
 TENTH = 0.1  # of its length that a piece of rope droops, a measure of its stiffness
 TOLD = 0.01  # of the error: smaller gains in millimetres say nothing to a reader
+EVERYWHERE = 0.9  # of the rope: a mismatch in all frames along as much of it has no place
 AS_GOOD_AS_NOISE, SMALL_REST = 1.25, 2.5  # residual over noise
 
 
@@ -48,7 +58,7 @@ def headline(run: RunContents) -> str:
             f"Something is missing that no effect ropefit knows explains{_where(d)}: the error on "
             f"unseen data is {before}; noise is {noise}."
         )
-    causes = "; and ".join(c.sentence for c in d.causes.values())
+    causes = "; and ".join(_without_form(c) for c in d.causes.values())
     text = f"{causes[0].upper()}{causes[1:]}"
     if d.rms_before - d.rms_after < TOLD * d.rms_before:
         return (
@@ -65,6 +75,8 @@ def under_it(run: RunContents) -> list[str]:
     text.append(_rope(o, f, d))
     if f is not None and (unfinished := _unfinished(o, f)):
         text.append(unfinished)
+    if d is not None and d.verdict == "unknown":
+        text.append("What is missing may have shifted these values; the intervals leave that out.")
     if d is None and f is not None:
         text.append("Whether something is missing was not looked into: run ropefit diagnose.")
     if d is not None and d.verdict == "none":
@@ -144,14 +156,14 @@ def _value(name: str, p: Parameter) -> str:
         return f"{what} is below {below} (95 %): softer makes no difference that could be seen"
     if p.ci95 is None:
         return f"{what} is not determined ({p.verdict})"
-    digits = digits_of(p.ci95, 3)
-    low, high = (number(value, digits) for value in p.ci95)
-    value = with_unit(number(p.value, digits), p.unit)
+    digits, power = digits_of(p.ci95, 3), common_power([p.value, *p.ci95])
+    low, high = (number(value, digits, power) for value in p.ci95)
+    value = with_unit(number(p.value, digits, power), p.unit)
     return f"{what} is {value} (95 % interval {low} to {high})"
 
 
 def _fit(o: Observations, f: FittedModel) -> str:
-    noise = float(np.median(o.noise))
+    noise = o.noise_distance
     if f.rms_heldout is None:
         left = f.rms_fit
         text = f"The simulation fits the recording to {millimetres(left)} (no frame was held out)"
@@ -191,7 +203,20 @@ def _where(d: Diagnosis) -> str:
         return ""
     r = d.mismatch[0]
     low, high = (number(v, 2) for v in r.arc_length)
+    along = (r.arc_length[1] - r.arc_length[0]) / float(d.node_arc[-1])
+    if along > EVERYWHERE and r.frames == (d.frames[0], d.frames[-1]):
+        return ""
     return f", most at {low} to {high} m in frames {r.frames[0]} to {r.frames[1]}"
+
+
+def _without_form(c: Cause) -> str:
+    """Return what a cause is; the form of a law and its constants stand in a section of their
+    own."""
+    text = c.sentence
+    if c.law is not None:
+        for mark in (f": {c.law.form}", "; its form", "; no known form"):
+            text = text.split(mark)[0] if mark != ": " else text
+    return text
 
 
 def _ties(c: Cause) -> str:

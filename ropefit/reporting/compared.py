@@ -59,7 +59,7 @@ def noise_of(run: RunContents) -> float:
     """Return the one noise of a point [m] that the page tells."""
     if run.diagnosis is not None:
         return run.diagnosis.noise_white
-    return float(np.median(run.observations.noise))
+    return run.observations.noise_distance
 
 
 def compared(run: RunContents) -> Compared | None:

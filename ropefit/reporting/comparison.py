@@ -86,7 +86,7 @@ def _overview(runs: Sequence[Named]) -> Markup:
                 f.solver if f else "–",
                 millimetres(f.rms_fit) if f else "–",
                 millimetres(f.rms_heldout) if f else "–",
-                millimetres(float(o.noise.mean())),
+                millimetres(o.noise_distance),
             ]
         )
     head = ["run", "recording", "length", "frames", "solver", "fitted", "held out", "noise"]
@@ -159,7 +159,7 @@ def _fits(runs: Sequence[Named]) -> Markup:
     bars = [
         ("fitted frames", "soft", [f.rms_fit for _, f in fitted]),
         ("held-out frames", NOMINAL, [f.rms_heldout or math.nan for _, f in fitted]),
-        ("noise of a point", RECORDED, [float(run.observations.noise.mean()) for run, _ in fitted]),
+        ("noise of a point", RECORDED, [run.observations.noise_distance for run, _ in fitted]),
     ]
     figure = Figure(
         "Distance between simulation and points",

@@ -235,6 +235,7 @@ const Figures = (() => {
       const u = 26 * dot(axis, right), v = -26 * dot(axis, above), at = [width - 38 + 1.3 * u, height - 34 + 1.3 * v];
       if (Math.hypot(u, v) <= 5 || taken.some(([a, b]) => Math.abs(a + 4 - at[0]) < 10 && Math.abs(b - at[1]) < 12)) return;
       taken.push([at[0] - 4, at[1], 8]);
+      taken.push([width - 38 + Math.min(u, 0), height - 38 + v / 2, Math.abs(u)]);  // its line
       frame += `<path class="axis" d="M${width - 38},${height - 38}l${u},${v}"/><text class="soft" x="${at[0]}" y="${at[1]}" text-anchor="middle">${"xyz"[i]}</text>`;
     });
     const body = data.map((t) => drawn(t, path(t), width, taken)).join("") + frame;

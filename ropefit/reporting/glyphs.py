@@ -6,15 +6,16 @@ A symbol is what `Effect.drawn` asks for; no effect is known here.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ropefit.artifacts.causes import Cause
+from ropefit.artifacts.causes import Cause, Law
 from ropefit.effects import Effect
 from ropefit.effects.drawn import Drawn
 from ropefit.plugins import EFFECTS, concrete
+from ropefit.reporting.emblems import EMBLEMS, emblem
 from ropefit.reporting.words import readable
 
 UNIT = 0.06  # of the rope's length: how large a symbol is
@@ -49,25 +50,37 @@ class Place:
         """Return (3,) the middle of the stretch, or the end."""
         return self.x[-self.end] if self.end is not None else self.at(sum(self.stretch) / 2)
 
-    def circle(self, centre: np.ndarray, radius: float, angles: np.ndarray) -> np.ndarray:
-        """Return (A, 3) points of a circle in the view; angle 0 is sideways."""
+    def circle(self, centre: np.ndarray, radius: float, angles: Any) -> np.ndarray:
+        """Return (A, 3) points of a circle in the view at angles (A,) or one; 0 is sideways."""
+        angles = np.atleast_1d(angles)
         turn = np.cos(angles)[:, None] * self.side + np.sin(angles)[:, None] * self.up
         return centre + radius * turn
 
 
 def drawn_of(cause: Cause, gravity: np.ndarray) -> Drawn:
-    """Return how an effect wants to be drawn; effects of packages not installed: their stretch."""
+    """Return how an effect wants to be drawn: a law as its curve over what the data visit; effects
+    of packages not installed as their stretch."""
     values = dict(zip(cause.value_names, map(float, cause.values), strict=True))
     for kind in concrete(Effect, EFFECTS):
         if kind.__name__ == cause.variant:
-            return kind(cause.end or 0).drawn(values, gravity)  # pyright: ignore[reportAbstractUsage]
+            drawn = kind(cause.end or 0).drawn(values, gravity)  # pyright: ignore[reportAbstractUsage]
+            return _with_law(drawn, cause.law) if cause.law else drawn
     return Drawn()
+
+
+def _with_law(drawn: Drawn, law: Law) -> Drawn:
+    c = law.curve
+    visited = (c.x >= c.visited[0]) & (c.x <= c.visited[1])
+    curve = np.stack([c.x, c.y], axis=1)[visited]
+    what = drawn.label or f"{c.name_y} over {c.name_x}"
+    symbol = "graph" if drawn.symbol == "stretch" else drawn.symbol
+    return replace(drawn, symbol=symbol, curve=curve if len(curve) > 1 else None, label=what)
 
 
 def label_of(cause: Cause, drawn: Drawn) -> str:
     """Return the text beside a symbol."""
     size = readable(next(iter(cause.parameters.values())))
-    if drawn.symbol == "stretch":  # which tells nothing of what it is
+    if drawn.symbol in ("stretch", *EMBLEMS):  # which alone do not tell what it is
         size = f"{cause.name.replace('_', ' ')} {size}"
     return drawn.label or size
 
@@ -83,7 +96,8 @@ def band(place: Place) -> np.ndarray:
 
 def strokes(drawn: Drawn, place: Place) -> tuple[np.ndarray, np.ndarray]:
     """Return the symbol's lines (P, 3), with NaN between them, and where its label begins (3,)."""
-    lines, label = SYMBOLS[drawn.symbol](drawn, place)
+    placed = SYMBOLS.get(drawn.symbol)
+    lines, label = placed(drawn, place) if placed else emblem(drawn, place)
     gap = np.full((1, 3), np.nan)
     parts = [part for line in lines for part in (np.asarray(line, dtype=float), gap)]
     return np.concatenate(parts) if parts else gap, label
@@ -106,7 +120,11 @@ def _load(d: Drawn, p: Place) -> Lines:
     way = _unit(d.vector, -p.up) * 1.3 * p.size
     low, high = p.stretch
     foot = [p.at(s) for s in np.linspace(low, high, ARROWS + 2)[1:-1]]
-    return [arrow(at, way, p) for at in foot], p.centre + way + 0.3 * p.size * p.side
+    # Text runs to the right: from a short stretch's last arrow, or from the first within the loop.
+    which = min if high - low > 0.5 * p.arc[-1] else max
+    beside = which(foot, key=lambda x: x @ p.side)
+    beside = max(beside, beside + way, key=lambda x: x @ p.side)
+    return [arrow(at, way, p) for at in foot], beside + (0.4 * p.side + 0.2 * p.up) * p.size
 
 
 def _arc(d: Drawn, p: Place) -> Lines:
@@ -116,14 +134,16 @@ def _arc(d: Drawn, p: Place) -> Lines:
     start = np.arctan2(away @ p.up, away @ p.side)
     centre = p.centre + (1.2 * p.size - d.size) * away
     curve = p.circle(centre, d.size, np.linspace(start - half, start + half, 24))
-    return [curve], p.centre + 1.6 * p.size * away
+    return [curve], max(curve, key=lambda x: x @ p.side) + 0.4 * p.size * p.side
 
 
 def _kink(d: Drawn, p: Place) -> Lines:
     away = _unit(p.centre - p.x.mean(axis=0), p.up) * p.size
     across = _unit(np.cross(np.cross(p.side, p.up), away), p.side) * p.size
     tip = p.centre + 0.25 * away
-    return [[tip + 0.9 * across + 0.6 * away, tip, tip - 0.9 * across + 0.6 * away]], tip + away
+    return [
+        [tip + 0.9 * across + 0.6 * away, tip, tip - 0.9 * across + 0.6 * away]
+    ], tip + 1.6 * away
 
 
 def _clamp(d: Drawn, p: Place) -> Lines:
@@ -143,7 +163,9 @@ def _turn(d: Drawn, p: Place) -> Lines:
 
 def _arrow(d: Drawn, p: Place) -> Lines:
     way = _unit(d.vector, p.up) * 1.6 * p.size
-    return [arrow(p.centre, way, p)], p.centre + way
+    # Beyond the tip; above it where the text would run back over the arrow.
+    lift = 0.5 * p.size * p.up if way @ p.side < -abs(way @ p.up) else 0.0
+    return [arrow(p.centre, way, p)], p.centre + 1.3 * way + lift
 
 
 def _tether(d: Drawn, p: Place) -> Lines:
@@ -179,7 +201,8 @@ def _bar(d: Drawn, p: Place) -> Lines:
     ring = d.size * (np.cos(TURN)[:, None] * one + np.sin(TURN)[:, None] * p.up)
     ends = [origin + share * 0.15 * p.arc[-1] * axis for share in (-1, 1)]
     sides = [[end + ring[k] for end in ends] for k in range(0, 32, 4)]
-    return [*(end + ring for end in ends), *sides], origin + (d.size + 0.3 * p.size) * p.side
+    above = d.size + 0.15 * p.arc[-1] * abs(axis @ p.up) + 0.5 * p.size
+    return [*(end + ring for end in ends), *sides], origin + above * p.up
 
 
 def _gravity(d: Drawn, p: Place) -> Lines:
@@ -193,13 +216,39 @@ def _gravity(d: Drawn, p: Place) -> Lines:
 def _clock(d: Drawn, p: Place) -> Lines:
     centre = p.x[0] + 1.6 * p.size * p.up
     hands = [centre + 0.5 * p.size * p.up, centre, centre + 0.4 * p.size * p.side]
-    return [p.circle(centre, 0.8 * p.size, TURN), hands], centre + p.size * p.side
+    return [p.circle(centre, 0.8 * p.size, TURN), hands], centre + 1.6 * p.size * p.up
+
+
+def _centre(d: Drawn, p: Place) -> Lines:
+    """Return rays from a point in space, or to it."""
+    assert d.point is not None
+    centre = p.middle + d.point
+    far = centre - p.x.mean(axis=0)
+    reach = 0.8 * p.arc[-1]  # a source farther away is drawn on the way to it
+    if np.linalg.norm(far) > reach:
+        centre = p.x.mean(axis=0) + reach * _unit(far, p.up)
+    near, away = 0.4 * p.size, 1.2 * p.size
+    lines: list[Any] = [p.circle(centre, 0.5 * near, TURN)]
+    for angle in np.arange(8) * np.pi / 4:
+        inner, outer = p.circle(centre, near, angle)[0], p.circle(centre, away, angle)[0]
+        foot, tip = (inner, outer) if d.size > 0 else (outer, inner)
+        lines.append(arrow(foot, tip - foot, p))
+    return lines, centre + 1.5 * p.size * p.side
+
+
+def _follower(d: Drawn, p: Place) -> Lines:
+    """Return an arrow across the rope, and the turn that it takes part in."""
+    along = p.at(p.stretch[1] + 0.01 * p.arc[-1]) - p.at(p.stretch[0] - 0.01 * p.arc[-1])
+    across = _unit(np.cross(np.cross(p.side, p.up), along), p.up) * 1.6 * p.size
+    turn = p.circle(p.centre, 0.9 * p.size, np.linspace(-0.3 * np.pi, 0.3 * np.pi, 12))
+    lines = [arrow(p.centre, across, p), turn, *_head(turn[-1], turn[-1] - turn[-2], p)]
+    return lines, p.centre + across + 0.3 * p.size * p.side
 
 
 SYMBOLS: dict[str, Callable[[Drawn, Place], Lines]] = {
     "stretch": _stretch, "weight": _weight, "load": _load, "arc": _arc, "kink": _kink,
     "clamp": _clamp, "turn": _turn, "arrow": _arrow, "tether": _tether, "plane": _plane,
-    "bar": _bar, "gravity": _gravity, "clock": _clock,
+    "bar": _bar, "gravity": _gravity, "clock": _clock, "centre": _centre, "follower": _follower,
 }  # fmt: skip
 
 

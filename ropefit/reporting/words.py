@@ -11,18 +11,34 @@ from markupsafe import Markup
 
 from ropefit.artifacts.causes import Size
 
+LEAST, MOST = 1e-3, 1e5  # numbers that are written without a power of ten
+NEAR = 2  # powers of ten that numbers which are compared may lie apart to share one
 
-def number(value: float | None, digits: int = 3) -> str:
-    """Return a number to `digits` significant digits; a dash when it is not known."""
+
+def number(value: float | None, digits: int = 3, power: int | None = None) -> str:
+    """Return a number to `digits` significant digits; a dash when it is not known.
+
+    power: that of ten it is written with, see `common_power`; by default its own, if any.
+    """
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0:
         return "0"
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    if not 1e-3 <= abs(value) < 1e5:
-        return f"{mantissa}·10{_superscript(int(exponent))}".replace("-", "−")
-    decimals = digits - 1 - int(exponent)
-    return f"{round(value, decimals):.{max(decimals, 0)}f}".replace("-", "−")
+    exponent = int(f"{value:.{digits - 1}e}".split("e")[1])
+    if power is None:
+        power = 0 if LEAST <= abs(value) < MOST else exponent
+    decimals = digits - 1 - (exponent - power)
+    text = f"{round(value / 10.0**power, decimals):.{max(decimals, 0)}f}"
+    return (f"{text}·10{_superscript(power)}" if power else text).replace("-", "−")
+
+
+def common_power(values: Iterable[float]) -> int | None:
+    """Return the power of ten to write numbers with that are compared; None: each with its own."""
+    sizes = [abs(v) for v in values if math.isfinite(v) and v != 0]
+    if not sizes or (min(sizes) >= LEAST and max(sizes) < MOST):
+        return None
+    powers = [math.floor(math.log10(v)) for v in sizes]
+    return max(powers) if max(powers) - min(powers) <= NEAR else None
 
 
 def _superscript(exponent: int) -> str:
@@ -104,7 +120,7 @@ def unit_text(unit: str) -> str:
     share."""
     if unit == "1":
         return ""
-    return unit.replace("^2", "²").replace("^3", "³").replace(" ", "·")
+    return re.sub(r"\^(-?\d+)", lambda m: _superscript(int(m.group(1))), unit).replace(" ", "·")
 
 
 def with_unit(text: str, unit: str) -> str:

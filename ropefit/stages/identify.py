@@ -5,8 +5,6 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-
 from ropefit.adapters.scene import check_loss
 from ropefit.artifacts import Observations
 from ropefit.fitting.settings import IdentifySettings
@@ -22,7 +20,7 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         check_loss(observations, settings.loss)
     content = _solver(settings).compute(observations, settings, context)
     left = float(content["models"]["nominal"].rms_fit)
-    noise = float(np.median(observations.noise))
+    noise = observations.noise_distance
     if left > LARGE * noise:
         rod = settings.solver in ("equilibrium", "dynamics")
         more = ", or free more parameters, as by --free EI,rest_curve" if rod else ""

@@ -11,15 +11,9 @@ from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import CAUSE, WITH_CAUSE, Figure, at, path, space
 from ropefit.reporting.html import paragraph, plot
 from ropefit.reporting.missing import forced
+from ropefit.reporting.next_step import next_step
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.rope import smooth
-from ropefit.reporting.words import listed, millimetres
-
-SEEN = 0.5  # of the noise of a point: a smaller difference is beyond what a recording shows
-UNTOLD = (
-    "The explanations that fit equally well would stay equal under every motion tried: only "
-    "another measurement (a plumb line, a weighing, a wrist force) can decide."
-)
 
 
 class NextMotionSection(Section):
@@ -33,23 +27,8 @@ class NextMotionSection(Section):
     def render(self, run: RunContents) -> Markup:
         d = run.diagnosis
         assert d is not None
-        if not d.motion:
-            equal = any(c.equivalent_to for c in d.causes.values())
-            return paragraph(UNTOLD if equal else _nothing(d))
-        text = paragraph(
-            Markup("To tell {} apart, {}.").format(
-                listed(name.replace("_", " ") for name in d.separates), d.motion
-            )
-        )
-        if d.motion_x is None:
-            return text
-        apart = float(np.sqrt(((d.motion_x[0] - d.motion_x[1]) ** 2).sum(-1).mean()))
-        if apart < SEEN * d.noise_white:
-            text = paragraph(
-                f"{UNTOLD} The best motion would make them differ by {millimetres(apart)}, where "
-                f"noise is {millimetres(d.noise_white)}."
-            )
-        return text + plot(_figure(run, d, d.motion_x))
+        text = paragraph(next_step(d) or _nothing(d))
+        return text if d.motion_x is None else text + plot(_figure(run, d, d.motion_x))
 
 
 def _nothing(d: Diagnosis) -> str:

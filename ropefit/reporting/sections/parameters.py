@@ -11,7 +11,15 @@ from ropefit.reporting.figures import NOMINAL, WITH_CAUSE
 from ropefit.reporting.html import paragraph, table
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.sections.equilibrium import mass_note
-from ropefit.reporting.words import digits_of, in_use, listed, number, symbol, with_unit
+from ropefit.reporting.words import (
+    common_power,
+    digits_of,
+    in_use,
+    listed,
+    number,
+    symbol,
+    with_unit,
+)
 
 VERDICTS = {
     "determined": "the data fix the value to within its interval",
@@ -19,6 +27,11 @@ VERDICTS = {
     "flat direction": "a wide range of values fits as well",
     "dead": "the value makes no difference to these data",
     "at bound": "the search ended at the edge of its range",
+}
+KINDS = {
+    "physics": "the rope or its surroundings",
+    "measurement": "the recording or its description",
+    "solver": "the simulation",
 }
 MOST = 24  # rows
 WIDE, HIGH = 150, 10  # px of an interval bar
@@ -69,11 +82,12 @@ def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[
             rows.append(_row(name, label, p, along))
             used.add(p.verdict)
     for cause in d.causes.values() if d else ():
-        for name, size in _independent(cause.parameters).items():
+        known = cause.law.parameters if cause.law else cause.parameters
+        for name, size in _independent(known).items():
             label = Markup("{} of {}").format(name.replace("_", " "), cause.name.replace("_", " "))
-            value = _value(*in_use(size.value, size.ci95, size.unit))
-            nothing = [label, "–", value]
-            rows.append([*nothing, _bars(None, size), "", cause.kind])
+            value, ci95, unit = in_use(size.value, size.ci95, size.unit)
+            text = _value(value, ci95, unit, common_power([value, *ci95]))
+            rows.append([label, "–", text, _bars(None, size), "", KINDS[cause.kind]])
     return rows, used
 
 
@@ -87,7 +101,9 @@ def _independent(sizes: dict[str, Size]) -> dict[str, Size]:
 
 
 def _row(name: str, label: str, p: Parameter, along: Size | None) -> list[object]:
-    value = _value(p.value, p.ci95, p.unit)
+    sizes = [p] if along is None else [p, along]
+    power = common_power(v for s in sizes for v in (s.value, *(s.ci95 or ())))
+    value = _value(p.value, p.ci95, p.unit, power)
     if p.below is not None:
         value = with_unit(f"below {number(p.below)}", p.unit)
     kind = {"determined": "good"}.get(p.verdict, "warn")
@@ -97,21 +113,21 @@ def _row(name: str, label: str, p: Parameter, along: Size | None) -> list[object
     return [
         Markup('<span title="{}">{}</span>{}').format(name, symbol(name), label),
         value,
-        _value(along.value, along.ci95, along.unit) if along else "–",
+        _value(along.value, along.ci95, along.unit, power) if along else "–",
         _bars(p, along),
         verdict,
         p.meaning,
     ]
 
 
-def _value(value: float, ci95: tuple[float, float] | None, unit: str) -> Markup:
+def _value(value: float, ci95: tuple[float, float] | None, unit: str, power: int | None) -> Markup:
+    """Return a value with its unit and its interval, written with one power of ten."""
     digits = digits_of(ci95, 3)
+    text = with_unit(number(value, digits, power), unit)
     if ci95 is None:
-        return Markup("{}, no interval").format(with_unit(number(value, digits), unit))
-    low, high = (number(v, digits) for v in ci95)
-    return Markup('{} <span class="interval">{} … {}</span>').format(
-        with_unit(number(value, digits), unit), low, high
-    )
+        return Markup("{}, no interval").format(text)
+    low, high = (number(v, digits, power) for v in ci95)
+    return Markup('{} <span class="interval">{} … {}</span>').format(text, low, high)
 
 
 def _bars(nominal: Parameter | None, along: Size | None) -> Markup:

@@ -21,7 +21,7 @@ from ropefit.reporting.figures import (
 )
 from ropefit.reporting.html import pair, paragraph
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.words import number, percent
+from ropefit.reporting.words import percent
 
 DRAWN = 200  # points of a distribution
 SIMULTANEOUS = 1.358  # 95 % of the Kolmogorov statistic times the root of the count
@@ -104,12 +104,12 @@ def _pit(d: Diagnosis) -> Figure:
     return Figure(
         "Held-out data in their predictive distribution",
         [
-            line(at[some], found[some], "found less expected", colour),
+            line(at[some], found[some], "observed minus expected", colour),
             line(at, edge, "95 % of honest models lie between", "soft", **style),
             line(at, -edge, "", "soft", showlegend=False, **style),
         ],
         plane(axis("predicted probability (1)"), axis("excess of data below it (1)")),
-        f"Probability integral transform of {number(count, 4)} held-out values, as the distance of "
+        f"Probability integral transform of {count} held-out values, as the distance of "
         "its distribution function from the uniform one. An S upwards on the left: intervals too "
         "narrow; downwards: too wide.",
         height=260,

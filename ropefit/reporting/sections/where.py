@@ -13,6 +13,7 @@ from ropefit.reporting.html import pair, paragraph
 from ropefit.reporting.sections.base import Section
 
 EXTREME = 0.99  # quantile of the misfit at which the colours end
+LEAST_TOP = 1.0  # times the noise: smaller misfits are pale, as no reader is to see more in them
 
 
 class WhereSection(Section):
@@ -28,7 +29,7 @@ class WhereSection(Section):
         assert c is not None
         both = [m for m in (c.before, c.after) if m is not None]
         sizes = np.abs(np.concatenate([m[np.isfinite(m)] for m in both]))
-        top = float(np.quantile(sizes, EXTREME)) if sizes.size else 1.0
+        top = max(float(np.quantile(sizes, EXTREME)) if sizes.size else 0.0, LEAST_TOP)
         above, below = c.sides
         boxed = " Boxed: beyond noise." if run.diagnosis and run.diagnosis.mismatch else ""
         text = (
@@ -49,7 +50,7 @@ def _map(
     frames = o.frames[c.at]
     rows = np.isfinite(values).any(axis=0) | (o.source != "markers")
     cells = heat(frames, c.station[rows], values.T[rows], "times the noise")
-    cells |= {"zmin": -max(top, 1e-6), "zmax": max(top, 1e-6)}
+    cells |= {"zmin": -top, "zmax": top}
     boxes = [] if d is None else [_box(r.frames, r.arc_length) for r in d.mismatch]
     return Figure(
         f"Where the recording differs from the model, {name}",

@@ -19,6 +19,11 @@ WORDS = {
     "unknown": "No candidate explains enough of what the nominal model leaves to be the cause.",
     "none": "No candidate explains more of what the nominal model leaves than chance would.",
 }
+TOGETHER = "What each cause explains beyond the others."
+ALONE = (
+    "What every other candidate would explain if it were the only cause. Beside the causes above, "
+    "none explains enough."
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,12 @@ class WhySection(Section):
         assert d is not None
         rows = candidates(d)
         body = paragraph(WORDS[d.verdict])
-        if d.verdict != "none":
+        if len(d.causes) > 1:  # evidence beside different models is not to be compared
+            chosen = [row for row in rows if row.accepted or row.tied]
+            rest = [row for row in rows if row not in chosen]
+            body = paragraph(TOGETHER) + _bars(chosen, d.threshold)
+            body += paragraph(ALONE) + _bars(rest, d.threshold)
+        elif d.verdict != "none":
             body += _bars(rows, d.threshold)
         elif rows:
             best = rows[0]
