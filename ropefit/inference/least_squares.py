@@ -24,6 +24,7 @@ STOPPED = -2  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
+BOUND_TOLERANCE = 1e-9  # search variables: a parameter nearer to its bound is at it
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
@@ -72,6 +73,13 @@ class Fit:
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+
+def inside(fitted: Fit) -> np.ndarray:
+    """Return (P,) bool: the search variables that are not at a bound."""
+    low, high = fitted.forward.bounds()
+    u = fitted.point.u
+    return (u > low + BOUND_TOLERANCE) & (u < high - BOUND_TOLERANCE)
 
 
 Report = Callable[[float], None]
