@@ -108,7 +108,9 @@ def test_a_follower_is_told_from_a_steady_force():
 
 def test_its_law_is_a_constant_and_says_why_it_has_no_curve():
     size = Size(value=0.2, unit="N", ci95=(0.1, 0.3))
-    sizes: dict[str, Size] = dict.fromkeys(("force", "across_1", "across_2", "along", "arc_length"), size)
+    sizes: dict[str, Size] = dict.fromkeys(
+        ("force", "across_1", "across_2", "along", "arc_length"), size
+    )
     law = constant_law(FollowerForce(), sizes)
     assert law is not None
     assert law.curve is None
