@@ -189,6 +189,14 @@ def test_a_law_is_found_and_its_form_told():
     assert n[1][0] < 0.5 < n[1][1]
 
 
+def test_a_cord_that_is_much_longer_under_its_own_weight_has_a_law():
+    """Its linear stretch is half of its length under its weight, and was held to be implausible."""
+    fine = form(stretchy(144, 22, strain=0.2), "e^n", 0.6)
+    result = search(nominal_fit(recorded(fine, seed=3), 48), 0, lambda *_: None, RULES)
+    names = [one.candidate.hypothesis.name for one in result.accepted]
+    assert names == ["axial_extensibility", "axial_law"]
+
+
 def test_a_linear_stretch_is_no_law():
     result = search(
         nominal_fit(recorded(stretchy(144, strain=0.12), seed=5), 48), 0, lambda *_: None, RULES

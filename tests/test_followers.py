@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.law_content import constant_law
+from ropefit.artifacts.causes import Size
 from ropefit.diagnosis.hypotheses import effects_of
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import search
@@ -102,6 +104,20 @@ def test_a_follower_is_told_from_a_steady_force():
     assert PointForce.name not in {c.hypothesis.name for c in one.equivalent}
     values, sd = one.candidate.values(), one.candidate.sd()
     assert (np.abs(values - VALUES) < 4 * sd + [1e-3, 1e-3, 1e-3, 0.01]).all()
+
+
+def test_its_law_is_a_constant_and_says_why_it_has_no_curve():
+    size = Size(value=0.2, unit="N", ci95=(0.1, 0.3))
+    sizes: dict[str, Size] = dict.fromkeys(
+        ("force", "across_1", "across_2", "along", "arc_length"), size
+    )
+    law = constant_law(FollowerForce(), sizes)
+    assert law is not None
+    assert law.curve is None
+    assert "no variable" in law.no_curve
+    assert "F0" in law.form
+    assert law.parameters.keys() == {"force", "across_1", "across_2", "along"}
+    assert constant_law(PointForce(), sizes) is None
 
 
 def nominal_clamped(data):

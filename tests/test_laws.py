@@ -116,6 +116,18 @@ def test_a_law_is_found_and_its_form_named(softening):
     assert ((found.low <= truth * 1.01) & (truth * 0.99 <= found.high))[inside].all()
 
 
+@pytest.mark.parametrize(("name", "value", "sd"), [("(n-1)", 0.4, 0.002), ("tanh", 15.0, 0.004)])
+def test_what_looks_like_a_solver_that_stopped_early_is_a_law(name, value, sd):
+    """Of a power law the free curve must follow the small curvatures; of a late levelling one
+    block of frames shows the highest, without which a first-order fit goes anywhere."""
+    rules = Rules(effects=("bending_law", "under_converged", "mass_section"))
+    data = recorded(form(rope(144, 18), name, value), seed=3, sd=sd)
+    result = search(nominal_fit(data, 48), 0, lambda *_: None, rules)
+    assert [one.candidate.hypothesis.name for one in result.accepted] == ["bending_law"]
+    assert result.final.scale < 1.05
+    assert result.accepted[0].candidate.gains.min() > 0
+
+
 def test_a_linear_rope_is_no_law_and_how_far_from_it_could_be_is_told():
     result = searched(rope(144), 5)
     assert result.verdict == "none"

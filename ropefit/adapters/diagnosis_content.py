@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ropefit.adapters.equilibrium_model import calibration_of
-from ropefit.adapters.law_content import law_of
+from ropefit.adapters.law_content import constant_law, law_of
 from ropefit.adapters.unit_mass import per_unit_mass
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
@@ -166,7 +166,7 @@ def _cause(o: Observations, item: engine.Accepted, last: Fit, layout: Layout) ->
     candidate, effect = replace(item.candidate, fit=last), item.candidate.hypothesis.effect
     values, sd = candidate.values(), candidate.sd()
     named = dict(zip(effect.names, (float(v) for v in values), strict=True))
-    law = law_of(o, candidate, last)
+    law, parameters = law_of(o, candidate, last), sizes_of(candidate, values, sd)
     return Cause(
         name=effect.name,
         kind=effect.kind,
@@ -174,7 +174,7 @@ def _cause(o: Observations, item: engine.Accepted, last: Fit, layout: Layout) ->
         end=effect.end if effect.locus == "end" else None,
         arc_length=_stretch(candidate, named, sd, layout),
         frames=_acting(item.candidate, layout),
-        parameters=sizes_of(candidate, values, sd),
+        parameters=parameters,
         values=values,
         value_names=list(effect.names),
         covariance=candidate.covariance_of_values(),
@@ -183,7 +183,7 @@ def _cause(o: Observations, item: engine.Accepted, last: Fit, layout: Layout) ->
         p_value=item.p_value,
         heldout_gain=candidate.gains,
         sentence=law[1] if law else _sentence(candidate),
-        law=law[0] if law else None,
+        law=law[0] if law else constant_law(effect, parameters),
     )
 
 

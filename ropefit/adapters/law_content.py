@@ -7,6 +7,7 @@ from ropefit.artifacts import Observations
 from ropefit.artifacts.causes import Curve, Law, Size
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.forms import Described, described
+from ropefit.effects import Effect
 from ropefit.effects.law import Law as FreeLaw
 from ropefit.inference.least_squares import Fit
 
@@ -35,6 +36,17 @@ def law_of(o: Observations, candidate: Candidate, final: Fit) -> tuple[Law, str]
     return out, _sentence(out, law)
 
 
+def constant_law(effect: Effect, parameters: dict[str, Size]) -> Law | None:
+    """Return the law of an effect that has one without a variable, by the sizes of the effect."""
+    if not effect.constant:
+        return None
+    names = {q.name for q in effect.quantities} | {(effect.vector or ("",))[0]}
+    own = {name: size for name, size in parameters.items() if name in names}
+    return Law(
+        form=effect.constant, forms=[effect.constant], parameters=own, no_curve=effect.no_curve
+    )
+
+
 def _constants(found: Described):
     best = found.forms[:1]
     return [c for f in best for c in f.constants], [ends for f in best for ends in f.intervals]
@@ -55,6 +67,7 @@ def times_metre(unit: str, power: float) -> str:
 def _sentence(law: Law, found: FreeLaw) -> str:
     """Return the answer in words: the curve at both ends of what is visited, and its form."""
     c = law.curve
+    assert c is not None
     ends = c.x.searchsorted(c.visited).clip(max=len(c.x) - 1)
     told = found.sentence(c.x[ends], c.y[ends], (c.unit_x, c.unit_y))
     numbers = ", ".join(

@@ -25,7 +25,11 @@ def _cause(cause: Cause) -> Cause:
     if sizes == cause.parameters:
         return cause
     sentence = f"{cause.sentence} (of a rope of 1 kg/m: its mass is not known)"
-    return cause.model_copy(update={"parameters": sizes, "sentence": sentence})
+    law = cause.law
+    if law:
+        stated = {name: _stated(size) for name, size in law.parameters.items()}
+        law = law.model_copy(update={"parameters": stated})
+    return cause.model_copy(update={"parameters": sizes, "sentence": sentence, "law": law})
 
 
 def _stated(size: Size | Detectable) -> Size | Detectable:

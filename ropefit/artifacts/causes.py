@@ -36,7 +36,8 @@ class Law(Part):
     form: str = Field(description="empty: none is so much better than the others")
     forms: list[str] = Field(description="that remain, best first")
     parameters: dict[str, Size] = Field(description="constants of the best of them")
-    curve: Curve
+    curve: Curve | None = None
+    no_curve: str = Field(default="", description="why there is none")
 
 
 class Cause(Part):

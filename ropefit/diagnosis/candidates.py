@@ -16,6 +16,7 @@ from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
 from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.least_squares import Fit
+from ropefit.rod.setup import Setup
 
 MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
@@ -101,7 +102,7 @@ def fit_candidates(
     effects that may be proposed; None: all.
     """
     fits = Fits(current, threshold)
-    for choices in _leaders(scan, threshold) + quick:
+    for choices in _leaders(scan, threshold, current.point.setup) + quick:
         fits.add(choices)
     first = fits.best()
     if (
@@ -154,13 +155,18 @@ def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:
     return sorted(every, key=lambda c: -c.evidence)
 
 
-def _leaders(scan: list[Score], threshold: float) -> list[list[Start]]:
-    """Return the starts of full fits that a scan, highest first, proposes."""
+def _leaders(scan: list[Score], threshold: float, setup: Setup) -> list[list[Start]]:
+    """Return the starts of full fits that a scan, highest first, proposes: of the leaders, and of
+    laws wherever they rank. What is linear is tested in any case, as a law far from the linear one
+    looks like several local effects."""
     highest = max((s.log_factor for s in scan), default=0.0)
     least = min(threshold, LEADER_SHARE * highest)
+    first = [s for s in scan if s.log_factor > least][:MOST_LEADERS]
+    laws = (s for s in scan if s.hypothesis.effect.law(setup) is not None)
+    first += [s for s in laws if all(s is not f for f in first)]
     return [
         [(s.hypothesis, np.concatenate([sizes, place]))]
-        for s in [s for s in scan if s.log_factor > least][:MOST_LEADERS]
+        for s in first
         if s.log_factor > FITTED_SHARE * threshold
         for sizes, place in s.starts()
     ]

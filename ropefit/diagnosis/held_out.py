@@ -8,10 +8,10 @@ import numpy as np
 from scipy.special import ndtr
 
 from ropefit.inference.bins import Stations, aligned
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import Fit, inside
 
 BLOCKS = 5
-FURTHEST_STEP = 3.0  # search variables: how far a fit to the other blocks goes in a motion
+FURTHEST_STEP = 3.0  # search variables: how far a fit to the other blocks goes
 FAR_AWAY = 10.0  # m: how far off a motion is that cannot be simulated
 
 
@@ -36,6 +36,8 @@ def predicted(fitted: Fit, along: bool = False) -> np.ndarray:
 
     The values that a fit to the others has are those of first order around the fit to all data. At
     rest so is the residual: z_b + J_b (H - J_bᵀJ_b)⁻¹ J_bᵀ z_b; a motion is simulated with them.
+    What the others do not determine (the values of a law where only this block is) stays as near
+    as a broad prior holds it (ridge), and what is at a bound stays there.
     """
     return _predicted(fitted, along)[0]
 
@@ -56,17 +58,18 @@ def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def _computed(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
     held = np.isfinite(fitted.prior)
-    whole = fitted.jacobian.T @ fitted.jacobian + np.diag(np.where(held, 1 / fitted.prior**2, 0.0))
+    jacobian = fitted.jacobian * inside(fitted)
+    whole = jacobian.T @ jacobian + np.diag(np.where(held, 1 / fitted.prior**2, 0.0))
+    whole += np.eye(len(whole)) / FURTHEST_STEP**2
     block = block_of_rows(fitted, along)
     residual, variance = np.empty_like(fitted.z), np.empty_like(fitted.z)
     for b in range(BLOCKS):
         mine = block == b
-        j, z = fitted.jacobian[mine], fitted.z[mine]
-        rest = np.linalg.pinv(whole - j.T @ j, rcond=1e-12, hermitian=True)
+        j, z = jacobian[mine], fitted.z[mine]
+        rest = np.linalg.pinv(whole - j.T @ j, hermitian=True)
         residual[mine] = z + j @ (rest @ (j.T @ z))
         if not fitted.forward.instantaneous:
-            damped = whole - j.T @ j + np.eye(len(whole)) / FURTHEST_STEP**2
-            residual[mine] = _simulated(fitted, np.linalg.solve(damped, j.T @ z), mine)
+            residual[mine] = _simulated(fitted, rest @ (j.T @ z), mine)
         variance[mine] = 1 + np.maximum(((j @ rest) * j).sum(axis=1), 0.0)
     return residual, variance
 

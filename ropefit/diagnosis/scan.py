@@ -16,11 +16,10 @@ from scipy.special import log_ndtr, logsumexp
 
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.sensitivities import Sensitivity
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import Fit, inside
 
 PRIOR_SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)  # usual sizes: τ
 FREE_PRIOR_SD = 100.0  # search variables: of parameters without a prior
-BOUND_TOLERANCE = 1e-9  # search variables: a parameter nearer to its bound is at it
 SECOND_DISTANCE = 0.2  # of the rope: how far a second start is from the best place
 SECOND_FACTOR = 0.6  # of the best place's log factor: least of a second start
 
@@ -33,16 +32,15 @@ class Projection:
     """
 
     def __init__(self, fit: Fit) -> None:
-        low, high = fit.forward.bounds()
-        inside = (fit.point.u > low + BOUND_TOLERANCE) & (fit.point.u < high - BOUND_TOLERANCE)
-        self.jacobian = fit.jacobian * inside
+        free = inside(fit)
+        self.jacobian = fit.jacobian * free
         held = np.isfinite(fit.prior)
         # Parameters without any sensitivity (an edge beyond the rope) are held by a broad prior.
         weight = np.where(held, 1 / fit.prior**2, FREE_PRIOR_SD**-2)
         information = self.jacobian.T @ self.jacobian + np.diag(weight)
         self.inverse = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
         self.prior_sd = np.where(held, fit.prior, 0.0)
-        prior = np.where(held & inside, fit.point.u / fit.prior**2, 0.0)
+        prior = np.where(held & free, fit.point.u / fit.prior**2, 0.0)
         left = self.inverse @ (self.jacobian.T @ fit.z - prior)
         self.z = fit.z - self.jacobian @ left
 

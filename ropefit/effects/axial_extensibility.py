@@ -23,6 +23,7 @@ class AxialExtensibility(Effect):
     name = "axial_extensibility"
     of_rope = True
     of_simulators = True
+    implausible = 100.0  # twice as long under its own weight: a cord of rubber
     quantities = (
         Quantity(
             "compliance", "1/N", 0.01, lower=0.0, by_weight=-1.0,

@@ -171,6 +171,10 @@ class Effect(ABC):
     of_rope: ClassVar[bool] = False
     # The name by which `identify --law` fits its curve, if it begins at zero.
     asked_as: ClassVar[str] = ""
+    # The form of a law without a variable, whose constants are the effect's own quantities, and why
+    # it has no curve.
+    constant: ClassVar[str] = ""
+    no_curve: ClassVar[str] = ""
     # Advice for recordings in which the rope's own parameters explain the effect as well.
     confounding: ClassVar[str] = ""
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from ropefit.attachments import BendingFriction
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.drawn import Drawn
+from ropefit.effects.friction_law import friction_law, prandtl, with_friction
+from ropefit.effects.law import Law
 from ropefit.effects.revisit import revisits
-from ropefit.rod.memory import Branch
 from ropefit.rod.setup import Setup
 
 
@@ -38,9 +37,10 @@ class BendingHysteresis(Effect):
         return revisits(setup)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        bend = (values[0] / values[1]).expand_as(setup.properties.bend)
-        never = torch.tensor(math.inf, dtype=torch.float64)
-        return setup._replace(memory=(*setup.memory, Branch(bend, values[1], never, fresh=False)))
+        return with_friction(setup, prandtl(values[0], values[1]))
+
+    def law(self, setup: Setup) -> Law:
+        return friction_law(setup, np.array([q.size(setup) for q in self.quantities]))
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]

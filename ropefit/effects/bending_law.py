@@ -15,9 +15,9 @@ from ropefit.rod.bending import Bending
 from ropefit.rod.setup import Setup
 
 INNER = (2, 4, 8, 16)  # over the length: curvatures at which the slope's logarithm is a value
-LOWEST, HIGHEST = 1.0, 32.0  # over the length: beyond, the slope of M is constant
+LOWEST, HIGHEST = 0.25, 32.0  # over the length: beyond, the slope of M is constant
 OCTAVES, PER_OCTAVE = (-2, 6), 4  # over the length: where M is exact, between which it is linear
-MIDDLE = (LOWEST * HIGHEST) ** 0.5  # over the length: EI is M / κ there
+MIDDLE = 32.0**0.5  # over the length: EI is M / κ there
 LEAST_SLOPE = 1e-3  # over EI: a moment that no longer grows leaves equilibria undetermined
 
 Moment = Callable[[Tensor, Tensor], Tensor]  # of curvatures (n,) and a shape (), up to a factor
@@ -53,7 +53,8 @@ class BendingLaw(Effect):
         apart = np.log(INNER[1] / INNER[0])
         inner = torch.log(torch.tensor(INNER, dtype=torch.float64))
         hats = torch.clamp(1 - (at[:, None] - inner).abs() / apart, min=0)
-        return _with_slope(setup, torch.exp(values[0] * (at - np.log(MIDDLE)) + hats @ values[1:]))
+        slope = torch.exp(values[0] * (at - np.log(MIDDLE)) + hats @ values[1:])
+        return _with_slope(setup, slope.clamp_min(LEAST_SLOPE))
 
     def law(self, setup: Setup) -> Law:
         return Law(

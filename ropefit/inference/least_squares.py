@@ -27,6 +27,7 @@ FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 NORMAL_QUANTILE = 1.96  # of 95 %
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
+BOUND_TOLERANCE = 1e-9  # search variables: a parameter nearer to its bound is at it
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
@@ -112,6 +113,13 @@ class Fit:
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+
+def inside(fitted: Fit) -> np.ndarray:
+    """Return (P,) bool: the search variables that are not at a bound."""
+    low, high = fitted.forward.bounds()
+    u = fitted.point.u
+    return (u > low + BOUND_TOLERANCE) & (u < high - BOUND_TOLERANCE)
 
 
 Report = Callable[[float], None]

@@ -14,7 +14,7 @@ from ropefit.reporting.words import number
 
 
 class LawSection(Section):
-    """A figure for each law among the causes."""
+    """A figure for each law with a curve among the causes."""
 
     title = "The law"
 
@@ -27,11 +27,11 @@ class LawSection(Section):
 
 
 def _laws(run: RunContents) -> list[Law]:
-    """Return the laws of the diagnosis, or of the model that was identified with one."""
+    """Return the laws with a curve: of the diagnosis, or else those that were asked for."""
     found = run.diagnosis.causes if run.diagnosis else {}
     asked = run.model.nominal.laws if run.model else {}
-    every = [c.law for c in found.values() if c.law]
-    return every or [c.law for c in asked.values() if c.law]
+    every = [[c.law for c in own.values() if c.law and c.law.curve] for own in (found, asked)]
+    return every[0] or every[1]
 
 
 def _sentence(law: Law) -> str:
@@ -44,6 +44,7 @@ def _sentence(law: Law) -> str:
 
 def _figure(law: Law) -> Figure:
     c = law.curve
+    assert c is not None
     low, high = c.visited
     inside = (c.x >= low) & (c.x <= high)
     outside = [(float(c.x[0]), low), (high, float(c.x[-1]))]

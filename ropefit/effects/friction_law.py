@@ -1,0 +1,115 @@
+"""How friction inside a rope builds up with the change of curvature: Prandtl's law, and Dahl's.
+
+Both are sums of Prandtl's elements in parallel (Prandtl-Ishlinskii): one for a friction that builds
+up in proportion, several for one that does so exponentially. After a reversal the moment changes by
+twice that of half the change (Masing); between full loops the exponential law is then Dahl's, which
+as such has no potential where the direction of bending turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.effects.law import Constant, Form, Law
+from ropefit.rod.memory import Branch
+from ropefit.rod.setup import Setup
+
+# Over the range: changes of curvature at which the elements of the exponential law slip.
+SLIPS = (0.2, 0.45, 0.75, 1.15, 1.7, 2.5, 4.0)
+RANGES = np.geomspace(0.2, 5.0, 25)  # that are tried, over the fitted one
+NEVER = torch.tensor(math.inf, dtype=torch.float64)
+
+Elements = Callable[[Tensor, Tensor], list[tuple[Tensor, Tensor]]]  # rigidity [N m²], slip [1/m]
+
+
+def prandtl(moment: Tensor, reach: Tensor) -> list[tuple[Tensor, Tensor]]:
+    """Return the element of M = moment min(dk / reach, 1)."""
+    return [(moment / reach, reach)]
+
+
+def dahl(moment: Tensor, reach: Tensor) -> list[tuple[Tensor, Tensor]]:
+    """Return elements of M = moment (1 - exp(-dk / reach)), exact where each slips; level beyond
+    the last."""
+    at = torch.tensor((0.0, *SLIPS), dtype=torch.float64)
+    risen = -torch.expm1(-at)
+    slope = torch.diff(risen / risen[-1]) / torch.diff(at)
+    bend = slope - torch.nn.functional.pad(slope[1:], (0, 1))
+    return [(b * moment / reach, s * reach) for b, s in zip(bend, at[1:], strict=True)]
+
+
+def with_friction(setup: Setup, elements: list[tuple[Tensor, Tensor]]) -> Setup:
+    """Return the setup with elements that are unloaded in the first frame."""
+    like = setup.properties.bend
+    branches = (Branch(b.expand_as(like), slip, NEVER, fresh=False) for b, slip in elements)
+    return setup._replace(memory=(*setup.memory, *branches))
+
+
+def friction_law(setup: Setup, usual: np.ndarray) -> Law:
+    """Return the moment as a function of the change of curvature; usual (2,): moment [N m] and
+    range [1/m]. Forms are tried from the friction that a setup has: where an element begins to
+    slip, the misfit has no slope, and a fit from elsewhere may stop."""
+    own = _elements(setup)
+    known = [float(v) for v in (own[0].bend[0] * own[0].slip, own[0].slip)] if own else usual
+    return Law(
+        "change of curvature", "friction moment", "1/m", -1.0, _curve, _changes,
+        np.array([True, True]), _forms(usual, np.array(known)), _sentence,
+    )  # fmt: skip
+
+
+def _elements(setup: Setup) -> list[Branch]:
+    """Return the elements of friction: what yields from the rest shape, or relaxes, is none."""
+    return [b for b in setup.memory if not b.fresh and bool(torch.isinf(b.time))]
+
+
+def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
+    """Return (n,) moments [N m] of a rope's first segment after changes x (n,) [1/m] from where it
+    was unloaded."""
+    out = np.zeros_like(x)
+    for element in _elements(setup):
+        out += float(element.bend[0]) * np.minimum(x, float(element.slip))
+    return out
+
+
+def _changes(setup: Setup, nodes: np.ndarray) -> np.ndarray:
+    """Return changes of curvature [1/m] at the inner nodes (F, N+1, 3) [m], from the least and the
+    greatest curvature that each has."""
+    step = np.diff(nodes, axis=1)
+    length = np.linalg.norm(step, axis=-1)
+    way = step / length[..., None]
+    turned = np.linalg.norm(np.diff(way, axis=1), axis=-1)
+    curvature = turned / (0.5 * (length[:, 1:] + length[:, :-1]))
+    curvature = curvature[np.isfinite(curvature).all(axis=1)]
+    ends = (curvature - curvature.min(axis=0), curvature.max(axis=0) - curvature)
+    changes = np.concatenate([e.ravel() for e in ends])
+    return changes[changes > 0]
+
+
+def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
+    return (
+        f"friction inside the rope resists a change of its bending: by {y[1]:.2g} {units[1]} after "
+        f"a change of curvature by {x[1]:.2g} {units[0]}"
+    )
+
+
+def _forms(usual: np.ndarray, known: np.ndarray) -> tuple[Form, ...]:
+    tries = known * np.stack([np.ones_like(RANGES), RANGES], axis=1)
+
+    def form(name: str, elements: Elements) -> Form:
+        def constants(_: Setup, v: np.ndarray) -> list[Constant]:
+            return [Constant("M0", float(v[0]), -1.0), Constant("k0", float(v[1]), -1.0, False)]
+
+        return Form(
+            name, ("moment", "range"), ("N m", "1/m"), np.array([0.0, 1e-3 * usual[1]]),
+            np.array([np.inf, 1e3 * usual[1]]), tries,
+            lambda s, v: with_friction(s, elements(v[0], v[1])), constants, usual,
+        )  # fmt: skip
+
+    return (
+        form("Prandtl: M = M0 min(dk/k0, 1)", prandtl),
+        form("Dahl: M = M0 (1 - e^(-dk/k0))", dahl),
+    )

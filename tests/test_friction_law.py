@@ -1,0 +1,77 @@
+"""Friction of bending by Prandtl's law and by Dahl's: closed forms, loops, the form told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.diagnosis.forms import described
+from ropefit.diagnosis.rules import Rules
+from ropefit.diagnosis.search import search
+from ropefit.effects import BendingHysteresis
+from ropefit.effects.friction_law import dahl, prandtl, with_friction
+from ropefit.rod import memory
+from tests import concealed
+from tests.test_exporters import dahl_moments
+from tests.test_memory import there_and_back
+
+MOMENT, RANGE = 4e-4, 1.5  # N m, 1/m
+RULES = Rules(effects=("bending_hysteresis", "point_mass", "bending_law"))
+
+
+def both(moment: float, reach: float) -> tuple[torch.Tensor, torch.Tensor]:
+    return torch.tensor(moment, dtype=torch.float64), torch.tensor(reach, dtype=torch.float64)
+
+
+def test_the_curves_are_the_formulas():
+    x = np.linspace(0.0, 8.0, 60)
+    setup = there_and_back(20, 12)
+    law = BendingHysteresis().law(setup)
+    rising = law.curve(with_friction(setup, dahl(*both(MOMENT, RANGE))), x)
+    np.testing.assert_allclose(rising, MOMENT * -np.expm1(-x / RANGE), atol=0.025 * MOMENT)
+    assert (np.diff(rising) >= -1e-12).all()
+    straight = law.curve(with_friction(setup, prandtl(*both(MOMENT, RANGE))), x)
+    np.testing.assert_allclose(straight, MOMENT * np.minimum(x / RANGE, 1), atol=1e-12)
+    for f in law.forms:
+        v = np.array([MOMENT, RANGE])
+        told = {c.name: c.value for c in f.constants(setup, v)}
+        assert told == {"M0": MOMENT, "k0": RANGE}
+
+
+def test_a_full_loop_is_dahls_over_twice_the_range():
+    """Of a turn to and fro by ten ranges, of which the law loses what Dahl's does."""
+    turns = 5 * RANGE * 0.1 * np.sin(np.linspace(0, 4 * np.pi, 1201))
+    setup = with_friction(concealed.rope(10, 1), dahl(*both(MOMENT, RANGE)))
+    time = torch.arange(len(turns), dtype=torch.float64)
+    law = memory.laws(setup.memory, setup.rod(), setup.properties.bend, time)
+    vector = np.zeros((len(turns), 11, 2))
+    vector[..., 0] = 0.5 * turns[:, None]
+    state, moment = memory.unloaded(vector[0], len(setup.memory)), np.zeros(len(turns))
+    for t in range(len(turns)):
+        state = memory.after(law, t, t == 0, state, vector[t])
+        moment[t] = 0.5 * (law.drag[..., None] * state.strain)[:, 5, 0].sum()
+    wanted = dahl_moments(turns, MOMENT, 2 * RANGE * 0.1)
+    late = slice(601, None)
+    np.testing.assert_allclose(moment[late], wanted[late], atol=0.06 * MOMENT)
+    areas = [(0.5 * (m[1:] + m[:-1]) * np.diff(turns))[600:].sum() for m in (moment, wanted)]
+    assert areas[0] == pytest.approx(areas[1], rel=0.03)
+
+
+@pytest.mark.parametrize(("elements", "name"), [(dahl, "Dahl"), (prandtl, "Prandtl")])
+def test_the_form_is_told(monkeypatch, elements, name):
+    monkeypatch.setattr(
+        concealed, "rope",
+        lambda segments, frames=24, bend=concealed.EI: there_and_back(segments, frames, bend),
+    )  # fmt: skip
+    made = with_friction(there_and_back(144), elements(*both(MOMENT, RANGE)))
+    nominal = concealed.nominal_fit(concealed.recorded(made, seed=1), 48)
+    result = search(nominal, 0, lambda *_: None, RULES)
+    (one,) = result.accepted
+    law = described(one.candidate, result.final)
+    assert law is not None
+    mine = law.forms[0]
+    assert name in mine.form.name
+    for c, (low, high), true in zip(mine.constants, mine.intervals, (MOMENT, RANGE), strict=True):
+        assert low < true < high, c.name
+        assert high - low < 0.5 * true
