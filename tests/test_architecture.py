@@ -80,6 +80,14 @@ def test_imports_run_downward():
     assert not wrong
 
 
+def test_inference_and_diagnosis_know_models_by_their_protocol():
+    models = {"equilibrium", "dynamics", "xpbd", "equilibrium_rope", "xpbd_rope"}
+    for room in ("inference", "diagnosis"):
+        for path in (PACKAGE / room).glob("*.py"):
+            known = {module.removeprefix("ropefit.models.") for module in imports(path)}
+            assert not known & models, f"{path.relative_to(ROOT)} imports {known & models}"
+
+
 def test_every_module_is_imported_somewhere():
     used = {module for path in sources() for module in imports(path)}
     for path in sources():

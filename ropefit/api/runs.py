@@ -27,7 +27,7 @@ from ropefit.errors import BadInput, WrongUsage
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.runs.execute import execute
 from ropefit.runs.loading import load, load_if_there
-from ropefit.runs.protocol import Context, Outcome, Stage, StageSettings
+from ropefit.runs.protocol import Context, Outcome
 from ropefit.runs.run_directory import existing_run, new_run
 from ropefit.solvers.compiling import telling
 
@@ -63,7 +63,8 @@ def preprocess(
         external["mask"] = Masks(Path(chosen.mask)).sha256()
     objects = {"recording": opened, "debug_images": debug_images}
     anew = force or debug_images is not None
-    return _stage(pipeline.PREPROCESS, run, chosen, context, objects, external, anew)
+    context = replace(context, external=objects)
+    return execute(pipeline.PREPROCESS, run, chosen, context, external, anew)
 
 
 def _refuse_another(run: Path, recording: Recording, fingerprint: str) -> None:
@@ -94,7 +95,8 @@ def identify(
     if from_run is not None:
         objects["from"], external["--from"] = load(existing_run(from_run), Model)
         objects["from_path"] = str(from_run)
-    return _stage(pipeline.IDENTIFY, run, chosen, context, objects, external, force)
+    context = replace(context, external=objects)
+    return execute(pipeline.IDENTIFY, run, chosen, context, external, force)
 
 
 def diagnosable(model: Model) -> bool:
@@ -147,7 +149,8 @@ def diagnose(
         solver = "dynamics" if moving else "equilibrium"
         context.say(f"no {Model.file_name} yet: ropefit identify --solver {solver}")
         identify(run, {"solver": solver}, context)
-    return _stage(pipeline.DIAGNOSE, run, chosen, context, objects, external, force)
+    context = replace(context, external=objects)
+    return execute(pipeline.DIAGNOSE, run, chosen, context, external, force)
 
 
 def control(
@@ -168,19 +171,8 @@ def control(
         external["target"] = objects["targets"].sha256
     if (run / Diagnosis.file_name).exists():  # the rope with what was found to be left out
         objects["diagnosis"], external[Diagnosis.file_name] = load(run, Diagnosis)
-    return _stage(pipeline.CONTROL, run, chosen, context, objects, external, force)
-
-
-def _stage(
-    stage: Stage[Any],
-    run: Path,
-    settings: StageSettings,
-    context: Context,
-    objects: dict[str, Any],
-    external: dict[str, str],
-    force: bool,
-) -> Outcome[Any]:
-    return execute(stage, run, settings, replace(context, external=objects), external, force)
+    context = replace(context, external=objects)
+    return execute(pipeline.CONTROL, run, chosen, context, external, force)
 
 
 @dataclass(frozen=True)

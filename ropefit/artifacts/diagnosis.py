@@ -64,7 +64,7 @@ class Diagnosis(Artifact):
     """Verdict, causes and evidence."""
 
     schema_name: ClassVar[str] = "ropefit-diagnosis"
-    schema_version: ClassVar[int] = 4
+    schema_version: ClassVar[int] = 5
     file_name: ClassVar[str] = "diagnosis.h5"
 
     recording: str

@@ -11,45 +11,11 @@ from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
 
-
-class Search(StrEnum):
-    """How the parameters are searched."""
-
-    gradient = "gradient"
-    grid = "grid"
-    least_squares = "least-squares"
-
-
-class Device(StrEnum):
-    """Where many ropes are settled at once."""
-
-    cpu = "cpu"
-    cuda = "cuda"
-
-
-class ProjectChoice(StrEnum):
-    """Whether points are projected onto the plane of gravity and the two ends."""
-
-    auto = "auto"
-    yes = "yes"
-    no = "no"
-
-
-class UntilStage(StrEnum):
-    """The stages of a run, in order."""
-
-    preprocess = "preprocess"
-    identify = "identify"
-    diagnose = "diagnose"
-    control = "control"
-    report = "report"
-
-
-class Engine(StrEnum):
-    """Where a batch runs."""
-
-    local = "local"
-    dask = "dask"
+Search = StrEnum("Search", ["gradient", "grid", "least-squares"])
+Device = StrEnum("Device", ["cpu", "cuda"])
+ProjectChoice = StrEnum("ProjectChoice", ["auto", "yes", "no"])
+UntilStage = StrEnum("UntilStage", ["preprocess", "identify", "diagnose", "control", "report"])
+Engine = StrEnum("Engine", ["local", "dask"])
 
 
 def _solvers() -> list[str]:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ropefit.inference import bfgs
 from ropefit.inference.bfgs import Search
-from ropefit.inference.sandwich import sandwich
+from ropefit.inference.sandwich import sandwich, slopes_of
 from ropefit.losses.objectives import Objective, Scene
 from ropefit.losses.primary import Observed, Residual, point_to_line
 from ropefit.models.rope import Rope
@@ -96,21 +96,16 @@ class Gripper:
             terms = self.residuals(self.state(u + moves, rows).x, rows)
         out = np.full((len(u), 3), np.nan)
         for t in range(len(u)):
-            columns, base, cluster = [], [], []
+            vectors, cluster = [], []
             for number, term in enumerate(terms):
                 mask = term.mask[t].numpy()
-                vectors = np.zeros((2 * n + 1, mask.sum(), 3))
-                vectors[..., : term.vectors.shape[-1]] = term.vectors[:, t][:, mask].numpy()
-                columns.append((vectors[1::2] - vectors[2::2]) / (2 * step))
-                base.append(vectors[0])
+                vectors.append(term.vectors[:, t].numpy()[:, mask])
                 place = np.arange(mask.sum()) * clusters // max(int(mask.sum()), 1)
                 cluster.append(place + number * clusters)
-            jacobian = np.moveaxis(np.concatenate(columns, axis=1), 0, -1)
+            jacobian, base = slopes_of(vectors, step)
             if not np.isfinite(jacobian).all():
                 continue
-            found = sandwich(
-                jacobian, np.concatenate(base), np.concatenate(cluster), floor, dead_below=0.0
-            )
+            found = sandwich(jacobian, base, np.concatenate(cluster), floor, dead_below=0.0)
             sd = found.sd[:3] * self.scale
             out[t] = np.where(np.isfinite(sd), sd, np.nan)
         return out

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ropefit.inference import bfgs
 from ropefit.inference.bfgs import Search
-from ropefit.inference.sandwich import Uncertainty, sandwich
+from ropefit.inference.sandwich import Uncertainty, sandwich, slopes_of
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import Objective, Scene
 from ropefit.models.rope import Rope
@@ -239,20 +239,7 @@ def uncertainty(task: Task, values: np.ndarray, floor: float, length: float) -> 
         eta = torch.from_numpy(candidates)[:, None, :].expand(-1, frames, -1)
         state = task.rope.settle(eta)
         residuals = task.objective.residuals(state.x, task.scene)
-    columns, base, cluster = [], [], []
-    for term in residuals:
-        mask = term.mask.numpy()
-        vectors = np.zeros((*term.vectors.shape[:-1], 3))
-        vectors[..., : term.vectors.shape[-1]] = term.vectors.numpy()
-        vectors = vectors[:, mask]
-        columns.append((vectors[1::2] - vectors[2::2]) / (2 * step))
-        base.append(vectors[0])
-        cluster.append(np.nonzero(mask)[0])
-    jacobian = np.moveaxis(np.concatenate(columns, axis=1), 0, -1)
-    return sandwich(
-        jacobian,
-        np.concatenate(base),
-        np.concatenate(cluster),
-        floor=floor,
-        dead_below=1e-9 * length,
-    )
+    masks = [term.mask.numpy() for term in residuals]
+    vectors = [t.vectors.numpy()[:, mask] for t, mask in zip(residuals, masks, strict=True)]
+    cluster = np.concatenate([np.nonzero(mask)[0] for mask in masks])
+    return sandwich(*slopes_of(vectors, step), cluster, floor=floor, dead_below=1e-9 * length)

@@ -85,6 +85,17 @@ def sandwich(
     return Uncertainty(sd, quantile * sd, correlation, condition, dead, null)
 
 
+def slopes_of(vectors: list[np.ndarray], step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the jacobian (M, 3, n) and the residuals (M, 3) of terms of a loss.
+
+    vectors: of each term (2n+1, M', D), D at most 3, where nothing has moved, and where each of n
+    parameters has by a step up and by one down, in turn.
+    """
+    space = [np.pad(v, [(0, 0), (0, 0), (0, 3 - v.shape[-1])]) for v in vectors]
+    every = np.concatenate(space, axis=1)
+    return np.moveaxis((every[1::2] - every[2::2]) / (2 * step), 0, -1), every[0]
+
+
 def cluster_estimates(
     found: Uncertainty,
     names: list[str],
