@@ -100,7 +100,7 @@ def _catenaries(
     arc = np.zeros((len(rods.length), segments + 1))
     np.cumsum(rods.length, axis=1, out=arc[:, 1:])
     weight = rods.load.sum(axis=1)
-    ends, clamp = as_numpy(conditions.ends), held.clamp
+    ends, clamp = as_numpy(conditions.ends), as_numpy(conditions.clamp)  # NaN where not held
     q, x, pull = (np.empty((frames, *shape)) for shape in ((segments, 4), (segments + 1, 3), (3,)))
     turns = np.zeros(frames) if turns is None else np.asarray(turns, dtype=np.float64)
     check_shapes(
@@ -109,7 +109,7 @@ def _catenaries(
     )  # fmt: skip
 
     load = np.ascontiguousarray(rods.load[:, -1])
-    rolls = bool(np.isnan(as_numpy(conditions.clamp)).any(-1).all())  # nothing keeps it from that
+    rolls = bool(np.isnan(clamp).any(-1).all())  # nothing keeps it from that
 
     def work(index: slice) -> None:
         start_ropes(
