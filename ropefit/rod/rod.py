@@ -100,7 +100,7 @@ def uniform(
     ]
     curvature = _tensor(curvature)
     shape = np.broadcast_shapes(*(v.shape for v in values), curvature.shape[:-1])
-    spread = [v.expand(shape)[..., None].expand(*shape, segments) for v in values]
+    spread = [v[..., None].expand(*shape, segments) for v in values]
     length_, axial_, shear_, bend_, twist_, density_ = spread
     rest = curvature.expand(*shape, 3)[..., None, :].expand(*shape, segments, 3)
     return Properties(length_, axial_, shear_, bend_, twist_, density_, rest)
@@ -122,7 +122,8 @@ def build(
     beside it, so properties may jump.
     """
     half_bend, half_twist = 0.5 * p.length / p.bend, 0.5 * p.length / p.twist
-    soft = torch.stack([at_nodes(half_bend), at_nodes(half_bend), at_nodes(half_twist)], dim=-1)
+    soft = at_nodes(half_bend)
+    soft = torch.stack([soft, soft, at_nodes(half_twist)], dim=-1)
     if clamp_compliance is not None:
         soft = _with_clamp_compliance(soft, clamp_compliance)
     ends = torch.ones(soft.shape[-2], 1, dtype=soft.dtype, device=soft.device)

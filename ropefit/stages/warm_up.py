@@ -89,6 +89,7 @@ def _equilibrium() -> list[Call]:
     changes = settled.Change(**zeros(ROD, (1, 1), n))
     ways = [np.zeros((0, 1, *shape)) for shape in ((2, 3), (3,), (s,), (n + 1, 3), (n, 3))]
     pulls = settled.Pull(**zeros((*ROD, *settled.HELD_GRADIENT), (0,), n, S=s))
+    rest = np.zeros((1, n + 1, 4))
     ends, clamp, arc = np.zeros((0, 2, 3)), np.zeros((0, 2, 4)), np.linspace(0.0, 1.0, n + 1)
     down, apart = np.array([0.0, 0.0, -9.81]), np.array([[0.0, 0.0, 0.0], [0.8, 0.0, 0.0]])
     return [
@@ -96,7 +97,8 @@ def _equilibrium() -> list[Call]:
         (e.tangent_ropes, (*state, changes, *ways)),
         (e.adjoint_ropes, (*state, x, q, pulls)),
         (e.stability_ropes, (*state, none)),
-        (e.start_ropes, (arc[None], whole, down[None], ends, clamp, none, q, x, none)),
+        (e.start_ropes, (arc[None], whole, down[None], ends, clamp, none, rest, True, down[None], q,
+                         x, x0)),
         (e.hang_rope, (arc, down, apart, np.full((2, 3), np.nan), np.empty((n + 1, 3)))),
     ]  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -48,12 +49,12 @@ class Conditions:
     friction_elements: FrictionElements | None = None
     axial: np.ndarray | None = None
 
-    @property
+    @cached_property
     def free(self) -> bool:
         """Return whether nothing holds node 0."""
         return bool(torch.isnan(self.ends[:, 0]).any())
 
-    @property
+    @cached_property
     def far_held(self) -> bool:
         """Return whether the far end's place is given."""
         return not bool(torch.isnan(self.ends[:, 1]).any())

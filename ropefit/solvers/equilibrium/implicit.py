@@ -6,6 +6,7 @@ derivatives in chosen directions, for least squares.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from ropefit.solvers.equilibrium.kernels.records import HELD_GRADIENT, Change, P
 from ropefit.solvers.equilibrium.problem import Problem, cut
 from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.turns import from_turn
 from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.xpbd.reference import State
 
@@ -87,21 +89,30 @@ class _Settle(torch.autograd.Function):
         problem, far = ctx.solution.problem, ctx.far
         g = _adjoint(ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
         ropes = len(problem.rods.length)
-        summed = [_sum_of_ropes(getattr(g, name), problem.of, ropes) for name in names(ROD)]
-        ends = np.zeros((len(g.anchor), 2, 3))
-        ends[:, 0] = g.anchor
-        if far:
-            ends[:, 1] = g.offset[:, :3]
-        # A turn δ about the clamp's own axes is 2 Im(q* dq).
-        w, v = problem.held.clamp[..., :1], problem.held.clamp[..., 1:]
-        clamp = 2 * np.concatenate(
-            [-(v * g.clamp).sum(-1, keepdims=True), w * g.clamp + np.cross(v, g.clamp)], axis=-1
-        )
-        rest = [ends, clamp, g.direction[:, far:], g.offset[:, far:], g.compliance[:, far:]]
-        return [
-            None if shape is None else torch.from_numpy(item.copy()).reshape(shape)
-            for shape, item in zip(ctx.shapes, [*summed, *rest], strict=True)
+        fields = [
+            partial(_sum_of_ropes, getattr(g, name), problem.of, ropes) for name in names(ROD)
         ]
+        rest = [
+            lambda: _of_ends(g, far),
+            lambda: from_turn(problem.held.clamp, g.clamp, 2.0),
+            *(partial(getattr(g, name).__getitem__, np.s_[:, far:]) for name in
+              ("direction", "offset", "compliance")),
+        ]  # fmt: skip
+        return [
+            torch.from_numpy(item().copy()).reshape(shape) if wanted and shape is not None else None
+            for wanted, shape, item in zip(
+                ctx.needs_input_grad[2:], ctx.shapes, [*fields, *rest], strict=True
+            )
+        ]
+
+
+def _of_ends(g: Pull, far: int) -> np.ndarray:
+    """Return the gradients in the ends' places (F, 2, 3)."""
+    ends = np.zeros((len(g.anchor), 2, 3))
+    ends[:, 0] = g.anchor
+    if far:
+        ends[:, 1] = g.offset[:, :3]
+    return ends
 
 
 class _Once(torch.autograd.Function):

@@ -66,7 +66,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
     node, direction, offset, compliance = [], [], [], []
     if far:
         node.append(np.full(far, segments))
-        direction.append(np.broadcast_to(AXES, (frames, 3, 3)))
+        direction.append(np.repeat(AXES[None], frames, axis=0))
         offset.append(as_numpy(c.ends[:, 1]))
         compliance.append(np.zeros((frames, far)))
     active = np.ones((frames, far), dtype=np.bool_)
@@ -99,7 +99,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
         drag=drag,
         centre=centre,
         slip=slip,
-        axial=np.array(np.broadcast_to(axial, (frames, axial.size))),
+        axial=np.repeat(axial[None], frames, axis=0),
     )
 
 

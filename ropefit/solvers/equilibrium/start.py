@@ -12,7 +12,6 @@ from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.kernels.entries import hang_rope, start_ropes
 from ropefit.solvers.equilibrium.problem import Problem
 from ropefit.solvers.equilibrium.solution import Solution, States, same_supports
-from ropefit.solvers.equilibrium.turns import rolled
 from ropefit.solvers.shapes import check_shapes
 
 
@@ -101,58 +100,25 @@ def _catenaries(
     arc = np.zeros((len(rods.length), segments + 1))
     np.cumsum(rods.length, axis=1, out=arc[:, 1:])
     weight = rods.load.sum(axis=1)
-    ends, clamp = as_numpy(conditions.ends), held.clamp
-    q, x, pull = (
-        np.empty((frames, segments, 4)),
-        np.empty((frames, segments + 1, 3)),
-        np.empty(frames),
-    )
+    ends, clamp = as_numpy(conditions.ends), as_numpy(conditions.clamp)  # NaN where not held
+    q, x, pull = (np.empty((frames, *shape)) for shape in ((segments, 4), (segments + 1, 3), (3,)))
     turns = np.zeros(frames) if turns is None else np.asarray(turns, dtype=np.float64)
     check_shapes(
         arc=(arc, (len(weight), segments + 1)), weight=(weight, (len(arc), 3)),
         ends=(ends, (frames, 2, 3)), clamp=(clamp, (frames, 2, 4)), turns=(turns, (frames,)),
     )  # fmt: skip
 
+    load = np.ascontiguousarray(rods.load[:, -1])
+    rolls = bool(np.isnan(clamp).any(-1).all())  # nothing keeps it from that
+
     def work(index: slice) -> None:
         start_ropes(
-            arc, of[index], weight, ends[index], clamp[index], turns[index], q[index],
-            x[index], pull[index],
+            arc, of[index], weight, ends[index], clamp[index], turns[index], rods.rest, rolls, load,
+            q[index], x[index], pull[index],
         )  # fmt: skip
 
     in_threads(work, frames)
-    if np.isnan(as_numpy(conditions.clamp)).any(-1).all():
-        q = _rolled(q, rods.rest[of])
     reaction = np.zeros((frames, held.node.size))
     if conditions.far_held:
-        last = x[:, -1] - x[:, -2]
-        size = np.linalg.norm(last, axis=1, keepdims=True)
-        last = last / np.maximum(size, 1e-300)
-        w = weight[of]
-        per_length = np.linalg.norm(w, axis=1, keepdims=True) / arc[of, -1:]
-        down = w / np.maximum(np.linalg.norm(w, axis=1, keepdims=True), 1e-300)
-        along = (last * down).sum(1, keepdims=True)
-        across = np.sqrt(np.maximum(1 - along**2, 1e-6))
-        # The tension in the last segment, and the load on the node beyond it.
-        reaction[:, :3] = per_length * pull[:, None] / across * last - rods.load[of, -1]
-        if not conditions.free:
-            reaction[:, :3] = np.clip(reaction[:, :3], -1e6, 1e6)
+        reaction[:, :3] = pull
     return q, reaction, x[:, 0].copy()
-
-
-def _rolled(q: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return frames q (F, N, 4) rolled until they bend as they are bent at rest (F, N+1, 4).
-
-    Of ropes that no clamp keeps from rolling about themselves; on the whole of each.
-    """
-    wanted = np.nan_to_num(rest[:, 1:-1, 1:3].sum(1, keepdims=True), posinf=0.0, neginf=0.0)
-    if not wanted.any():
-        return q
-    w, x, y, z = np.ascontiguousarray(q.transpose(2, 0, 1))
-    (w1, x1, y1, z1), (w2, x2, y2, z2) = (
-        [v[:, k : v.shape[1] - 1 + k] for v in (w, x, y, z)] for k in (0, 1)
-    )
-    bent = [
-        (w1 * x2 - x1 * w2 - y1 * z2 + z1 * y2).sum(1),
-        (w1 * y2 - y1 * w2 - z1 * x2 + x1 * z2).sum(1),
-    ]
-    return rolled(q, np.stack(bent, axis=-1)[:, None], wanted)

@@ -9,6 +9,8 @@ import numpy as np
 from ropefit.solvers.kernels.jit import exact_helper
 from ropefit.solvers.kernels.rotations import director, perpendicular, product, smallest_turn
 
+MOST = 1e6  # N: the largest force that a solve starts with
+
 
 @exact_helper
 def _dot(a, b):
@@ -149,3 +151,42 @@ def frames_of(shape, arc, clamp, turns, q):
         turn[0], turn[1], turn[2] = math.cos(0.5 * share * angle), 0.0, 0.0
         turn[3] = math.sin(0.5 * share * angle)
         product(q[i], turn, q[i])
+
+
+@exact_helper
+def roll(q, rest):
+    """Roll all frames q (N, 4) alike about their own tangents until they bend, on the whole, as
+    they are bent at rest (N+1, 4); of a rope that no clamp keeps from that."""
+    n, turn = q.shape[0], np.zeros(4)
+    a0, a1, b0, b1 = 0.0, 0.0, 0.0, 0.0
+    for j in range(1, n):
+        a0 += rest[j, 1]
+        a1 += rest[j, 2]
+        v, w = q[j - 1], q[j]
+        b0 += v[0] * w[1] - v[1] * w[0] - v[2] * w[3] + v[3] * w[2]
+        b1 += v[0] * w[2] - v[2] * w[0] - v[3] * w[1] + v[1] * w[3]
+    if not (math.isfinite(a0) and math.isfinite(a1)) or (a0 == 0.0 and a1 == 0.0):
+        return
+    half = 0.5 * math.atan2(b1 * a0 - b0 * a1, b0 * a0 + b1 * a1)
+    turn[0], turn[3] = math.cos(half), math.sin(half)
+    for i in range(n):
+        product(q[i], turn, q[i])
+
+
+@exact_helper
+def pull_at_end(shape, length, weight, load, scale, out):
+    """Write what holds the last node of a catenary (3,) [N]: the tension in the last segment, less
+    the load on the node; scale [m] as `hang` returns it."""
+    last = np.empty(3)
+    for a in range(3):
+        last[a] = shape[-1, a] - shape[-2, a]
+    edge, whole = math.sqrt(_dot(last, last)), math.sqrt(_dot(weight, weight))
+    along = _dot(last, weight) / max(edge, 1e-300) / max(whole, 1e-300)
+    tension = whole / length * scale / math.sqrt(max(1 - along * along, 1e-6))
+    for a in range(3):
+        pull = tension * last[a] / max(edge, 1e-300) - load[a]
+        if pull > MOST:
+            pull = MOST
+        elif pull < -MOST:
+            pull = -MOST
+        out[a] = pull

@@ -14,8 +14,8 @@ import numpy as np
 from ropefit.rod import fields
 from ropefit.solvers import status as statuses
 from ropefit.solvers.equilibrium.kernels.adjoint import adjoint_rope
-from ropefit.solvers.equilibrium.kernels.catenary import frames_of, hang
-from ropefit.solvers.equilibrium.kernels.newton import solve_rope
+from ropefit.solvers.equilibrium.kernels.catenary import frames_of, hang, pull_at_end, roll
+from ropefit.solvers.equilibrium.kernels.newton import CONVERGED, solve_rope
 from ropefit.solvers.equilibrium.kernels.records import (
     change_of,
     held_in,
@@ -50,7 +50,8 @@ def _of_states(sources: int) -> tuple[Callable[..., Any], ...]:
             status[t], iterations[t], residual[t] = solve_rope(
                 rod, here, q[t], lam[t], x0[t], tolerance, limit, w
             )
-            set_state(rod, here, q[t], lam[t], x0[t], w)
+            if status[t] != CONVERGED:  # else the state last set is this one
+                set_state(rod, here, q[t], lam[t], x0[t], w)
             copy_rows(w.x, x[t])
             copy_rows(w.force, force[t])
 
@@ -106,20 +107,25 @@ def _of_starts(sources: int) -> tuple[Callable[..., Any], ...]:
         hang(arc, gravity, ends, tangents, shape)
 
     @exact_kernel
-    def start_ropes(arc, of, gravity, ends, clamp, turns, q, x, pull):
-        """Find starts of F ropes: nodes x (F, K, 3) and frames q (F, K-1, 4).
+    def start_ropes(arc, of, weight, ends, clamp, turns, rest, rolls, load, q, x, pull):
+        """Find starts of F ropes: nodes x (F, K, 3), frames q (F, K-1, 4), and the force that holds
+        the last node pull (F, 3) [N].
 
-        arc (R, K) [m] of rope of[t]; gravity (R, 3), of any size; ends (F, 2, 3), clamp
-        (F, 2, 4), NaN where not held; turns (F,) whole turns of twist. pull (F,) [m]: horizontal
-        tension over the weight per length.
+        arc (R, K) [m] of rope of[t]; weight (R, 3) [N]; ends (F, 2, 3), clamp (F, 2, 4), NaN where
+        not held; turns (F,) whole turns of twist; rest (R, K, 4), towards which the rope is rolled
+        where nothing keeps it from that; load (R, 3) [N] on the last node.
         """
         assert sources != 0
         tangents = np.empty((2, 3))
         for t in range(q.shape[0]):
             for end in range(2):
                 director(clamp[t, end], tangents[end])
-            pull[t] = hang(arc[of[t]], gravity[of[t]], ends[t], tangents, x[t])
-            frames_of(x[t], arc[of[t]], clamp[t], turns[t], q[t])
+            k = of[t]
+            scale = hang(arc[k], weight[k], ends[t], tangents, x[t])
+            frames_of(x[t], arc[k], clamp[t], turns[t], q[t])
+            if rolls:
+                roll(q[t], rest[k])
+            pull_at_end(x[t], arc[k, -1], weight[k], load[k], scale, pull[t])
 
     return hang_rope, start_ropes
 

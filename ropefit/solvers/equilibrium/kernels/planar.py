@@ -43,7 +43,7 @@ def solve_in_plane(rod, held, q, lam, x0, tolerance, limit, reach, w):
         worst, gap1, gap2, c11, c12, c22 = _assemble(rod, held, x0, one, two, w)
         if worst < 1e-3 * tolerance:
             break
-        if steps == limit or not worst < 0.5 * before:
+        if steps == limit or not worst < before:
             return 0, np.inf
         largest, d1, d2 = _solve(n, gap1, gap2, c11, c12, c22, w)
         if not largest < 1.0:
