@@ -32,7 +32,7 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
     v, p, strain = histories(rod, drive, xs, qs, v0, half[:3, :3])
     gv, gp = np.zeros((steps, n + 1, 3)), np.zeros((steps, n + 1, 3))
     gs, b = np.zeros((steps, n, 3)), np.zeros((n, 6))
-    block, mu = np.zeros((3, 3)), np.empty(3)
+    block, mu, pulled = np.zeros((3, 3)), np.empty(3), np.zeros((n + 1, 3))
     for t in range(steps - 1, -1, -1):
         c0, c1, c2 = rates(drive.time, max(t, 1))
         two = max(t - 2, 0)
@@ -53,10 +53,10 @@ def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
         solve_system(w, b, half[0])
         for k in range(n + 1):
             for a in range(3):
-                w.pulled[k, a] = _pulled(gx[t], b, k, a)
-        leave_bodies(rod, w, w.pulled, out.bodies)
-        _pull_nodes(rod, drive, t, gx, gv, out, w)
-        _pull_drag(rod, drive, t, gv, out, w)
+                pulled[k, a] = _pulled(gx[t], b, k, a)
+        leave_bodies(rod, w, pulled, out.bodies)
+        _pull_nodes(rod, drive, t, pulled, gx, gv, out, w)
+        _pull_drag(rod, drive, t, pulled, gv, out, w)
         _pull_segments(rod, t, (c0, c1, c2), b, gs, out, w)
         _pull_bends(rod, t, (c0, c1, c2), b, gp, out, mu, block, w)
     copy_rows(gx[0], out.x0)
@@ -94,7 +94,7 @@ def _pull_darboux(rod, t, p, gp, gq, out):
 
 
 @inlined
-def _pull_nodes(rod, drive, t, gx, gv, out, w):
+def _pull_nodes(rod, drive, t, pulled, gx, gv, out, w):
     """Pull the gradient in the nodes of time t without bodies back to ends, loads, masses, air and
     the past."""
     n, two = rod.length.shape[0], max(t - 2, 0)
@@ -102,7 +102,7 @@ def _pull_nodes(rod, drive, t, gx, gv, out, w):
         end, c = 0 if k == 0 else 1, w.rate[k]
         fixed = (k == 0 or k == n) and drive.held[end]
         for a in range(3):
-            total = w.pulled[k, a]
+            total = pulled[k, a]
             if fixed:
                 out.ends[t, end, a] += total
                 continue
@@ -122,9 +122,8 @@ def _pull_nodes(rod, drive, t, gx, gv, out, w):
 @inlined
 def _given(w, k, a, g):
     """Return how far node k gives along axis a to a force g (3,)."""
-    if w.body[k] < 0:
-        return w.inverse_mass[k] * g[a]
-    return w.give[k, a, 0] * g[0] + w.give[k, a, 1] * g[1] + w.give[k, a, 2] * g[2]
+    give, out = w.inverse_mass[k], w.out[k, a]
+    return give * (g[a] if w.body[k] < 0 else out[0] * g[0] + out[1] * g[1] + out[2] * g[2])
 
 
 @inlined
@@ -139,7 +138,7 @@ def _pulled(gx, b, k, a):
 
 
 @inlined
-def _pull_drag(rod, drive, t, gv, out, w):
+def _pull_drag(rod, drive, t, pulled, gv, out, w):
     """Pull the gradient in the nodes of time t back to the law of drag, and to the speeds before
     that it is taken at."""
     n, two, ratio = rod.length.shape[0], max(t - 2, 0), step_ratio(drive.time, t)
@@ -150,7 +149,7 @@ def _pull_drag(rod, drive, t, gv, out, w):
         total = 0.0
         for a in range(3):
             v = w.rate[k, 0] * w.z[k, a] + w.old_x[k, a]
-            total -= w.inverse_mass[k] * w.pulled[k, a] * w.air[k] * v
+            total -= w.inverse_mass[k] * pulled[k, a] * w.air[k] * v
         knot, above = int(w.drag[k, 1]), w.drag[k, 2]
         out.drag[knot] += (1 - above) * total
         out.drag[knot + 1] += above * total

@@ -35,9 +35,9 @@ def _invert(a, order):
 
 
 @helper
-def _given(give, row, f0, f1, f2):
-    """Return a component of a matrix (3, 3), which is symmetric, times a vector."""
-    return give[row, 0] * f0 + give[row, 1] * f1 + give[row, 2] * f2
+def _given(out, k, row, f0, f1, f2):
+    """Return a component of a matrix out[k] (3, 3) times a vector."""
+    return out[k, row, 0] * f0 + out[k, row, 1] * f1 + out[k, row, 2] * f2
 
 
 @helper
@@ -47,28 +47,31 @@ def factor(w, half):
     for i in range(n):
         if i > 0:
             o, v, f = w.off[i - 1], w.pivot[i - 1], w.inverse_mass[i]
-            # a -= Oᵀ V O with O = (off, W), W a matrix where the node touches a body
-            for r in range(6):
-                for c in range(3):
+            # a -= Oᵀ V O with O = (off, W); W times dx/dz where a node touches
+            for c in range(3):
+                for r in range(6):
                     total = 0.0
                     for k in range(3):
                         total += v[r, k] * o[k, c]
                     half[r, c] = total
                     half[r, 3 + c] = v[r, 3 + c] * f
-                if w.body[i] >= 0:
-                    for c in range(3):
-                        half[r, 3 + c] = _given(w.give[i], c, v[r, 3], v[r, 4], v[r, 5])
-            a = w.pivot[i]
+            touches = w.body[i] >= 0
+            if touches:
+                for c in range(3):
+                    for r in range(6):
+                        half[r, 3 + c] = f * _given(w.out, i, c, v[r, 3], v[r, 4], v[r, 5])
+            a, even = w.pivot[i], 0.0 if touches else f
             for c in range(6):
                 for r in range(3):
                     total = 0.0
                     for k in range(3):
                         total += o[k, r] * half[k, c]
                     a[r, c] -= total
-                    if w.body[i] < 0:
-                        a[3 + r, c] -= f * half[3 + r, c]
-                    else:
-                        a[3 + r, c] -= _given(w.give[i], r, half[3, c], half[4, c], half[5, c])
+                    a[3 + r, c] -= even * half[3 + r, c]
+            if touches:
+                for c in range(6):
+                    for r in range(3):
+                        a[3 + r, c] -= f * _given(w.out, i, r, half[3, c], half[4, c], half[5, c])
         _invert(w.pivot[i], w.order)
 
 
@@ -78,6 +81,7 @@ def solve_system(w, b, t):
     n = b.shape[0]
     for i in range(1, n):
         o, v, f = w.off[i - 1], w.pivot[i - 1], w.inverse_mass[i]
+        touches = w.body[i] >= 0
         for r in range(6):
             total = 0.0
             for k in range(6):
@@ -85,19 +89,16 @@ def solve_system(w, b, t):
             t[r] = total
         for r in range(3):
             b[i, r] -= o[0, r] * t[0] + o[1, r] * t[1] + o[2, r] * t[2]
-            if w.body[i] < 0:
-                b[i, 3 + r] -= f * t[3 + r]
-            else:
-                b[i, 3 + r] -= _given(w.give[i], r, t[3], t[4], t[5])
+            b[i, 3 + r] -= f * (_given(w.out, i, r, t[3], t[4], t[5]) if touches else t[3 + r])
     for i in range(n - 1, -1, -1):
         if i < n - 1:
             o, f, z = w.off[i], w.inverse_mass[i + 1], b[i + 1]
+            touches = w.body[i + 1] >= 0
             for r in range(3):
                 b[i, r] -= o[r, 0] * z[0] + o[r, 1] * z[1] + o[r, 2] * z[2]
-                if w.body[i + 1] < 0:
-                    b[i, 3 + r] -= f * z[3 + r]
-                else:
-                    b[i, 3 + r] -= _given(w.give[i + 1], r, z[3], z[4], z[5])
+                b[i, 3 + r] -= f * (
+                    _given(w.out, i + 1, r, z[3], z[4], z[5]) if touches else z[3 + r]
+                )
         for r in range(6):
             total = 0.0
             for k in range(6):

@@ -62,12 +62,12 @@ def any_body(bodies):
 def set_rates(rod, time, xs, t, rate):
     """Write c0, c1, c2 of D at time t for each node (N+1, 3), from the nodes before it."""
     c0, c1, c2 = rates(time, t)
-    bodies, ratio = rod.bodies, step_ratio(time, t)
-    watched = t > 1 and any_body(bodies)
     for k in range(rate.shape[0]):
         rate[k, 0], rate[k, 1], rate[k, 2] = c0, c1, c2
-        if not watched:
-            continue
+    bodies, ratio = rod.bodies, step_ratio(time, t)
+    if t == 1 or not any_body(bodies):
+        return
+    for k in range(rate.shape[0]):
         a, b, c = xs[t - 1, k], xs[t - 2, k], xs[max(t - 3, 0), k]
         now = touched(bodies, a[0], a[1], a[2])
         same = (
@@ -85,14 +85,12 @@ def set_rates(rod, time, xs, t, rate):
 
 @inlined
 def push_out(rod, w):
-    """Write the nodes x from z, where they would be without bodies: which body each touches, dx/dz
-    and how it gives to a force."""
-    with_bodies = any_body(rod.bodies)
+    """Push nodes x out of bodies, from z, where they would be without: write which body each
+    touches, and dx/dz."""
     for k in range(w.z.shape[0]):
         z, x = w.z[k], w.x[k]
-        x[0], x[1], x[2] = z[0], z[1], z[2]
         w.body[k] = -1
-        if not with_bodies or w.inverse_mass[k] == 0.0:
+        if w.inverse_mass[k] == 0.0:  # held
             continue
         which = touched(rod.bodies, z[0], z[1], z[2])
         if which < 0:
@@ -107,7 +105,6 @@ def push_out(rod, w):
             for c in range(3):
                 across = (a == c) - body[3 + a] * body[3 + c] - n[a] * n[c]
                 out[a, c] = (a == c) - PUSHED * (n[a] * n[c] + bent * across)
-                w.give[k, a, c] = w.inverse_mass[k] * out[a, c]
 
 
 @inlined

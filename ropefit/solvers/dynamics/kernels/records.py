@@ -67,8 +67,6 @@ class Work(NamedTuple):
     z: np.ndarray  # (N+1, 3) nodes without the bodies that they touch
     body: np.ndarray  # (N+1,) which each touches, -1: none; of those that touch one:
     out: np.ndarray  # (N+1, 3, 3) dx/dz
-    give: np.ndarray  # (N+1, 3, 3) [m/N] W dx/dz
-    pulled: np.ndarray  # (N+1, 3) gradient in z
 
 
 @maker
@@ -81,7 +79,7 @@ def make_work(n):
         np.zeros((n, 6)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)),
         np.zeros((n, 3)), np.zeros(n + 1), np.zeros((n + 1, 4)), np.zeros((n + 1, 3)),
         np.zeros(6, np.int64), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.full(n + 1, -1),
-        np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 3)),
+        np.zeros((n + 1, 3, 3)),
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import factor
-from ropefit.solvers.dynamics.kernels.contact import push_out, set_rates
+from ropefit.solvers.dynamics.kernels.contact import any_body, push_out, set_rates
 from ropefit.solvers.dynamics.kernels.drag import set_resistance
 from ropefit.solvers.dynamics.kernels.rates import (
     jointed,
@@ -49,7 +49,7 @@ def assemble(rod, drive, t, c0, q, force, w):
     w.pivot[0, 2, 2] += rod.gauge
 
 
-@helper
+@inlined
 def set_nodes(rod, force, w):
     """Write the nodes x (N+1, 3) that follow from the forces in the segments (N, 3)."""
     n = force.shape[0]
@@ -60,8 +60,9 @@ def set_nodes(rod, force, w):
                 pull += force[k, a]
             if k > 0:
                 pull -= force[k - 1, a]
-            w.z[k, a] = w.y[k, a] + w.inverse_mass[k] * pull
-    push_out(rod, w)
+            w.z[k, a] = w.x[k, a] = w.y[k, a] + w.inverse_mass[k] * pull
+    if any_body(rod.bodies):
+        push_out(rod, w)
 
 
 @inlined
@@ -104,12 +105,13 @@ def _add_segments(rod, q, force, c0, w):
             for a in range(3):
                 h[3 + d, a] = h[a, 3 + d]
                 h[3 + d, 3 + a] = -(e0 * r[a, 0] + e1 * r[a, 1] + e2 * r[a, 2])
+            h[3 + d, 3 + d] -= w.inverse_mass[i] + w.inverse_mass[i + 1]
+        if w.body[i] >= 0 or w.body[i + 1] >= 0:
             for k in range(i, i + 2):
-                if w.body[k] < 0:
-                    h[3 + d, 3 + d] -= w.inverse_mass[k]
-                else:
-                    for a in range(3):
-                        h[3 + d, 3 + a] -= w.give[k, d, a]
+                if w.body[k] >= 0:
+                    for d in range(3):
+                        for a in range(3):
+                            h[3 + d, 3 + a] -= w.inverse_mass[k] * (w.out[k, d, a] - (a == d))
         w.off[i] = 0.0
 
 

@@ -170,15 +170,19 @@ def _respond(b, dy, turn, dx, w):
             turn[i, a] = -b[i, a]
     for k in range(n + 1):
         for a in range(3):
-            dx[k, a] = dy[k, a]
-            for c in range(3):
-                if c == a or w.body[k] >= 0:
-                    pull = 0.0
-                    if k < n:
-                        pull -= b[k, 3 + c]
-                    if k > 0:
-                        pull += b[k - 1, 3 + c]
-                    dx[k, a] += (w.inverse_mass[k] if w.body[k] < 0 else w.give[k, a, c]) * pull
+            pull = 0.0
+            if k < n:
+                pull -= b[k, 3 + a]
+            if k > 0:
+                pull += b[k - 1, 3 + a]
+            if w.body[k] < 0:
+                dx[k, a] = dy[k, a] + w.inverse_mass[k] * pull
+            else:
+                for c in range(3):
+                    dy[k, c] += w.inverse_mass[k] * w.out[k, c, a] * pull
+        if w.body[k] >= 0:
+            for a in range(3):
+                dx[k, a] = dy[k, a]
 
 
 @inlined
