@@ -22,6 +22,7 @@ from ropefit.stages import diagnose
 from tests.concealed import rope
 from tests.factories import marker_recording
 from tests.test_checkpoints import compute
+from tests.test_diagnosis_of_motion import driven
 
 
 def cause(variant: str, names: list[str], values: list[float], sd: list[float]) -> Cause:
@@ -107,6 +108,25 @@ def test_the_ropes_own_values_are_those_fitted_along_with_what_was_found(identif
     lengths = [m.nominal.balance.bending_length for m in (model, changed) if m.nominal.balance]
     assert now.value / was.value == pytest.approx((lengths[1] / lengths[0]) ** 3)  # same weight
     assert as_found(model, found_with(model)) is model
+
+
+def test_in_motion_what_was_found_of_the_rope_is_known_and_no_effect_of_rest():
+    curve = [f"curvature_{axis}_at_{k}" for axis in (1, 2) for k in (0, 25, 50, 75, 100)]
+    bent = cause("RestShape", curve, list(np.linspace(1.0, 2.0, 10)), [0.1] * 10)
+    law = cause("BendingLaw", ["a", "b"], [0.0, 0.0], [0.1, 0.1])
+    o: Any = SimpleNamespace(mass=0.1, length=1.0, gravity=np.array([0, 0, -9.81]))
+    group = SimpleNamespace(parameters={"EI": SimpleNamespace(value=1e-3)})
+    stepped = SimpleNamespace(bending_length=0.1, mass_known=True)
+    nominal = SimpleNamespace(balance=None, stepped=stepped, groups={"all": group})
+    model: Any = SimpleNamespace(nominal=nominal)
+    found: Any = SimpleNamespace(causes={"bent": bent, "law": law, "tilt": TILT}, known={})
+    ((name, _, term),) = of_rope(model, found, o, driven(24))
+    assert name == "known_bent"
+    setup = driven(24)
+    changed = term.apply(setup, torch.from_numpy(term.value(np.zeros(10))))
+    added = changed.properties.curvature - setup.properties.curvature
+    assert float(added[0, 0]) == pytest.approx(1.0, rel=0.05)
+    assert float(added[-1, 1]) == pytest.approx(2.0, rel=0.05)
 
 
 class Reached(Exception):

@@ -18,7 +18,7 @@ from benchmarks.command import CommandFailed, ropefit
 from benchmarks.discovery.run import kept
 from benchmarks.real.falsehoods import FALSEHOODS, Falsehood, Told
 from benchmarks.real.motion import clips_of, join
-from ropefit.artifacts import Diagnosis, Model, read, write
+from ropefit.artifacts import Diagnosis, Model, Observations, read, write
 
 CLIPS, FRAMES = 5, 200  # of each recording: the nominal run's, and the others'
 HELD = ("--holdout", "0")
@@ -120,7 +120,11 @@ def _diagnosed(
     for path in (recording, run):
         if path.exists():
             shutil.rmtree(path)
-    join(source, clips, recording, frames=FRAMES)
+    arc = None
+    if nominal is not None:  # the markers are where the nominal run has them on the rope
+        seen, _ = read(nominal / Observations.file_name, Observations)
+        arc = seen.point_arc[: seen.point_start[1]]
+    join(source, clips, recording, arc, FRAMES)
     if falsehood is not None:
         Told(recording, clips=len(clips)).changed(falsehood)
     free = ("--free", "EI,GJ") if undamped else ()
