@@ -54,7 +54,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy.recordings --write docs/paper.md
 	$(BIN)/python -m benchmarks.accuracy.equilibrium --write docs/results.md
 	$(BIN)/python -m benchmarks.robustness.stress --write docs/robustness.md
-	$(BIN)/python -m benchmarks.felt --write docs/results.md
+	$(BIN)/python -m benchmarks.felt --write docs/scale.md
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
 	$(BIN)/python -m benchmarks.speed.devices --write docs/results.md
 	$(BIN)/python -m benchmarks.accuracy.dynamics --write docs/results.md

@@ -1,6 +1,6 @@
 """The user's stopwatch: what a person waits for, every row a whole process.
 
-    python -m benchmarks.felt [--repeats 5] [--only PATTERN] [--write docs/results.md]
+    python -m benchmarks.felt [--repeats 5] [--only PATTERN] [--write docs/scale.md]
     python -m benchmarks.felt --check     # quick: against the ratios in felt.json
     python -m benchmarks.felt --record    # writes these ratios anew
 
@@ -24,6 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.document import parser, publish
 
 ROOT = Path(__file__).parents[1]
@@ -32,7 +34,11 @@ RATIOS = Path(__file__).with_suffix(".json")
 SLOWER = 2.0  # times the recorded ratio: the check fails
 TRIES = 3  # the best of them counts
 FEW = 3  # frames of the recording that shows start-up
-SEED = 101  # of the recording with a weight; no seed of the blind benchmark's tables
+SEED = 101  # of the recordings with a cause; no seed of the blind benchmark's tables
+CAUSES = {"weight": "point_mass", "contact": "support_plane"}  # a recording each, and its run
+REAL = ROOT.parent / "shared" / "real" / "mocap_dlo1"  # rows of a measured motion need it
+CLIPS = {"clips": 6, "clip": 1}  # of 500 frames, 13 markers each, in a recording of that name
+MOVING = "EI,bend_damping,air_damping,rest_curve,length"
 IMPORT = "import numpy"
 PRODUCTS = "import numpy as np; a = np.ones((500, 500)); [a @ a for _ in range(100)]"
 
@@ -40,13 +46,21 @@ PRODUCTS = "import numpy as np; a = np.ones((500, 500)); [a @ a for _ in range(1
 @dataclass(frozen=True)
 class Row:
     """What is typed. `bar`: longest time [s] that is wanted; `computes`: compared with the loop of
-    matrix products; `checked`: quick enough for the check."""
+    matrix products; `checked`: quick enough for the check; `most`: largest memory [MB] that is
+    wanted; `first`: nothing is compiled yet."""
 
     name: str
     typed: str
     bar: float | None = None
     computes: bool = False
     checked: bool = True
+    most: float | None = None
+    first: bool = False
+
+
+def slow(name: str, typed: str, bar: float | None, **more: Any) -> Row:
+    """Return a row that is not part of the check."""
+    return Row(name, typed, bar, True, False, **more)
 
 
 ROWS = (
@@ -61,8 +75,19 @@ ROWS = (
     Row("identify, the sample", "identify --run sample --force", 3.0, True),
     Row("diagnose, nothing missing", "diagnose --run sample --force", 8.0, True),
     Row("report, the sample", "report --run sample", None, True),
-    Row("diagnose, one cause", "diagnose --run weight_run --force", 15.0, True, checked=False),
-    Row("run, the sample", "run --run sample --force", 15.0, True, checked=False),
+    slow("diagnose, one cause", "diagnose --run weight_run --force", 15.0),
+    slow("diagnose, contact", "diagnose --run contact_run --force", 40.0),
+    slow("run, the sample", "run --run sample --force", 15.0),
+    slow("preprocess, 500 frames", "preprocess clip --run clip_run --force", None, most=600.0),
+    slow("identify, 500 frames", "identify --run clip_run --force", None, most=600.0),
+    slow("diagnose, 500 frames", "diagnose --run clip_run --force", None, most=600.0),
+    slow(
+        "identify, six clips in motion",
+        f"identify --run clips_run --solver dynamics --free {MOVING} --force",
+        60.0,
+        most=500.0,
+    ),
+    slow("first use: all is compiled", "warm-up", 25.0, first=True),
 )
 
 
@@ -75,15 +100,16 @@ class Spent:
     memory: float
 
 
-def spent(*command: str, folder: Path) -> Spent:
+def spent(*command: str, folder: Path, **more: str) -> Spent:
     """Run a process to its end. Its exit code is not looked at: some rows are refusals.
 
-    The peak of memory is at least that of this process, which the child begins as.
+    The peak of memory is at least that of this process, which the child begins as. more: of the
+    environment.
     """
     started = time.perf_counter()
     process = subprocess.Popen(
         [sys.executable, *command],
-        cwd=folder, env=_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        cwd=folder, env=_environment() | more, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     _, _, used = os.wait4(process.pid, 0)
     process.returncode = 0  # it was waited for
@@ -92,7 +118,9 @@ def spent(*command: str, folder: Path) -> Spent:
 
 
 def typed(row: Row, folder: Path) -> Spent:
-    return spent("-m", "ropefit", *row.typed.split(), folder=folder)
+    shutil.rmtree(folder / "compiled", ignore_errors=True)
+    more = {"NUMBA_CACHE_DIR": str(folder / "compiled")} if row.first else {}
+    return spent("-m", "ropefit", *row.typed.split(), folder=folder, **more)
 
 
 def _environment() -> dict[str, str]:
@@ -106,13 +134,25 @@ def prepare(folder: Path, rows: list[Row]) -> None:
     _few_frames(folder / "few")
     todo = ["preprocess few --run few_run", "identify --run few_run"]
     todo += ["preprocess --run sample", "identify --run sample"]
-    if any("weight" in row.typed for row in rows):
+    needed = {run for row in rows for run in re.findall(r"(\w+)_run", row.typed)}
+    for run in needed & set(CAUSES):
         from benchmarks.discovery.cases import generate, listed  # a light parent: see spent
 
-        case = next(c for c in listed("standard", SEED) if c.effects == ("point_mass",))
+        case = next(
+            c for c in listed("standard", SEED)
+            if c.effects == (CAUSES[run],) and c.simulator == "elastica"
+        )  # fmt: skip
         why = generate(case, folder / "made", folder / "truths")
         assert why is None, why
-        todo += [f"preprocess made/{case.name} --run weight_run", "identify --run weight_run"]
+        todo += [f"preprocess made/{case.name} --run {run}_run", f"identify --run {run}_run"]
+    for run in needed & set(CLIPS):
+        from benchmarks.real.motion import clips_of, join
+
+        every = clips_of(REAL, "train")
+        few = [every[k] for k in np.linspace(0, len(every) - 1, CLIPS[run]).round().astype(int)]
+        join(REAL, few, folder / run)
+        todo += [f"preprocess {run} --run {run}_run"]
+        todo += [f"identify --run {run}_run"] if CLIPS[run] == 1 else []
     for line in todo:
         subprocess.run(
             [sys.executable, "-m", "ropefit", *line.split(), "--quiet"],
@@ -170,10 +210,10 @@ def table(folder: Path, rows: list[Row], repeats: int) -> tuple[str, dict[str, A
             statistics.median(getattr(one, name) for one in found)
             for name in ("seconds", "processor", "memory")
         )
-        wanted = "" if row.bar is None else f"{row.bar:g}"
+        wanted, most = ("" if bar is None else f"{bar:g}" for bar in (row.bar, row.most))
         lines.append(
             f"| {row.name} | `ropefit {row.typed}` | {seconds:.2f} | {processor:.2f} | {wanted} | "
-            f"{memory:.0f} |"
+            f"{memory:.0f} | {most} |"
         )
         data[row.name] = {"seconds": seconds, "processor_s": processor, "memory_mb": memory}
         print(lines[-1], file=sys.stderr, flush=True)
@@ -183,8 +223,9 @@ def table(folder: Path, rows: list[Row], repeats: int) -> tuple[str, dict[str, A
         f"{os.cpu_count()} processors\nof which {load:.1f} were busy at the end (others' work "
         "counts in the time, hardly in the processor time). Written by `python -m "
         "benchmarks.felt`.\n\n"
-        "| what | typed | time [s] | processor time [s] | wanted [s] | memory [MB] |\n"
-        "|---|---|---|---|---|---|\n"
+        "| what | typed | time [s] | processor time [s] | wanted [s] | memory [MB] "
+        "| wanted [MB] |\n"
+        "|---|---|---|---|---|---|---|\n"
     )
     return text + "\n".join(lines) + "\n", data
 
@@ -200,6 +241,8 @@ def main() -> None:
     options = p.parse_args()
     quick = options.check or options.record
     rows = [r for r in ROWS if re.search(options.only, r.name) and (r.checked or not quick)]
+    if not REAL.is_dir():
+        rows = [r for r in rows if not any(f"{run}_run" in r.typed for run in CLIPS)]
     folder = options.folder.absolute()
     prepare(folder, rows)
     if options.check:

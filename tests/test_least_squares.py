@@ -16,6 +16,7 @@ from ropefit.inference.least_squares import fit, linear_gain
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
+from ropefit.inference.turned import turned_jacobian, turned_residual
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration, nuisance
@@ -368,3 +369,17 @@ def test_the_best_linear_step_within_bounds_gains():
     left = rows + slopes @ np.array([2.0, -1.0])  # by hand: the best one has the second at -1
     assert gain == pytest.approx(rows @ rows - left @ left, rel=1e-3)
     assert linear_gain(slopes, rows, np.zeros(2), np.zeros(2)) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("rows", [3, 500, 20_000])
+def test_a_turned_residual_and_its_jacobian_are_the_same_to_an_optimiser(rows):
+    rng = np.random.default_rng(5)
+    jacobian, z = rng.normal(size=(rows, 4)) * [1.0, 1e-3, 1e3, 1.0], rng.normal(size=rows)
+    small = turned_jacobian(jacobian, z)
+    one = turned_residual(float(z @ z), 4)
+    assert small.shape == (5, 4)
+    assert one @ one == pytest.approx(z @ z, rel=1e-12)
+    size = np.linalg.norm(jacobian, axis=0)
+    assert small.T @ one / size == pytest.approx(jacobian.T @ z / size, rel=1e-11)
+    both = np.outer(size, size)
+    assert small.T @ small / both == pytest.approx(jacobian.T @ jacobian / both, abs=1e-12)

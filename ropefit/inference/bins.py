@@ -10,7 +10,7 @@ the side of the ray counts.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -107,6 +107,14 @@ class Stations:
         share = side * deep - both**2
         rows = np.stack([deep, -both, -both, side], axis=1) / share[:, None]
         return rows.reshape(-1, 2, 2)
+
+    def among(self, frames: np.ndarray) -> tuple[np.ndarray, Stations]:
+        """Return which stations (m,) lie in some frames (f,), and these, of those frames alone."""
+        place = np.full(max(self.frame.max(initial=0), frames.max(initial=0)) + 1, -1)
+        place[frames] = np.arange(len(frames))
+        mine = np.flatnonzero(place[self.frame] >= 0)
+        few = Stations(*(getattr(self, one.name)[mine] for one in fields(self)))
+        return mine, replace(few, frame=place[few.frame])
 
     def places(self, x: np.ndarray) -> np.ndarray:
         """Return (..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3)."""

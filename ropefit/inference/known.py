@@ -34,7 +34,7 @@ class Known:
         if self.done and not np.array_equal(self.done["start"], start):
             self.done = None
         self.start, self.resumed = start, False
-        self.count = {"z": 0, "slope": 0}
+        self.count = {"square": 0, "slope": 0}
         self.first = self._first()
 
     def _first(self) -> Point:
@@ -59,7 +59,7 @@ class Known:
         return point
 
     def rows(self, kind: str, u: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """Return what the optimiser asks for next, "z" or "slope", at u."""
+        """Return what the optimiser asks for next, "square" or "slope", at u."""
         name = f"{self.name}/{kind} {self.count[kind]}"
         self.count[kind] += 1
         known = journal().recall(name)

@@ -17,6 +17,7 @@ from ropefit.inference.discrepancy import inflation, misled
 from ropefit.inference.known import Known
 from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.problem import FitProblem
+from ropefit.inference.turned import turned_jacobian, turned_residual
 from ropefit.models.model import Model
 from ropefit.models.response import Point
 from ropefit.runs.journal import Arrays
@@ -181,23 +182,39 @@ class _Objective:
         """Return (M D, P) whitened derivatives of the prediction."""
         point, now, _ = self.at(u)
         if self._slopes is None or self._slopes[0] is not point:
-            slopes = self.forward.jacobian(point)
-            self._slopes = point, sensitivity(slopes, now, self.stations, self.whitener)
+            rows = np.zeros((*now.residual.shape, len(u)))
+            for frames, dx in point.parts(self.forward.changes(u)):
+                mine, few = now.among(frames)
+                rows[mine] = few.project(dx)
+            self._slopes = point, self.whitener(aligned(now, self.stations, rows))
         return self._slopes[1]
 
-    def rows(self, u: np.ndarray) -> np.ndarray:
+    def whole(self, u: np.ndarray) -> np.ndarray:
         """Return residual rows, those of the priors last."""
-        z = self.known.rows("z", u, lambda: self.at(u)[2])
-        self.latest = rows = np.concatenate([z, (u / self.prior)[self.held]])
-        self.trace.append(float(rows @ rows))
+        return np.concatenate([self.at(u)[2], (u / self.prior)[self.held]])
+
+    def rows(self, u: np.ndarray) -> np.ndarray:
+        """Return (P + 1,) the rows turned onto one; see `turned.py`."""
+
+        def square() -> np.ndarray:
+            rows = self.whole(u)
+            return np.array([rows @ rows])
+
+        found = float(self.known.rows("square", u, square)[0])
+        self.latest = turned_residual(found, len(u))
+        self.trace.append(found)
         if self.report:
-            self.report(self.trace[-1])
-        return rows
+            self.report(found)
+        return self.latest.copy()
 
     def slopes(self, u: np.ndarray) -> np.ndarray:
-        """Return the derivatives of `rows`."""
-        rows = self.known.rows("slope", u, lambda: self.jacobian(u))
-        out = np.concatenate([-rows, np.diag(1 / self.prior)[self.held]])
+        """Return (P + 1, P) the derivatives of the rows, turned with them."""
+
+        def turned() -> np.ndarray:
+            own = np.diag(1 / self.prior)[self.held]
+            return turned_jacobian(np.concatenate([-self.jacobian(u), own]), self.whole(u))
+
+        out = self.known.rows("slope", u, turned)
         self.count += 1
         hopeful = self.needed == np.inf or self.count < FEWEST_SLOPES
         if hopeful and self.forward.instantaneous:
@@ -214,8 +231,8 @@ class _Objective:
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
         if not u.size:  # nothing is free; not every scipy takes that
-            rows = self.rows(u)
-            summary = np.array([0.5 * float(rows @ rows), 1, 1])
+            self.rows(u)
+            summary = np.array([0.5 * self.trace[-1], 1, 1])
             return {"u": u, "told": summary, "trace": np.array(self.trace)}, self.at(u)[0]
         try:
             with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 import torch
@@ -28,6 +28,7 @@ from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.status import Status
 
+Done = TypeVar("Done")
 SAME_STEP = 1e-3  # of a step: rounding of times
 LONGEST_STEP = 0.005  # s: at 0.01 s a rope comes out some 5 % too stiff
 FINER = (1, 2, 4)  # times as many steps where fewer do not converge
@@ -58,34 +59,45 @@ class MotionPoint(Point):
     def respond(self, changes: list[Change]) -> np.ndarray:
         """Return (P, F, K, 3) first-order changes of the nodes as seen, zero in clips that
         failed."""
-        if not changes:
-            return np.zeros((0, *self.seen.shape))
-        x, now = torch.from_numpy(self.solution.x), self.setup
-        rods, ends, clamps = [], [], []
         out = np.zeros((len(changes), *self.seen.shape))
-        for moved, changed in zip(out, changes, strict=True):
+        for frames, moved in self.parts(changes):
+            out[:, frames] = moved
+        return out
+
+    def parts(self, changes: list[Change]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the frames of each clip, and `respond` there: of all clips together it is large."""
+        if not changes:
+            return
+        x, now = torch.from_numpy(self.solution.x), self.setup
+        rods, ends, clamps, sensor = [], [], [], []
+        for changed in changes:
             a, b = changed(-RESPONSE), changed(RESPONSE)
             low, high = fields_of(rope_of(a)), fields_of(rope_of(b))
             rods.append({name: slope(low[name], high[name]) for name in low})
             ends.append(slope(a.ends, b.ends))
             clamps.append(turn_slope(now.clamp, a.clamp, b.clamp))
-            moved += sensor_slope(a, b, x)
+            sensor.append(sensor_slope(a, b, x))
         rod = {name: np.stack([row[name] for row in rods])[None] for name in rods[0]}
         path = np.stack(ends), np.stack(clamps)
         both = np.array([clip[:2] for clip in self.model.clips])
         begin = self.first.respond(rod, *(np.moveaxis(v[:, both], 0, 1) for v in path))
 
-        def add(number: int) -> None:
+        def part(number: int) -> tuple[np.ndarray, np.ndarray]:
             clip, run = self.model.clips[number], self.runs[number]
+            out = np.zeros((len(changes), len(clip), *self.seen.shape[1:]))
+            for moved, own in zip(out, sensor, strict=True):
+                moved += own[clip] if own.ndim == 3 else own
             if run.trajectory.converged[0]:
                 time = self.model.time[clip]
                 driven = [finer(time, v[:, clip], run.fine, 1)[None] for v in path]
                 x0, v0, q0 = (v[number : number + 1] for v in begin)
                 directions = Directions(**rod, ends=driven[0], clamp=driven[1], x0=x0, v0=v0, q0=q0)
-                out[:, clip] += tangent(run.trajectory, directions)[0][0][:, :: run.fine]
+                out += tangent(run.trajectory, directions)[0][0][:, :: run.fine]
+            return clip, out
 
-        _each(add, len(self.runs))
-        return out
+        many = torch.get_num_threads()
+        for k in range(0, len(self.runs), many):
+            yield from _each(part, range(k, min(k + many, len(self.runs))))
 
 
 @dataclass
@@ -120,7 +132,7 @@ class Dynamics(Model):
             begin = Start(*(item[number : number + 1] for item in first.start))
             runs[number] = self._run(setup, rope, self.clips[number], begin)
 
-        _each(run, len(runs))
+        _each(run, range(len(runs)))
         for clip, went in zip(self.clips, runs, strict=True):
             found = went.trajectory
             reached = clip[: 1 + (found.done[0] - 1) // went.fine]
@@ -203,10 +215,10 @@ class Dynamics(Model):
         return Run(refined, found, fine)
 
 
-def _each(work: Callable[[int], None], clips: int) -> None:
+def _each(work: Callable[[int], Done], clips: range) -> list[Done]:
     """Work on each clip, as many at once as torch has threads: compiled code releases the lock."""
     with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-        list(pool.map(work, range(clips)))
+        return list(pool.map(work, clips))
 
 
 def rope_of(setup: Setup) -> Moving:

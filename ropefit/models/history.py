@@ -77,7 +77,9 @@ class WalkedPoint(Point):
         if not changes:
             return np.zeros((0, *self.seen.shape))
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
-        everywhere = [cache(lambda size, c=change: c(size).whole()[0]) for change in changes]
+        everywhere: list[Change] = [
+            cache(lambda size, c=change: c(size).whole()[0]) for change in changes
+        ]
         slopes = slopes_of(self.whole, everywhere, self.path)
         rods = self.whole.rod()
         directions = directions_of(rods, slopes, frames)

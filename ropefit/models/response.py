@@ -7,7 +7,7 @@ numbers through the setup load torch's compiler and go through Python for every 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +60,10 @@ class Point:
         directions = with_axial_law(directions, self.solution.rod, [self.solution], slopes)
         dx, _ = tangent(self.solution, directions)
         return add_sensor(dx, slopes, self.setup.seen)
+
+    def parts(self, changes: list[Change]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield indices (f,) of frames and `respond` (P, f, K, 3) there, until all are."""
+        yield np.arange(len(self.seen)), self.respond(changes)
 
 
 def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
