@@ -217,7 +217,8 @@ def test_a_falsehood_changes_one_thing(real, tmp_path):
         ([["tether", "weight_error"]], 12.0, ["all", "visible", "named"]),
         ([["tether"]], 30.0, ["all", "visible", "wrong"]),
         ([], 30.0, ["all", "visible"]),
-        ([["tether"]], 11.0, ["all"]),
+        ([["tether"]], 11.0, ["all", "wrong"]),
+        ([["weight_error"]], 11.0, ["all"]),
     ],
 )
 def test_only_visible_falsehoods_are_asked_for(sets, score, expected):

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.discovery.run import diagnose, kept
+from benchmarks.discovery.run import diagnose, kept, stages
 from benchmarks.discovery.score import VISIBLE, names_of
 from ropefit.artifacts import Diagnosis
 from ropefit.runs.loading import load
 
-QUASI_STATIC = ("cable_black_unweighted", "wire_black")
 TILT, CLAMP, SCALE, WEAK_GRAVITY = np.radians(3.0), np.radians(5.0), 0.01, 4.81
 
 
@@ -92,57 +91,54 @@ FALSEHOODS: dict[str, tuple[Callable[[Path], None], set[str]]] = {
 }
 
 
-# The rest shape that each is identified with; the nominal run determines it.
-SHAPES: dict[str, tuple[str, ...]] = {
-    "straight": (),
-    "uniform curvature": ("--free", "EI,curvature_1,curvature_2"),
-    "varying curvature": ("--free", "EI,rest_curve"),
+# The rest shape that each is identified with: what its markers still determine.
+SHAPES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "cable_black_unweighted": ("varying curvature", ("--free", "EI,rest_curve")),
+    "wire_black": ("uniform curvature", ("--free", "EI,curvature_1,curvature_2")),
 }
 
 
 def table(real: Path, out: Path) -> tuple[str, dict[str, Any]]:
     """Diagnose each falsehood on each recording, with the true run of the same rope as nominal."""
     folder, data, counts = out / "real", {}, Counter[str]()
-    columns = [f"{what} ({' / '.join(sorted(right))})" for what, (_, right) in FALSEHOODS.items()]
     lines = [
         "Real recordings with one false statement each, diagnosed with the unchanged run of the",
-        "same recording as `--nominal`; written by `python -m benchmarks.discovery --real-only`.",
-        "In brackets: the right names. **Yes**: a right name is in a reported set. *Score*: signal",
-        "to noise of the best right effect in the scan, after calibration and with what the",
-        f"nominal rope misses in its own recording as noise; visible from {VISIBLE:g} on.",
+        "same recording, as identified, for `--nominal`; written by `python -m",
+        "benchmarks.discovery --real-only`. *Score*: signal to noise of the best right effect in",
+        "the scan, after calibration and with what the nominal rope misses in its own recording as",
+        f"noise; visible from {VISIBLE:g} on. *Time*: of `diagnose`, two cores shared by many.",
         "",
-        "| recording | rest shape | unchanged | " + " | ".join(columns) + " |",
-        "|---" * (3 + len(columns)) + "|",
+        "| recording | stated falsely (right answer) | score | named | answer | time [s] |",
+        "|---|---|---|---|---|---|",
     ]
-    for name in QUASI_STATIC:
+    for name, (shape, free) in SHAPES.items():
         if not (real / name).is_dir():
             continue
-        for number, (change, _) in enumerate(FALSEHOODS.values()):
-            copied(real / name, folder / "recordings" / f"{name}-{number}", f"{name}-{number}")
-            change(folder / "recordings" / f"{name}-{number}")
-        for shape, free in SHAPES.items():
-            case = f"{name}-{shape.split()[0]}"
-            plain = folder / "runs" / case
+        plain = folder / "runs" / name
+        kept(
+            folder / f"{name}.json",
+            lambda s=real / name, r=plain, f=free: stages(
+                ("preprocess", s, "--run", r), ("identify", "--run", r, *f)
+            ),
+        )
+        for number, (what, (change, right)) in enumerate(FALSEHOODS.items()):
+            case = f"{name}-{number}"
+            source, run = folder / "recordings" / case, folder / "runs" / case
+            if not source.exists():
+                copied(real / name, source, case)
+                change(source)
             found = kept(
                 folder / f"{case}.json",
-                lambda s=real / name, r=plain, f=free: diagnose(s, r, identify=f),
+                lambda s=source, r=run, f=free, p=plain: diagnose(s, r, nominal=p, identify=f),
             )
-            data[f"{name}, {shape}"] = found
-            cells = [_cell(set(), found)]
-            for number, (what, (_, right)) in enumerate(FALSEHOODS.items()):
-                source = folder / "recordings" / f"{name}-{number}"
-                found = kept(
-                    folder / f"{case}-{number}.json",
-                    lambda s=source, r=folder / "runs" / f"{case}-{number}", f=free, p=plain: (
-                        diagnose(s, r, nominal=p, identify=f)
-                    ),
-                )
-                data[f"{name}, {shape}: {what}"] = found
-                run = folder / "runs" / f"{case}-{number}"
-                score = score_of(load(run, Diagnosis)[0], right) if found["answer"] else 0.0
-                counts.update(outcome(right, score, found["answer"]))
-                cells.append(f"{_cell(right, found)} (score {score:.3g})")
-            lines.append(f"| {name} | {shape} | " + " | ".join(cells) + " |")
+            data[f"{name}, {shape}: {what}"] = found
+            score = score_of(load(run, Diagnosis)[0], right) if found["answer"] else 0.0
+            counts.update(outcome(right, score, found["answer"]))
+            lines.append(
+                f"| {name}, {shape} | {what} ({' / '.join(sorted(right))}) | {score:.3g} "
+                f"| {_cell(right, found)} | {_told(found)} "
+                f"| {found['seconds'].get('diagnose', 0):.0f} |"
+            )
     lines += [
         "",
         f"Visible: {counts['visible']}, of these named: {counts['named']}, named wrongly with "
@@ -158,21 +154,35 @@ def score_of(found: Diagnosis, right: set[str]) -> float:
 
 def outcome(right: set[str], score: float, answer: dict[str, Any] | None) -> list[str]:
     """Return what a falsehood counts as."""
-    if answer is None or score < VISIBLE:
-        return ["all"]
-    sets = [names_of(effect) for effect in answer["effects"]]
-    if any(one & right for one in sets):
-        return ["all", "visible", "named"]
-    return ["all", "visible", *(["wrong"] if answer["verdict"] == "found" else [])]
+    sets = [names_of(effect) for effect in answer["effects"]] if answer else []
+    named = any(one & right for one in sets)
+    wrong = answer is not None and answer["verdict"] == "found" and not named
+    visible = ["visible", *(["named"] if named else [])] if answer and score >= VISIBLE else []
+    return ["all", *visible, *(["wrong"] if wrong else [])]
 
 
 def _cell(right: set[str], found: dict[str, Any]) -> str:
-    """Return what was named, or the verdict, and whether a right name is among it."""
+    """Return whether a right name was given, alone or in a tie."""
+    if found["answer"] is None:
+        return "-"
+    sets = [names_of(effect) for effect in found["answer"]["effects"]]
+    return "**yes**" if any(one & right for one in sets) else "no"
+
+
+def _told(found: dict[str, Any]) -> str:
+    """Return the effects that were named with their equivalents, or the verdict."""
     answer = found["answer"]
     if answer is None:
         return "no answer: " + re.split("[,;]", found["error"].split("ropefit: ")[-1])[0]
-    sets = [names_of(effect) for effect in answer["effects"]]
-    named = ", ".join("/".join(sorted(one)) for one in sets) or f"`{answer['verdict']}`"
-    if not right:
-        return named
-    return ("**yes**: " if any(one & right for one in sets) else "no: ") + named
+    sets = [
+        "/".join([effect["name"], *effect["equivalent_to"]]) + f" ({_size(effect)})"
+        for effect in answer["effects"]
+    ]
+    return ", ".join(sets) or f"`{answer['verdict']}`"
+
+
+def _size(effect: dict[str, Any]) -> str:
+    """Return the first quantity of an effect with its interval."""
+    key, size = next(iter(effect["parameters"].items()))
+    low, high = size["ci95"]
+    return f"{key} {size['value']:.3g}, {low:.3g} .. {high:.3g}"

@@ -106,7 +106,7 @@ def causes(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
 def cable(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
     """Return the table of the changed cable, and its numbers."""
     found = cables(real, folder)
-    return cable_table(found), {"known": found.known, "alone": found.alone}
+    return cable_table(found), {told: answer for told, (_, answer) in found.items()}
 
 
 def wires(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
