@@ -103,7 +103,7 @@ def _camera(source: Path, info: dict[str, Any], given: str | None) -> str:
     films = [name for name, f in info["features"].items() if f.get("dtype") == "video"]
     if given is None and len(films) == 1:
         return films[0]
-    if given not in films:
+    if given is None or given not in films:
         raise WrongUsage(f"{source}: --set camera=NAME, one of {', '.join(films) or 'none'}")
     return given
 
