@@ -155,7 +155,7 @@ def _plain(value: Any) -> Tensor:
     if isinstance(value, Tensor) and torch._C._functorch.is_functorch_wrapped_tensor(value):  # type: ignore[attr-defined]
         raise WrongUsage(
             "torch.func (vmap, jacrev, grad, ...) does not reach into the rope, which compiled "
-            "code solves: give many ropes as frames of one call; Jacobians are had by "
+            "code solves: give many ropes as frames of one call; for Jacobians use "
             "torch.autograd.functional.jacobian"
         )
     return torch.as_tensor(value, dtype=torch.float64)

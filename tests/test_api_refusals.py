@@ -61,5 +61,7 @@ def test_misspelt_keywords() -> None:
         ropefit.fit(seen, most_frame=3)
     with pytest.raises(RopefitError, match="loss"):
         ropefit.fit(seen, loss="OBJ99")
+    with pytest.raises(RopefitError, match="unknown parameter EJ"):
+        ropefit.fit(seen, free="EI,EJ")
     with pytest.raises(RopefitError, match="nodes"):
         ropefit.preprocess(SAMPLES / "markers", nodes=-1)

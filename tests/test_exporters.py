@@ -363,7 +363,7 @@ def test_frames_end_in_the_clamps() -> None:
         ({"end_positions": np.full((1, 2, 3), np.nan)}, "without a position"),
         ({"effects": (PointMass(99, 0.1),)}, "node 99"),
         ({"effects": (PointMass(1, -0.1),)}, "mass must be positive"),
-        ({"effects": (Plane((0, 0, 0), (0, 0, 0)),)}, "normal vanishes"),
+        ({"effects": (Plane((0, 0, 0), (0, 0, 0)),)}, "normal is zero"),
         ({"effects": (Sphere((0, 0, np.nan), 1.0),)}, "finite"),
         ({"effects": (Cylinder((0, 0, 0), (0, 0, 0), 1.0),)}, "coincide"),
         ({"effects": (EndTwist(2, 1.0),)}, "end is 0 or 1"),

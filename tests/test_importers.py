@@ -104,6 +104,8 @@ def test_what_a_bag_holds_is_told(tmp_path: Path) -> None:
         "kind": "sensor_msgs/msg/PointCloud2",
         "count": 4,
     }
+    assert listed["tf:gripper"] == {"name": "tf:gripper", "kind": "tf frame in world", "count": 4}
+    assert "root" in listed["tf:world"]["kind"]
     for given in ({}, {"clouds": "/pionts"}, {"clouds": "/color"}, {"color": "/color"}):
         with pytest.raises(WrongUsage, match="PointCloud2") as told:
             brought(path, "ros", **given)
@@ -286,7 +288,7 @@ def test_settings_that_are_none(items: list[str], words: str) -> None:
 
 def test_unknown_names(tmp_path: Path) -> None:
     source = sources.wide_csv(tmp_path / "a.csv")
-    with pytest.raises(WrongUsage, match="clouds, kinect, mocap, realsense, ros, tum"):
+    with pytest.raises(WrongUsage, match="clouds, kinect, lerobot, mocap, realsense, ros, tum"):
         brought(source, "vicon")
     with pytest.raises(WrongUsage, match=r"has no such option; one of .*held0"):
         brought(source, "mocap", topic="/points")

@@ -125,8 +125,8 @@ def test_every_effect_is_drawn(kind):
 def test_a_law_is_drawn_as_its_curve():
     x = np.linspace(0.5, 8, 20)
     curve = Curve(
-        name_x="curvature", unit_x="1/m", name_y="moment", unit_y="N m", x=x, y=x**0.5, low=x, high=x,
-        visited=(1.0, 6.0),
+        name_x="curvature", unit_x="1/m", name_y="moment", unit_y="N m", x=x, y=x**0.5, low=x,
+        high=x, visited=(1.0, 6.0),
     )  # fmt: skip
     law = Law(form="", forms=[], parameters={}, curve=curve)
     cause = (

@@ -53,7 +53,9 @@ def restored_rope(
     if found:
         curve |= {name: s.value for name, s in found.rope.items() if name in rest_curve.NAMES}
     if curve and len(model.groups) > 1:
-        raise WrongUsage("every group of frames has a rest curve of its own: --groups one")
+        raise WrongUsage(
+            "every group of frames has a rest curve of its own; identify with --groups one"
+        )
     setup = started_setup(setup, curve, o)
     known = found.calibration if found else model.balance.calibration
     if found or len(model.groups) == 1:

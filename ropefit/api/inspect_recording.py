@@ -16,9 +16,13 @@ EARTH = 9.81  # m/s²
 FAR_FROM_EARTH = 0.05  # of it
 FORMATS = {
     ".bag": "ros", ".db3": "ros", ".mcap": "ros", ".c3d": "c3d", ".csv": "mocap", ".tsv": "mocap",
-    ".npz": "mocap", ".mkv": "kinect",
+    ".npz": "mocap", ".mkv": "kinect", ".mp4": "video", ".mov": "video", ".avi": "video",
 }  # fmt: skip
-INSIDE = {"metadata.yaml": "ros", "rgb.txt": "tum"}  # what a folder of the format holds
+INSIDE = {
+    "metadata.yaml": "ros",
+    "rgb.txt": "tum",
+    "meta/info.json": "lerobot",
+}  # what a folder of the format holds
 
 
 def is_recording(path: Path) -> bool:

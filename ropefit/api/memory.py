@@ -114,7 +114,7 @@ def preprocess(
 def fit(
     observations: Observations,
     *,
-    free: Sequence[str] | None = None,
+    free: Sequence[str] | str | None = None,
     start: dict[str, float] | None = None,
     known: Model | None = None,
     solver: Literal["equilibrium", "thomas", "jacobi"] = "equilibrium",
@@ -124,7 +124,8 @@ def fit(
     **settings: Any,
 ) -> Model:
     """Return the parameters that make simulation and observations agree: EI [N m²] and what `free`
-    names besides (EI, GJ, EA, length), each with its interval and verdict.
+    names besides (EI, GJ, EA, length; one text has commas between), each with its interval and
+    verdict.
 
     start: SI values to start from; known: a model of the same rope whose parameters are kept;
     settings: any other option of `ropefit identify`, with underscores. A frame that does not settle
@@ -135,7 +136,7 @@ def fit(
         solver=solver,
         loss=loss,
         search=search,
-        free=None if free is None else list(free),
+        free=free.split(",") if isinstance(free, str) else None if free is None else list(free),
         start=start or {},
         from_run=known is not None,
         **settings,

@@ -40,7 +40,7 @@ def run_batch(
     if scheduler is not None and engine != "dask":
         raise WrongUsage("--scheduler belongs to --engine dask")
     if workers is not None and engine == "dask":
-        raise WrongUsage("--workers is of this machine; the scheduler knows its own")
+        raise WrongUsage("--workers counts processes of this machine; a scheduler has its own")
     context = context or Context()
     found = find_recordings(recordings)
     if runs.exists() and not runs.is_dir():

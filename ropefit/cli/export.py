@@ -66,7 +66,9 @@ def _show_check(session: Session, target: str, made: Exported) -> None:
     check = made.record.check
     if check is None:
         if exporter(target).simulator is not None:
-            session.say(f"not tried in {target}: --check lets it come to rest there and measures")
+            session.say(
+                f"not tried in {target}: --check simulates it there and measures how far off it is"
+            )
         return
     off = deviation(made.record, made.length)
     rows = [

@@ -187,7 +187,7 @@ CalibrationRun = Annotated[
 ]
 MostFrames = Annotated[int, typer.Option(help="The most frames that the fit uses.")]
 TARGETS = ("mujoco", "mujoco3", "newton", "pyelastica", "json")
-FORMATS = ("clouds", "tum", "ros", "realsense", "kinect", "video", "mocap", "c3d")
+FORMATS = ("clouds", "tum", "ros", "realsense", "kinect", "video", "lerobot", "mocap", "c3d")
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:

@@ -23,7 +23,10 @@ from ropefit.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from ropefit.artifacts import DroppedFrame
     from ropefit.cli.console import Session
+
+TOLD = 3  # dropped frames; the report tells all
 
 
 @command
@@ -77,6 +80,7 @@ def show_observations(
         ["", ""],
         [
             ["frames", f"{len(o.frames)} used, {len(o.dropped)} dropped"],
+            *_dropped(o.dropped),
             [
                 "rope",
                 f"{o.length:.4g} m ({o.length_source}); {_held(o.end_kind)}",
@@ -95,6 +99,13 @@ def show_observations(
             "[rope] length and [ends] are given"
         )
     return data
+
+
+def _dropped(dropped: list[DroppedFrame]) -> list[list[str]]:
+    """Return rows on the first dropped frames, each with the reason."""
+    rows = [["dropped", f"frame {drop.frame}: {drop.reason}"] for drop in dropped[:TOLD]]
+    more = len(dropped) - TOLD
+    return rows if more <= 0 else [*rows, ["", f"and {more} more, see the report"]]
 
 
 def _held(kinds: tuple[str, str]) -> str:

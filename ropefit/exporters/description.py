@@ -128,7 +128,7 @@ class RopeDescription:
         if isinstance(effect, PointMass) and effect.mass <= 0:
             raise BadInput(f"{what}: mass must be positive")
         if isinstance(effect, Plane) and not np.linalg.norm(effect.normal) > 1e-9:
-            raise BadInput(f"{what}: normal vanishes")
+            raise BadInput(f"{what}: normal is zero")
         if isinstance(effect, Sphere | Cylinder) and effect.radius <= 0:
             raise BadInput(f"{what}: radius must be positive")
         if isinstance(effect, Cylinder) and np.allclose(effect.start, effect.stop):

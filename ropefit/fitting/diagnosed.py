@@ -93,7 +93,7 @@ def at_rest(
             if result:
                 break
             raise BadInput(
-                "nearly every frame is at the edge of its stability, where a hair's breadth "
+                "nearly every frame is at the edge of its stability, where the least disturbance "
                 "decides the shape; record poses in which the rope hangs firmly"
             )
         if edge.any():

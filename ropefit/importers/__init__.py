@@ -8,6 +8,7 @@ from ropefit.importers.c3d import C3d
 from ropefit.importers.clouds import Clouds
 from ropefit.importers.draft import Draft
 from ropefit.importers.kinect import Kinect
+from ropefit.importers.lerobot import Lerobot
 from ropefit.importers.mocap import Mocap
 from ropefit.importers.realsense import RealSense
 from ropefit.importers.ros import Ros
@@ -17,7 +18,8 @@ from ropefit.plugins import IMPORTERS, concrete
 from ropefit.recordings.writer import About
 
 __all__ = [
-    "About", "C3d", "Clouds", "Draft", "Entry", "Importer", "Kinect", "Mocap", "Options",
+    "About", "C3d", "Clouds", "Draft", "Entry", "Importer", "Kinect", "Lerobot", "Mocap",
+    "Options",
     "RealSense", "Ros", "Tum", "Video", "importer", "importers", "parse_options",
 ]  # fmt: skip
 

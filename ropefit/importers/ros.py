@@ -69,7 +69,7 @@ class Ros(Importer):
 
     def contents(self, source: Path) -> list[Entry]:
         with _open(source) as bag:
-            return _entries(bag)
+            return [*_entries(bag), *_transforms(source, bag, None).entries()]
 
     def read(self, source: Path, options: RosOptions, draft: Draft) -> None:
         with _open(source) as bag:
@@ -136,14 +136,14 @@ def _times(source: Path, bag: Any, topic: str) -> list[float]:
     return [time for time, _ in _messages(source, bag, topic)]
 
 
-def _transforms(source: Path, bag: Any, options: RosOptions) -> Transforms:
+def _transforms(source: Path, bag: Any, options: RosOptions | None) -> Transforms:
     out = Transforms()
     for connection, received, raw in bag.messages([c for c in bag.connections if c.msgtype in TF]):
         for item in bag.deserialize(raw, connection.msgtype).transforms:
             static = connection.topic.endswith("static")
             time = rosmsg.stamp(item, received)
             out.add(item.header.frame_id, item.child_frame_id, time, rosmsg.pose(item), static)
-    if options.frame and options.frame.strip("/") not in out.frames():
+    if options and options.frame and options.frame.strip("/") not in out.frames():
         known = ", ".join(out.frames()) or "none"
         raise WrongUsage(f"--set frame={options.frame}: no such frame; there are {known}")
     return out

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ropefit.errors import BadInput, WrongUsage
+from ropefit.importers.base import Entry
 from ropefit.importers.numbers import pose_at, product, rotation
 
 Pose = tuple[np.ndarray, np.ndarray]
@@ -56,6 +57,15 @@ class Transforms:
     def frames(self) -> list[str]:
         """Return names of every frame."""
         return sorted(set(self.links) | {link.parent for link in self.links.values()})
+
+    def entries(self) -> list[Entry]:
+        """Return the frames as `--set end0=` takes them, with their parents and samples."""
+        found = []
+        for name in self.frames():
+            link = self.links.get(name)
+            kind = f"tf frame in {link.parent}" if link else "tf frame (root)"
+            found.append(Entry(f"tf:{name}", kind, len(link.times) if link else 0))
+        return found
 
     def find(self, frame: str, fixed: str, time: float, gap: float) -> Pose | None:
         """Return pose of `frame` in `fixed`; None without a sample within `gap` [s] of the time.

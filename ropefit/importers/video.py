@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -26,16 +27,20 @@ FULL_FRAME = 36.0  # mm: width of the film that focal lengths "of 35 mm film" ar
 FOCAL = "focal_length.35mm_equivalent"  # in the names of cameras' metadata
 
 
-class VideoOptions(Options):
+class FilmOptions(Options):
     """frames: how many are taken. fov: horizontal angle of view [degrees]; or intrinsics:
-    fx,fy,cx,cy [pixels], or a TOML file with these. ends: a table as ends.csv, by the video's
-    frame numbers from 0. camera_pose: x,y,z,qx,qy,qz,qw."""
+    fx,fy,cx,cy [pixels], or a TOML file with these. camera_pose: x,y,z,qx,qy,qz,qw."""
 
     frames: int = Field(default=12, ge=1)
     fov: float | None = Field(default=None, gt=1, lt=175)
     intrinsics: str | None = None
-    ends: Path | None = None
     camera_pose: str | None = None
+
+
+class VideoOptions(FilmOptions):
+    """ends: a table as ends.csv, by the video's frame numbers from 0."""
+
+    ends: Path | None = None
 
 
 class Video(Importer):
@@ -49,29 +54,36 @@ class Video(Importer):
             return [Entry(f"track {s.index}", s.type, int(s.frames or 0)) for s in file.streams]
 
     def read(self, source: Path, options: VideoOptions, draft: Draft) -> None:
-        small = [_gray(image) for _, image in _images(source, options.every)]
-        if not small:
-            raise BadInput(f"{source}: holds no image")
-        chosen = set((stillest(np.stack(small), options.frames) * options.every).tolist())
-        size = None
-        for frame, image in _images(source, options.every):
-            if frame in chosen:
-                draft.progress(draft.frames / len(chosen), f"frame {frame}")
-                draft.images(frame, image, None, 1.0, source)
-                size = (image.shape[1], image.shape[0])
-        assert size is not None
-        if options.camera_pose is None:
-            draft.note(
-                "no --set camera_pose: the recording's frame is the camera's (x right, y down, z "
-                "forward), check --gravity"
-            )
-        pose = given_pose(options.camera_pose) if options.camera_pose else None
-        draft.rgbd_table(size, _intrinsics(source, options, size), pose, None)
+        film(source, options, draft)
         if options.ends is not None:
             draft.ends_of(options.ends)
         elif draft.about.length:
             draft.note("no --set ends: --solver equilibrium needs the poses of both ends")
-        draft.note("frames have the video's numbers; they count as single shapes at rest")
+
+
+def film(source: Path, options: FilmOptions, draft: Draft, part: range | None = None) -> list[int]:
+    """Take the stillest frames of a film, or of a part of its frames; return their numbers, which
+    count from the part's first."""
+    small = [_gray(image) for _, image in _images(source, options.every, part)]
+    if not small:
+        raise BadInput(f"{source}: holds no image" + (f" in frames {part}" if part else ""))
+    chosen = sorted((stillest(np.stack(small), options.frames) * options.every).tolist())
+    size = None
+    for frame, image in _images(source, options.every, part):
+        if frame in chosen:
+            draft.progress(draft.frames / len(chosen), f"frame {frame}")
+            draft.images(frame, image, None, 1.0, source)
+            size = (image.shape[1], image.shape[0])
+    assert size is not None
+    if options.camera_pose is None:
+        draft.note(
+            "no --set camera_pose: the recording's frame is the camera's (x right, y down, z "
+            "forward), check --gravity"
+        )
+    pose = given_pose(options.camera_pose) if options.camera_pose else None
+    draft.rgbd_table(size, _intrinsics(source, options, size), pose, None)
+    draft.note("frames have the video's numbers; they count as single shapes at rest")
+    return chosen
 
 
 def stillest(small: np.ndarray, wanted: int) -> np.ndarray:
@@ -113,12 +125,15 @@ def _opened(source: Path) -> Iterator[Any]:
         yield file
 
 
-def _images(source: Path, every: int) -> Iterator[tuple[int, np.ndarray]]:
-    """Return (number, picture (H, W, 3) uint8 RGB) of every `every`-th frame, upright."""
+def _images(
+    source: Path, every: int, part: range | None = None
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Return (number, picture (H, W, 3) uint8 RGB) of every `every`-th frame of a part, upright."""
+    first, stop = (part.start, part.stop) if part else (0, None)
     with _opened(source) as file:
         if not file.streams.video:
             raise BadInput(f"{source}: holds no image")
-        for number, image in enumerate(file.decode(video=0)):
+        for number, image in enumerate(islice(file.decode(video=0), first, stop)):
             if max(image.width, image.height) > MOST_PIXELS:
                 raise BadInput(f"{source}: an image of {image.width}x{image.height} pixels")
             if number % every == 0:
@@ -127,7 +142,7 @@ def _images(source: Path, every: int) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _intrinsics(
-    source: Path, options: VideoOptions, size: tuple[int, int]
+    source: Path, options: FilmOptions, size: tuple[int, int]
 ) -> tuple[float, float, float, float]:
     """Return fx, fy, cx, cy [px] as given, or by the focal length that the camera wrote."""
     if options.intrinsics is not None:

@@ -32,7 +32,6 @@ FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
 SEE = "; --debug-images DIR shows every step"
-UNSPECIFIED = f"; give --color, --roi or --mask{SEE}"
 COMPARABLE = 0.5  # of the length, of the score: another rope
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
@@ -133,7 +132,7 @@ def segment_rope(
         raise FrameRejected(
             "no long thin region of one colour in the image: "
             + "; ".join(f"{cue}: {why}" for cue, why in failed.items())
-            + (UNSPECIFIED if not specified else SEE)
+            + _what_helps(looked)
         )
     # A mask may show little of a rope that the picture shows more of: that is asked of the best.
     found.sort(key=lambda item: -item.score * float(np.sqrt(item.path.seen.mean())))
@@ -144,7 +143,7 @@ def segment_rope(
     if best.score < DOUBTFUL and not specified:
         raise FrameRejected(
             "nothing in the image is long and thin enough to be the rope: the best cue "
-            f"({best.cue}) scores {best.score:.3f}, {DOUBTFUL:g} is needed{UNSPECIFIED}"
+            f"({best.cue}) scores {best.score:.3f}, {DOUBTFUL:g} is needed{_what_helps(looked)}"
         )
     others = sorted(
         [(item.cue, item.score) for item in found if not _same(item.path.points, best)],
@@ -153,6 +152,16 @@ def segment_rope(
     least = COMPARABLE * best.score
     several = not np.isfinite(ends).all() and any(score > least for _, score in others)
     return replace(best, runners_up=others[:5], several=best.several or (several and not specified))
+
+
+def _what_helps(looked: Looked) -> str:
+    """Return what a person may give besides what was given."""
+    if looked.mask is not None:
+        return SEE
+    given = {"--color": looked.color is not None, "--roi": looked.roi is not None}
+    *others, last = [*(name for name, known in given.items() if not known), "--mask"]
+    ways = f"{', '.join(others)} or {last}" if others else last
+    return f"; give {ways} (masks drawn by hand help where the rope is like its ground){SEE}"
 
 
 def _shrunk(

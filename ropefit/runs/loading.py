@@ -29,7 +29,8 @@ def load(directory: Path, kind: type[A]) -> tuple[A, str]:
             continue
         if not upstream.exists():
             raise StageFailed(
-                f"{path}: made from {name}, gone; run `{PRODUCERS[name]} --run {directory}`"
+                f"{path}: was made from {name}, which is gone; run `{PRODUCERS[name]} --run "
+                f"{directory}`"
             )
         if stored_hash(upstream) != recorded:
             raise StageFailed(

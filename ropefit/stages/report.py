@@ -28,7 +28,7 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
     if missing:
         say(f"the report has no part on {' and '.join(missing)}: not in this run")
     if run.exports is None and (directory / Exports.file_name).exists():
-        say(f"{Exports.file_name} is of an earlier rope and not shown; export again")
+        say(f"{Exports.file_name} was made from an earlier fit and is not shown; export again")
     path = directory / REPORT
     text = render_report(run)
     with working_on(directory):

@@ -66,7 +66,9 @@ def _states(spec: SimulationSpec, path: Path) -> tuple[np.ndarray, Setup]:
         if end.tangents:
             tangents = _along(end.tangents, frames)
             if (np.linalg.norm(tangents, axis=1) < 1e-9).any():
-                raise BadInput(f"{path}: motion.end{number}.tangents: one vanishes on the way")
+                raise BadInput(
+                    f"{path}: motion.end{number}.tangents: a tangent is zero between two waypoints"
+                )
             orientation[:, number] = [quaternion_along(tangent) for tangent in tangents]
     apart = np.linalg.norm(position[:, 1] - position[:, 0], axis=1)
     if np.nanmax(np.append(apart, 0.0)) > spec.rope.length:
