@@ -5,7 +5,9 @@ import pytest
 import torch
 
 from ropefit.adapters.law_content import times_metre
+from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.forms import described
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import Diagnosis, search
 from ropefit.effects import BendingHysteresis, BendingLaw, ForceField
@@ -126,6 +128,18 @@ def test_what_looks_like_a_solver_that_stopped_early_is_a_law(name, value, sd):
     assert [one.candidate.hypothesis.name for one in result.accepted] == ["bending_law"]
     assert result.final.scale < 1.05
     assert result.accepted[0].candidate.gains.min() > 0
+
+
+def test_a_value_at_curvatures_that_no_frame_has_may_be_anything():
+    """Of a stiff rope, which is nowhere bent by 8 over its length."""
+    stiff = rope(48, 8, bend=2e-2)
+    nominal = nominal_fit(recorded(stiff, seed=3), 24)
+    found = fit_candidate(nominal, Hypothesis(BendingLaw(), NO_PLACE), np.zeros(5))
+    assert found is not None
+    low, high = (ends[-1] for ends in found.interval(1.96))
+    assert (low, high) == (pytest.approx(-3.0), pytest.approx(3.0))
+    low, high = (ends[0] for ends in found.interval(1.96))
+    assert -0.3 < low < 0 < high < 0.3
 
 
 def test_a_linear_rope_is_no_law_and_how_far_from_it_could_be_is_told():
