@@ -6,7 +6,8 @@
 DIR holds the real recordings (default: ../shared/real). Parts: motion (ropes in motion, fitted to N
 of their training clips and scored on the clips that their authors score on), named (what the
 diagnosis in motion names in them, and how it then predicts those clips), cable (a cable that was
-changed), wire (is it straight at rest?). Each part writes its own section of the document. Models
+changed), wire (is it straight at rest?), softening (that cable with a law of bending; into
+docs/laws.md). Each part writes its own section of the document. Models
 of ropes in motion in the folder of --keep are not fitted again.
 """
 
@@ -22,6 +23,7 @@ from benchmarks.document import parser, publish
 from benchmarks.real.motion import Score, prove
 from benchmarks.real.named import name_motion, named_table
 from benchmarks.real.shapes import cable_table, cables, estimate, wire, wire_table
+from benchmarks.real.softening import predicted, softening_table
 
 ROPES = ("mocap_dlo1", "mocap_dlo2")
 # Mean absolute error [mm] of other predictions on the same eval clips, as published with them: the
@@ -106,7 +108,16 @@ def wires(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
     }
 
 
-PARTS = {"motion": motion, "named": named, "cable": cable, "wire": wires}
+def softening(real: Path, folder: Path, clips: int) -> tuple[str, dict[str, Any]]:
+    """Return the table of the cable with a law of bending, and its numbers."""
+    found = predicted(real, folder)
+    numbers = {name: {"known": p.known, "changed": p.changed} for name, p in found.items()}
+    return softening_table(found), numbers
+
+
+PARTS = {
+    "motion": motion, "named": named, "cable": cable, "wire": wires, "softening": softening,
+}  # fmt: skip
 
 
 def main() -> None:
