@@ -39,7 +39,8 @@ def predicted(real: Path, folder: Path) -> dict[str, Predicted]:
 def softening_table(found: dict[str, Predicted]) -> str:
     rows = [
         "A cable held at its base, its free end hanging, with a rest curve (`--free",
-        "EI,rest_curve`), and the same cable changed, by `ropefit diagnose --nominal`; three markers, rms in mm.",
+        "EI,rest_curve`), and the same cable changed, by `ropefit diagnose --nominal`; three",
+        "markers, rms in mm.",
         "Written by `python -m benchmarks.real --only softening --write docs/laws.md`.",
         "",
         "| bending | unchanged: fitted | held-out angles | changed: verdict | accepted | where [m] "
