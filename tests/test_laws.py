@@ -10,7 +10,17 @@ from ropefit.diagnosis.forms import described
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import Diagnosis, search
-from ropefit.effects import BendingHysteresis, BendingLaw, ForceField
+from ropefit.effects import (
+    AxialLaw,
+    BendingHysteresis,
+    BendingLaw,
+    DragLaw,
+    Effect,
+    FollowerForce,
+    ForceField,
+)
+from ropefit.effects.half_space import HalfSpace
+from ropefit.effects.wall_field import WallField
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import terms
 from ropefit.models.terms import Term
@@ -245,3 +255,15 @@ def test_the_command_line_tells_the_law_and_draws_it(ropefit, tmp_path):
     page = (tmp_path / "run" / "report.html").read_text()
     assert "The law" in page
     assert "bending moment (N m)" in page
+
+
+@pytest.mark.parametrize(
+    "kind", [BendingLaw, AxialLaw, DragLaw, ForceField, WallField, HalfSpace, FollowerForce]
+)
+def test_what_no_target_expresses_is_told(kind: type[Effect]):
+    effect = kind()
+    values = dict.fromkeys(effect.names, 0.1)
+    told = effect.exported(values, rope(20, 2), 11, ())
+    assert told.note.startswith(f"{effect.name}: ")
+    assert told.beside == ()
+    assert not told.in_rope
