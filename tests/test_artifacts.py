@@ -76,6 +76,21 @@ def test_round_trip(kind: type[Artifact], tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == [kind.file_name]
 
 
+def test_a_law_of_no_known_form_is_read_again(tmp_path: Path) -> None:
+    model = example(Model)
+    (cause, *_) = model.nominal.laws.values()
+    assert cause.law is not None
+    plain = cause.law.model_copy(update={"form": "", "forms": [], "parameters": {}})
+    laws = {"law_0": cause.model_copy(update={"law": plain})}
+    nominal = model.nominal.model_copy(update={"laws": laws})
+    models = {**model.models, "nominal": nominal}
+    write(tmp_path / "model.h5", model.model_copy(update={"models": models}))
+    found = read(tmp_path / "model.h5", Model)[0].nominal.laws["law_0"].law
+    assert found is not None
+    assert (found.form, found.forms, found.parameters) == ("", [], {})
+    assert found.curve is not None
+
+
 def test_order_of_keys_is_kept(tmp_path: Path) -> None:
     write(tmp_path / "model.h5", example(Model))
     model, _ = read(tmp_path / "model.h5", Model)

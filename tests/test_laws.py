@@ -5,10 +5,22 @@ import pytest
 import torch
 
 from ropefit.adapters.law_content import times_metre
+from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.forms import described
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import Diagnosis, search
-from ropefit.effects import BendingHysteresis, BendingLaw, ForceField
+from ropefit.effects import (
+    AxialLaw,
+    BendingHysteresis,
+    BendingLaw,
+    DragLaw,
+    Effect,
+    FollowerForce,
+    ForceField,
+)
+from ropefit.effects.half_space import HalfSpace
+from ropefit.effects.wall_field import WallField
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import terms
 from ropefit.models.terms import Term
@@ -128,6 +140,18 @@ def test_what_looks_like_a_solver_that_stopped_early_is_a_law(name, value, sd):
     assert result.accepted[0].candidate.gains.min() > 0
 
 
+def test_a_value_at_curvatures_that_no_frame_has_may_be_anything():
+    """Of a stiff rope, which is nowhere bent by 8 over its length."""
+    stiff = rope(48, 8, bend=2e-2)
+    nominal = nominal_fit(recorded(stiff, seed=3), 24)
+    found = fit_candidate(nominal, Hypothesis(BendingLaw(), NO_PLACE), np.zeros(5))
+    assert found is not None
+    low, high = (ends[-1] for ends in found.interval(1.96))
+    assert (low, high) == (pytest.approx(-3.0), pytest.approx(3.0))
+    low, high = (ends[0] for ends in found.interval(1.96))
+    assert -0.3 < low < 0 < high < 0.3
+
+
 def test_a_linear_rope_is_no_law_and_how_far_from_it_could_be_is_told():
     result = searched(rope(144), 5)
     assert result.verdict == "none"
@@ -231,3 +255,15 @@ def test_the_command_line_tells_the_law_and_draws_it(ropefit, tmp_path):
     page = (tmp_path / "run" / "report.html").read_text()
     assert "The law" in page
     assert "bending moment (N m)" in page
+
+
+@pytest.mark.parametrize(
+    "kind", [BendingLaw, AxialLaw, DragLaw, ForceField, WallField, HalfSpace, FollowerForce]
+)
+def test_what_no_target_expresses_is_told(kind: type[Effect]):
+    effect = kind()
+    values = dict.fromkeys(effect.names, 0.1)
+    told = effect.exported(values, rope(20, 2), 11, ())
+    assert told.note.startswith(f"{effect.name}: ")
+    assert told.beside == ()
+    assert not told.in_rope

@@ -35,7 +35,9 @@ class Law(Part):
 
     form: str = Field(description="empty: none is so much better than the others")
     forms: list[str] = Field(description="that remain, best first")
-    parameters: dict[str, Size] = Field(description="constants of the best of them")
+    parameters: dict[str, Size] = Field(  # HDF5 keeps no empty ones
+        default_factory=dict, description="constants of the best of them"
+    )
     curve: Curve | None = None
     no_curve: str = Field(default="", description="why there is none")
 

@@ -25,6 +25,7 @@ LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitt
 DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
 UNMOVED = 1e-8  # m
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
+UNSEEN = 1e-6  # whitened change of all data by a step of one: less is rounding
 NO_VARIANCE = 1e-10  # of the largest: less is rounding
 
 
@@ -68,7 +69,12 @@ class Candidate:
 
     def interval(self, width: float) -> tuple[np.ndarray, np.ndarray]:
         """Return (k + p,), (k + p,) values in SI `width` standard errors to either side."""
-        return self.term.interval(self._mine(self.fit.point.u), self.covariance(), width)
+        covariance = self.covariance()
+        mine = self._mine(np.arange(self.fit.jacobian.shape[1]))
+        unseen = np.linalg.norm(self.fit.jacobian[:, mine], axis=0) < UNSEEN
+        limited = np.isfinite(self.term.lower) & np.isfinite(self.term.upper)
+        covariance[np.diag(unseen & limited)] = np.inf  # as wide as its bounds
+        return self.term.interval(self._mine(self.fit.point.u), covariance, width)
 
     def usual_sizes(self) -> np.ndarray:
         """Return (k,) its sizes as multiples of usual ones, at most 1 of one that saturates."""
