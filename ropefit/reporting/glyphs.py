@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ropefit.artifacts.causes import Cause, Law
+from ropefit.artifacts.causes import Cause, Curve
 from ropefit.effects import Effect
 from ropefit.effects.drawn import Drawn
 from ropefit.plugins import EFFECTS, concrete
@@ -64,12 +64,11 @@ def drawn_of(cause: Cause, gravity: np.ndarray) -> Drawn:
     for kind in concrete(Effect, EFFECTS):
         if kind.__name__ == cause.variant:
             drawn = kind(cause.end or 0).drawn(values, gravity)  # pyright: ignore[reportAbstractUsage]
-            return _with_law(drawn, cause.law) if cause.law else drawn
+            return _with_law(drawn, cause.law.curve) if cause.law and cause.law.curve else drawn
     return Drawn()
 
 
-def _with_law(drawn: Drawn, law: Law) -> Drawn:
-    c = law.curve
+def _with_law(drawn: Drawn, c: Curve) -> Drawn:
     visited = (c.x >= c.visited[0]) & (c.x <= c.visited[1])
     curve = np.stack([c.x, c.y], axis=1)[visited]
     what = drawn.label or f"{c.name_y} over {c.name_x}"
