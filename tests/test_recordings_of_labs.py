@@ -75,8 +75,12 @@ def test_frames_without_a_mask_are_excluded_alone(tmp_path) -> None:
 
 def test_white_on_white_says_which_cue_failed() -> None:
     white = np.full((200, 300, 3), 240, np.uint8)
-    with pytest.raises(FrameRejected, match=r"colour 1: 100% .*--color, --roi or --mask; --debug"):
+    with pytest.raises(
+        FrameRejected, match=r"colour 1: 100% .*--color, --roi or --mask .*; --debug"
+    ):
         segment_rope(white, UNKNOWN)
+    with pytest.raises(FrameRejected, match=r"give --color or --mask"):
+        segment_rope(white, UNKNOWN, looked=Looked(roi=(50, 50, 100, 100)))
     with pytest.raises(FrameRejected, match="the given colour: 100% of the picture, a rope fills"):
         segment_rope(white, UNKNOWN, looked=Looked(color=(240, 240, 240)))
     dot = white.copy()

@@ -80,13 +80,17 @@ const Figures = (() => {
     return `<image href="${canvas.toDataURL()}" x="${left}" y="${top}" width="${wide}" height="${high}" preserveAspectRatio="none"/>${text}`;
   }
 
+  // Return the room [px] that a map needs on its right for the bar of its colours.
+  const beyond = (map) => 30 + 7 * Math.max(4, ...ticks(map.zmin, map.zmax, 4).map((v) => number(v).length));
+
   function bar(trace, width, top, high) {
+    const left = width - beyond(trace) + 6;
     const id = `s${Math.random().toString(36).slice(2)}`, at = (share) => top + high * (1 - share);
     const stops = trace.colorscale.map(([s, c]) => `<stop offset="${s}" stop-color="${c}"/>`).join("");
     const marks = ticks(trace.zmin, trace.zmax, 4).map((v) =>
-      `<text x="${width - 36}" y="${at((v - trace.zmin) / (trace.zmax - trace.zmin)) + 4}">${number(v)}</text>`).join("");
+      `<text x="${left + 16}" y="${at((v - trace.zmin) / (trace.zmax - trace.zmin)) + 4}">${number(v)}</text>`).join("");
     return `<linearGradient id="${id}" x1="0" y1="1" x2="0" y2="0">${stops}</linearGradient>
-      <rect x="${width - 52}" y="${top}" width="10" height="${high}" fill="url(#${id})"/>${marks}`;
+      <rect x="${left}" y="${top}" width="10" height="${high}" fill="url(#${id})"/>${marks}`;
   }
 
   const SYMBOLS = {
@@ -149,7 +153,7 @@ const Figures = (() => {
     // Names without room beside each other stand upright.
     const names = sideways ? [] : [...new Set(data.flatMap((t) => t.x || []))].filter((v) => typeof v === "string");
     const longest = 6.7 * Math.max(0, ...names.map((v) => v.length)), upright = longest * names.length > width - 150;
-    const right = map ? 58 : 14, top = 8, bottom = upright ? 34 + longest : 44, high = height - top - bottom;
+    const right = map ? beyond(map) : 14, top = 8, bottom = upright ? 34 + longest : 44, high = height - top - bottom;
     const base = data.filter((t) => t.type === "bar").length ? [0] : [];
     const across = (t) => (t.type === "heatmap" ? edges(t.x) : t.x), up = (t) => (t.type === "heatmap" ? edges(t.y) : t.y);
     const tight = { tight: !!map };
