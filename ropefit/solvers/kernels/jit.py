@@ -24,7 +24,7 @@ TEMPORARY = "ropefit-numba-"  # how a cache folder begins that goes with the pro
 BARE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 # Nor do they count references to arrays (`_nrt`), which would take half of the time in a loop of
 # views: their callers keep them. So a helper makes no array and returns none; a `maker` may.
-helper = njit(**BARE, _nrt=False, fastmath=FUSED)
+helper = njit(**BARE, _nrt=False, fastmath=FUSED)  # type: ignore[call-overload]
 maker = njit(**BARE, fastmath=FUSED)
 # Merged into its callers: a call costs as much as ten segments where it hands over a whole record.
 inlined = njit(**BARE, inline="always", fastmath=FUSED)
