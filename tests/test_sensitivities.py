@@ -1,16 +1,19 @@
 """Sensitivities at zero size of effects that change nothing smoothly there: what remembers the
 frames before, and rest curvature of a rope that is free to spin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.hypotheses import Hypothesis, hypotheses
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import (
     BendingHysteresis,
     FreeCurvature,
     FreeKink,
     PlasticSet,
+    PointMass,
     Tether,
     ViscoelasticCreep,
 )
@@ -20,6 +23,7 @@ from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
 from tests.concealed import BINS, scanned
+from tests.test_diagnosis_of_motion import FREE, driven, model, recorded
 from tests.test_memory import there_and_back, with_effect
 
 SMALL = 0.02  # usual sizes
@@ -41,9 +45,30 @@ def test_the_derivative_at_zero_is_the_response_to_a_small_size(effect, held):
     every = Hypothesis(effect, effect.scan_places(setup))
     one = Hypothesis(effect, every.places[len(every.places) // 3 :][:1])
     sensitivities = Sensitivities(fitted)
-    found = sensitivities.of(one).nodes[0]
+    found = sensitivities.of(one).moved[0]
     size = SMALL * one.scales(setup)
     response = sensitivities.response(one, np.concatenate([size, one.places[0]]))
     response = (response - sensitivities.point.seen) / SMALL
     assert np.linalg.norm(response) > 1e-3  # m
     assert np.linalg.norm(found - response) < 0.03 * np.linalg.norm(response)
+
+
+def test_sensitivities_of_nearly_the_same_motion_are_kept(monkeypatch):
+    """As long as the motion differs by little of what is missed; then they are computed anew."""
+    lines, data = recorded(PointMass(), [0.012, 0.36], seed=3)
+    problem = FitProblem(data, Noise(marker=0.002), 40)
+    nominal = fit(model(driven(24), lines, FREE), problem, None, 8, tolerance=1e-3)
+    (one,) = hypotheses(nominal.point.setup, ("length_error",))
+    first = Sensitivities(nominal).of(one)
+    louder = fit(nominal.forward, problem.under(Noise(marker=0.004)), nominal.point.u, 1)
+    computed = []
+    monkeypatch.setattr(
+        Sensitivities, "_nodes", lambda self, h: computed.append(h) or self.point.seen[None]
+    )
+    again = Sensitivities(louder).of(one, first)
+    assert not computed
+    np.testing.assert_allclose(2 * again.values, first.values, rtol=1e-4)
+    softer = nominal.point.u - np.array([1.0, *np.zeros(nominal.forward.size - 1)])
+    other = replace(nominal, point=nominal.forward.at(softer))
+    Sensitivities(other).of(one, first)
+    assert computed == [one]
