@@ -148,7 +148,7 @@ class Effect(ABC):
     turns_rope: ClassVar[bool] = False
     # A simulator may have it unknown to its user: looked for in simulated shapes.
     of_simulators: ClassVar[bool] = False
-    # It can be simulated in motion: no potential, no memory, nothing that needs a rope at rest.
+    # It can be simulated in motion: no potential but contact, no memory, nothing that needs rest.
     in_motion: ClassVar[bool] = True
     # Fits are slow (contact comes and goes): after all others, and only while they gain.
     slow: ClassVar[bool] = False
