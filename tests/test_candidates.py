@@ -11,6 +11,7 @@ from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import PointMass, SoftSection, StiffSection
+from ropefit.inference.noise import Noise
 from tests.concealed import nominal_fit, recorded, with_effect
 
 
@@ -45,7 +46,7 @@ class Given(Candidate):
     def usual_sizes(self) -> np.ndarray:
         return np.array([3.0, 4.0, 5.0])
 
-    def covariance(self) -> np.ndarray:
+    def covariance(self, by_noise: bool = False) -> np.ndarray:
         turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
         return turn @ np.diag([self.rounding, 0.5, 2.0]) @ turn.T
 
@@ -53,7 +54,8 @@ class Given(Candidate):
 @pytest.mark.parametrize("rounding", [-1e-14, 1e-14])
 def test_what_nothing_determines_is_not_counted(rounding):
     """Rounding leaves a variance of either sign where there is none."""
-    size, fit = SimpleNamespace(size=3), SimpleNamespace(quantile=1.96)
+    problem = SimpleNamespace(noise=Noise())
+    size, fit = SimpleNamespace(size=3), SimpleNamespace(student=1.96, problem=problem)
     one = Given(size, None, fit, 0.0, np.zeros(0))  # type: ignore[arg-type]
     exact = one.significance()
     one.rounding = rounding

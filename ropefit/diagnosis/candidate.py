@@ -54,13 +54,12 @@ class Candidate:
         slope = self.term.slope(self._mine(self.fit.point.u)) / self._length()
         return slope[:, None] * self.covariance() * slope
 
-    def covariance(self) -> np.ndarray:
-        """Return (k + p, k + p) the covariance of its values in search coordinates."""
-        return self._own(self.fit.covariance)
-
-    def _own(self, covariance: np.ndarray) -> np.ndarray:
+    def covariance(self, by_noise: bool = False) -> np.ndarray:
+        """Return (k + p, k + p) the covariance of its values in search coordinates; by the noise:
+        as if nothing misled them."""
         mine = self._mine(np.arange(len(self.fit.point.u)))
-        out = covariance[np.ix_(mine, mine)]
+        whole = self.fit.by_noise if by_noise else self.fit.covariance
+        out = whole[np.ix_(mine, mine)]
         along = np.where(self._pointing(), self._raw() / self.term.scale, 0.0)
         if along.any():  # across a direction: its length changes nothing
             across = np.eye(len(along)) - np.outer(along, along) / (along @ along)
@@ -89,7 +88,7 @@ class Candidate:
         off, k, found = self.usual_sizes(), self.hypothesis.size, self.fit
         # What is missed here may have a further cause; what was missed elsewhere has none here.
         known = found.problem.noise.misfit
-        covariance = self._own(found.covariance if known else found.by_noise)[:k, :k]
+        covariance = self.covariance(by_noise=not known)[:k, :k]
         # What nothing determines has no variance in it but for rounding, and is not counted.
         information = np.linalg.pinv(covariance, rcond=NO_VARIANCE, hermitian=True)
         apart = np.sqrt(max(off @ information @ off, 0.0))

@@ -20,7 +20,7 @@ RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white 
 # m, sd of an end in one frame
 POSITIONS = (0.0, 5e-5, 1e-4, 1.5e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)
 TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
-MISFIT = 1.5  # times the noise: more is what the model misses
+MISFIT = 1.25  # times the noise: more is what the model misses
 COST = 2.0  # nats that a further kind of noise must earn
 
 
