@@ -9,17 +9,14 @@ the side of the ray counts.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from ropefit.inference.curve import across, feet, on_curve, refined
 from ropefit.inference.round_surface import axis, information
-from ropefit.solvers.kernels.jit import exact_helper, exact_kernel
 
 WINDOW = 0.08  # of the length: how far a point may lie from where preprocess put it
-FINE = 4  # points of the curve for every segment
-STRIDE = 4  # segments of the curve that are passed over at once
 FEWEST = 3  # points of a station that say anything
 
 
@@ -58,7 +55,7 @@ class Data:
         frame, slot = np.nonzero(self.mask)
         ray = self.points[frame, slot] - self.eye
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        far = ((_on_curve(x, frame, self.share[frame, slot])[3] - self.eye) * ray).sum(1)
+        far = ((on_curve(x, frame, self.share[frame, slot])[3] - self.eye) * ray).sum(1)
         points = self.points.copy()
         points[frame, slot] = self.eye + far[:, None] * ray
         return replace(self, points=points)
@@ -134,7 +131,7 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     if data.material:
         return _markers(data, x)
     data, frames = data.as_deep_as(x), len(x)
-    fine = _refine(x)
+    fine = refined(x)
     share, offset, good = feet(data.points, data.share, data.mask, fine, WINDOW)
     good = data.mask if data.firm else good
     slot = np.clip((data.share * bins).astype(np.int64), 0, bins - 1)
@@ -145,9 +142,9 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     used = np.flatnonzero(count >= FEWEST)
     mean_share = np.bincount(key, share, total)[used] / count[used]
     frame, bin_ = np.divmod(used, bins)
-    segment, weight, tangent, place = _on_curve(x, frame, mean_share)
+    segment, weight, tangent, place = on_curve(x, frame, mean_share)
     ray = place - data.eye
-    basis = _across(tangent, ray)
+    basis = across(tangent, ray)
     of = np.full(total, -1)
     of[used] = np.arange(len(used))
     kept = of[key] >= 0
@@ -180,19 +177,19 @@ def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     count."""
     if data.material:
         frame, slot = np.nonzero(data.mask)
-        place = _on_curve(x, frame, data.share[frame, slot])[3]
+        place = on_curve(x, frame, data.share[frame, slot])[3]
         out = np.zeros_like(data.points)
         out[frame, slot] = data.points[frame, slot] - place
         return out, data.mask
     data = data.as_deep_as(x)
-    _, offset, good = feet(data.points, data.share, data.mask, _refine(x), WINDOW)
+    _, offset, good = feet(data.points, data.share, data.mask, refined(x), WINDOW)
     return offset, data.mask if data.firm else good
 
 
 def _markers(data: Data, x: np.ndarray) -> Stations:
     frame, slot = np.nonzero(data.mask)
     share = data.share[frame, slot]
-    segment, weight, _, place = _on_curve(x, frame, share)
+    segment, weight, _, place = on_curve(x, frame, share)
     residual = data.points[frame, slot] - place
     basis = np.broadcast_to(np.eye(3), (len(frame), 3, 3)).copy()
     one = np.ones(len(frame))
@@ -200,132 +197,3 @@ def _markers(data: Data, x: np.ndarray) -> Stations:
         frame, slot, share, one, residual, basis, segment, weight, np.zeros_like(residual),
         np.zeros((len(frame), 2)),
     )  # fmt: skip
-
-
-def _weights(t: np.ndarray) -> np.ndarray:
-    """Return (M, 4) of the Catmull-Rom cubic at t in 0..1 between its second and third node."""
-    return 0.5 * np.stack(
-        [-t + 2 * t**2 - t**3, 2 - 5 * t**2 + 3 * t**3, t + 4 * t**2 - 3 * t**3, t**3 - t**2],
-        axis=-1,
-    )
-
-
-def _slopes(t: np.ndarray) -> np.ndarray:
-    return 0.5 * np.stack(
-        [-1 + 4 * t - 3 * t**2, -10 * t + 9 * t**2, 1 + 8 * t - 9 * t**2, 3 * t**2 - 2 * t], axis=-1
-    )
-
-
-def _padded(x: np.ndarray) -> np.ndarray:
-    """Return nodes with one more at either end, so that the cubic is a parabola there."""
-    first = 3 * x[:, :1] - 3 * x[:, 1:2] + x[:, 2:3]
-    last = 3 * x[:, -1:] - 3 * x[:, -2:-1] + x[:, -3:-2]
-    return np.concatenate([first, x, last], axis=1)
-
-
-def _refine(x: np.ndarray) -> np.ndarray:
-    """Return (F, FINE (K-1) + 1, 3) points of the cubic through the nodes."""
-    wide, n = _padded(x), x.shape[1] - 1
-    t = np.arange(FINE) / FINE
-    quads = np.stack([wide[:, k : k + n] for k in range(4)], axis=2)  # (F, n, 4, 3)
-    fine = np.einsum("tk,fnka->fnta", _weights(t), quads).reshape(len(x), -1, 3)
-    return np.concatenate([fine, x[:, -1:]], axis=1)
-
-
-def _on_curve(x, frame, share):
-    """Return segment (M,), weights (M, 4), unit tangents and places (M, 3) at shares of the
-    length."""
-    n = x.shape[1] - 1
-    at = np.clip(share, 0, 1) * n
-    segment = np.minimum(at.astype(np.int64), n - 1)
-    t = at - segment
-    weight, slope = _weights(t), _slopes(t)
-    # Beyond the ends: the parabola's node in terms of the three next.
-    for row in (weight, slope):
-        first, last = segment == 0, segment == n - 1
-        row[first] += row[first, :1] * np.array([0.0, 3.0, -3.0, 1.0])
-        row[first, 0] = 0.0
-        row[last] += row[last, 3:] * np.array([1.0, -3.0, 3.0, 0.0])
-        row[last, 3] = 0.0
-    place, tangent = np.zeros((len(frame), 3)), np.zeros((len(frame), 3))
-    for k in range(4):
-        node = np.clip(segment - 1 + k, 0, n)
-        place += weight[:, k, None] * x[frame, node]
-        tangent += slope[:, k, None] * x[frame, node]
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    return segment, weight, tangent, place
-
-
-def _across(tangent: np.ndarray, ray: np.ndarray) -> np.ndarray:
-    """Return (M, 2, 3): across the rope sideways to the ray, and across it along the ray."""
-    side = np.cross(tangent, ray)
-    size = np.linalg.norm(side, axis=1, keepdims=True)
-    axis = np.eye(3)[np.abs(tangent).argmin(axis=1)]
-    side = np.where(
-        size > 1e-6 * np.linalg.norm(ray, axis=1, keepdims=True), side, np.cross(tangent, axis)
-    )
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    return np.stack([side, np.cross(side, tangent)], axis=1)
-
-
-@exact_helper
-def _square(a, b):
-    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
-
-
-@exact_kernel
-def feet(points, guess, mask, curve, window):
-    """Find the nearest points of curves (F, M, 3) to points (F, P, 3) within `window` of their
-    guess.
-
-    Returns the foot's share of the curve (F, P), the offset (F, P, 3), and whether the foot is an
-    inner point of the window, so that the offset lies across the curve.
-    """
-    frames, count = guess.shape
-    last = curve.shape[1] - 1
-    share = np.zeros((frames, count))
-    offset = np.zeros((frames, count, 3))
-    good = np.zeros((frames, count), dtype=np.bool_)
-    for f in range(frames):
-        reach = 0.0  # of the curve from a place, over the next STRIDE segments
-        for k in range(last):
-            reach = max(reach, STRIDE * math.sqrt(_square(curve[f, k], curve[f, k + 1])))
-        for p in range(count):
-            if not mask[f, p]:
-                continue
-            low = max(0, math.floor((guess[f, p] - window) * last))
-            high = min(last, math.ceil((guess[f, p] + window) * last))
-            # The foot is no further than the curve is where it was guessed.
-            near = min(max(math.floor(guess[f, p] * last), low), high)
-            furthest = (math.sqrt(_square(points[f, p], curve[f, near])) + reach) ** 2
-            best, close = np.inf, False
-            for k in range(low, high):
-                if (k - low) % STRIDE == 0:
-                    close = _square(points[f, p], curve[f, k]) <= furthest
-                if not close:
-                    continue
-                e0 = curve[f, k + 1, 0] - curve[f, k, 0]
-                e1 = curve[f, k + 1, 1] - curve[f, k, 1]
-                e2 = curve[f, k + 1, 2] - curve[f, k, 2]
-                d0 = points[f, p, 0] - curve[f, k, 0]
-                d1 = points[f, p, 1] - curve[f, k, 1]
-                d2 = points[f, p, 2] - curve[f, k, 2]
-                t = (d0 * e0 + d1 * e1 + d2 * e2) / (e0 * e0 + e1 * e1 + e2 * e2)
-                inside = 0.0 <= t <= 1.0
-                # The end of the rope is a foot too if the point lies hardly beyond it.
-                if t < 0.0:
-                    inside = k > low or (k == 0 and t > -0.5)
-                    t = 0.0
-                elif t > 1.0:
-                    inside = k < high - 1 or (k == last - 1 and t < 1.5)
-                    t = 1.0
-                d0 -= t * e0
-                d1 -= t * e1
-                d2 -= t * e2
-                square = d0 * d0 + d1 * d1 + d2 * d2
-                if square < best:
-                    best = square
-                    share[f, p] = (k + t) / last
-                    offset[f, p, 0], offset[f, p, 1], offset[f, p, 2] = d0, d1, d2
-                    good[f, p] = inside
-    return share, offset, good

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ropefit.errors import StageFailed
-from ropefit.inference import bins, round_surface
+from ropefit.inference import curve, round_surface
 from ropefit.rod.fields import MOVING_ROD, ROD, Field, zeros
 from ropefit.solvers.compiling import folder_beside, said
 from ropefit.solvers.dynamics.kernels import entries as dynamics
@@ -136,6 +136,6 @@ def _stations() -> list[Call]:
     points, share, mask = np.zeros((0, 1, 3)), np.zeros((0, 1)), np.zeros((0, 1), np.bool_)
     count, inner = np.ones(1, np.int64), np.ones(1, np.bool_)
     return [
-        (bins.feet, (points, share, mask, np.zeros((0, 2, 3)), math.inf)),
+        (curve.feet, (points, share, mask, np.zeros((0, 2, 3)), math.inf)),
         (round_surface.axes, (np.zeros((1, 2)), np.zeros(1, np.int64), count, inner, 0.0)),
     ]

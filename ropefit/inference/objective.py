@@ -1,0 +1,179 @@
+"""What a least-squares fit minimises: whitened residuals and slopes of a model, and its priors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy import optimize
+from scipy.linalg import solve_triangular
+from threadpoolctl import threadpool_limits
+
+from ropefit.inference.bins import Stations, aligned
+from ropefit.inference.known import Known
+from ropefit.inference.noise import Whitener
+from ropefit.inference.problem import FitProblem
+from ropefit.inference.turned import turned_jacobian, turned_residual
+from ropefit.models.model import Model
+from ropefit.models.response import Point
+from ropefit.runs.journal import Arrays
+
+STOPPED, ENDED = -2, 1  # status of a fit
+OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
+FURTHEST_STEP = 100.0  # search variables
+FEWEST_SLOPES = 3  # of a fit, before it may be stopped
+NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
+FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
+
+Report = Callable[[float], None]
+
+
+class _Stopped(Exception):
+    """A fit ends at u (P,), with a cost and a status: it cannot reach the cost that is needed, or
+    has hardly anything to gain."""
+
+
+class Objective:
+    """Whitened residuals and slopes of a model on the stations of its start, with the priors.
+
+    Raises ArithmeticError when the start settles in no frame, or is a rope that no matter makes.
+    """
+
+    def __init__(
+        self, forward: Model, problem: FitProblem, u: np.ndarray, report: Report | None,
+        needed: float = np.inf,
+    ) -> None:  # fmt: skip
+        self.forward, self.known, self.report = forward, Known(forward, u), report
+        self.needed, self.count = needed, 0
+        self.prior = forward.prior()
+        self.held = np.isfinite(self.prior)
+        first = self.known.first
+        self.settled = first.converged
+        if not first.setup.possible:
+            raise ArithmeticError("the start is a rope that no matter makes")
+        if not self.settled.any():
+            raise ArithmeticError("no frame reaches an equilibrium from the start")
+        self.problem = problem if self.settled.all() else problem.without(~self.settled)
+        stations = self.problem.match(_fill(first.seen, self.settled))
+        if problem.noise.white is not None and not problem.data.material:
+            same = np.broadcast_to(problem.noise.white, stations.residual.shape).copy()
+            stations = replace(stations, scatter=same)
+        self.stations, self.whitener = stations, Whitener.of(stations, problem.noise)
+        self.trace: list[float] = []
+        self.latest = np.empty(0)
+        self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
+        self._slopes: tuple[Point, np.ndarray] | None = None
+
+    def at(self, u: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
+        """Return the point at u (P,), its stations, and the whitened residual (M D,)."""
+        key = u.tobytes()
+        if self._last is None or self._last[0] != key:
+            point = self.known.at(u)
+            bad = np.isnan(point.seen).any(axis=(1, 2)) & self.settled
+            if not point.setup.possible:
+                bad = self.settled
+            now = self.problem.match(_fill(point.seen, self.settled & ~bad))
+            residual = aligned(now, self.stations, now.residual)
+            z = self.whitener(residual)
+            if bad.any():
+                z[np.repeat(bad[self.stations.frame], residual.shape[1])] = FAR
+            self._last = key, (point, now, z)
+        return self._last[1]
+
+    def jacobian(self, u: np.ndarray) -> np.ndarray:
+        """Return (M D, P) whitened derivatives of the prediction."""
+        point, now, _ = self.at(u)
+        if self._slopes is None or self._slopes[0] is not point:
+            rows = np.zeros((*now.residual.shape, len(u)))
+            for frames, dx in point.parts(self.forward.changes(u)):
+                mine, few = now.among(frames)
+                rows[mine] = few.project(dx)
+            self._slopes = point, self.whitener(aligned(now, self.stations, rows))
+        return self._slopes[1]
+
+    def whole(self, u: np.ndarray) -> np.ndarray:
+        """Return residual rows, those of the priors last."""
+        return np.concatenate([self.at(u)[2], (u / self.prior)[self.held]])
+
+    def rows(self, u: np.ndarray) -> np.ndarray:
+        """Return (P + 1,) the rows turned onto one; see `turned.py`."""
+
+        def square() -> np.ndarray:
+            rows = self.whole(u)
+            return np.array([rows @ rows])
+
+        found = float(self.known.rows("square", u, square)[0])
+        self.latest = turned_residual(found, len(u))
+        self.trace.append(found)
+        if self.report:
+            self.report(found)
+        return self.latest.copy()
+
+    def slopes(self, u: np.ndarray) -> np.ndarray:
+        """Return (P + 1, P) the derivatives of the rows, turned with them."""
+
+        def turned() -> np.ndarray:
+            own = np.diag(1 / self.prior)[self.held]
+            return turned_jacobian(np.concatenate([-self.jacobian(u), own]), self.whole(u))
+
+        out = self.known.rows("slope", u, turned)
+        self.count += 1
+        hopeful = self.needed == np.inf or self.count < FEWEST_SLOPES
+        if hopeful and self.forward.instantaneous:
+            return out
+        low, high = self.forward.bounds()
+        cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
+        gain = linear_gain(out, self.latest, low - u, high - u)
+        if not hopeful and cost - OPTIMISM * gain > self.needed:
+            raise _Stopped(u.copy(), cost, STOPPED)
+        if gain < NEGLIGIBLE and not self.forward.instantaneous:
+            raise _Stopped(u.copy(), cost, ENDED)
+        return out
+
+    def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
+        """Minimise from u (P,)."""
+        if not u.size:  # nothing is free; not every scipy takes that
+            self.rows(u)
+            summary = np.array([0.5 * self.trace[-1], 1, 1])
+            return {"u": u, "told": summary, "trace": np.array(self.trace)}, self.at(u)[0]
+        try:
+            with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
+                result = optimize.least_squares(
+                    self.rows,
+                    u,
+                    self.slopes,  # type: ignore[arg-type]
+                    bounds=self.forward.bounds(),
+                    x_scale="jac",
+                    max_nfev=evaluations,
+                    ftol=tolerance,
+                    xtol=1e-9,
+                    gtol=1e-10,
+                )
+        except _Stopped as stopped:
+            best, cost, status = stopped.args
+            summary = np.array([0.5 * cost, status, len(self.trace)])
+            return {"u": best, "told": summary, "trace": np.array(self.trace)}, self.at(best)[0]
+        summary = np.array([result.cost, result.status, result.nfev])
+        found = {"u": result.x, "told": summary, "trace": np.array(self.trace)}
+        return found, self.at(result.x)[0]
+
+
+def linear_gain(slopes: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """Return by how much the best linear step lowers the sum of squares of rows (M,), whose
+    derivatives are slopes (M, P), between the bounds low and high (P,) of the step."""
+    pull, square = slopes.T @ rows, slopes.T @ slopes
+    root = np.linalg.cholesky(square + np.eye(len(low)) / FURTHEST_STEP**2).T
+    within = low, np.maximum(high, low + np.finfo(float).eps)
+    step = optimize.lsq_linear(root, solve_triangular(root, -pull, trans=1), within).x
+    return max(float(-2 * pull @ step - step @ square @ step), 0.0)
+
+
+def _fill(seen: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Return frames that did not settle are replaced by one that did: their data are blanked or
+    marked."""
+    if good.all():
+        return seen
+    out = seen.copy()
+    out[~good] = seen[np.argmax(good)]
+    return out
