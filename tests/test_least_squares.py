@@ -13,8 +13,8 @@ import torch
 
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
-from ropefit.inference.objective import linear_gain
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
+from ropefit.inference.objective import linear_gain
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.inference.turned import turned_jacobian, turned_residual
