@@ -24,8 +24,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks.document import parser, publish
 
 ROOT = Path(__file__).parents[1]
@@ -38,6 +36,14 @@ SEED = 101  # of the recordings with a cause; no seed of the blind benchmark's t
 CAUSES = {"weight": "point_mass", "contact": "support_plane"}  # a recording each, and its run
 REAL = ROOT.parent / "shared" / "real" / "mocap_dlo1"  # rows of a measured motion need it
 CLIPS = {"clips": 6, "clip": 1}  # of 500 frames, 13 markers each, in a recording of that name
+JOIN = """
+from pathlib import Path
+from numpy import linspace
+from benchmarks.real.motion import clips_of, join
+every = clips_of(Path({real!r}), "train")
+few = [every[int(k)] for k in linspace(0, len(every) - 1, {count}).round()]
+join(Path({real!r}), few, Path({out!r}))
+"""  # in a process of its own: the parent of what is measured stays light, see `spent`
 MOVING = "EI,bend_damping,air_damping,rest_curve,length"
 IMPORT = "import numpy"
 PRODUCTS = "import numpy as np; a = np.ones((500, 500)); [a @ a for _ in range(100)]"
@@ -146,11 +152,8 @@ def prepare(folder: Path, rows: list[Row]) -> None:
         assert why is None, why
         todo += [f"preprocess made/{case.name} --run {run}_run", f"identify --run {run}_run"]
     for run in needed & set(CLIPS):
-        from benchmarks.real.motion import clips_of, join
-
-        every = clips_of(REAL, "train")
-        few = [every[k] for k in np.linspace(0, len(every) - 1, CLIPS[run]).round().astype(int)]
-        join(REAL, few, folder / run)
+        code = JOIN.format(real=str(REAL), count=CLIPS[run], out=str(folder / run))
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=_environment(), check=True)
         todo += [f"preprocess {run} --run {run}_run"]
         todo += [f"identify --run {run}_run"] if CLIPS[run] == 1 else []
     for line in todo:
