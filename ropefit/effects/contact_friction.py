@@ -26,9 +26,9 @@ class ContactFriction(Effect):
 
     Between two frames a rope is dragged straight from one to the other. Sixteen increments instead
     change the shapes of a rope swept over a table by 1.3 to 2.6 % of what friction does (12 frames,
-    coefficients of 0.6 and 0.3): that is not why sizes come out too large. In the two recordings of
-    another simulator that were answered the coefficient came out half as large again and 2.6 times
-    as large; its relative error of a quarter is a judgement from the first.
+    coefficients of 0.6 and 0.3), far less than sizes are off. In the two recordings of another
+    simulator that were answered the coefficient came out half as large again and 2.6 times as
+    large; its relative error of a quarter is a judgement from the first.
     """
 
     name = "contact_friction"
