@@ -63,7 +63,7 @@ def test_diagnose_report_and_export_of_the_sample(ropefit, tmp_path):
     assert done.returncode == 0, done.stderr
     (run / "diagnosis.h5").unlink()
     again = ropefit("report", "--run", str(run))  # the export was of the rope before
-    assert "exports.h5 is of an earlier rope" in again.stderr
+    assert "exports.h5 was made from an earlier fit" in again.stderr
     assert "At rest in mujoco 4" not in (run / "report.html").read_text()
     summary = json.loads(
         ropefit("diagnose", "--run", str(run), "--most-frames", "8", "--json").stdout

@@ -27,7 +27,7 @@ from tests.conftest import ROOT
 
 WEIGHT = 0.05 * 9.81  # N/m
 # Modules that state the reference problems in ropefit's terms, or check its states by its energy.
-BRIDGES = {"as_ropefit.py", "energy_balance.py"}
+BRIDGES = {"as_ropefit.py", "energy_balance.py", "rod_energy.py"}
 
 
 def test_simulators_share_no_code_with_ropefit():

@@ -110,8 +110,9 @@ def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed:
     start = Start(tensor(at.x), tensor(at.q), torch.zeros(count, nodes, 3, dtype=torch.float64))
     few = torch.from_numpy(np.flatnonzero(at.converged))
     linear = torch.zeros(count, len(DRAG_SPEEDS), dtype=torch.float64)
-    rod, *others = moving(p, rod, damping, drag=linear)
-    rope = Moving(Rod(*(t[few] for t in rod)), *(t[few] for t in others))
+    made = moving(p, rod, damping, drag=linear)
+    rod, *others, bodies = made  # bodies are those of all
+    rope = Moving(Rod(*(t[few] for t in rod)), *(t[few] for t in others), bodies)
     return Motions(
         rope, Drive(tensor(time), held, clamp).clips(few), Start(*(s[few] for s in start)), rest
     )

@@ -66,6 +66,7 @@ STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
     ("ropefit-observations", 4): _as_it_is,
     ("ropefit-model", 1): _model_1,
     ("ropefit-model", 2): _as_it_is,
+    ("ropefit-model", 3): _as_it_is,
     ("ropefit-diagnosis", 1): _as_it_is,
     ("ropefit-diagnosis", 2): _diagnosis_2,
     ("ropefit-diagnosis", 3): _as_it_is,

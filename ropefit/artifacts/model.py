@@ -144,7 +144,7 @@ class Model(Artifact):
     """All models of one rope; "nominal" is the rod without effects."""
 
     schema_name: ClassVar[str] = "ropefit-model"
-    schema_version: ClassVar[int] = 3
+    schema_version: ClassVar[int] = 4
     file_name: ClassVar[str] = "model.h5"
 
     recording: str
