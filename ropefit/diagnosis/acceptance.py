@@ -10,12 +10,12 @@ from ropefit.diagnosis.innovations import contradicted
 from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
 from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit
-from ropefit.inference.verdict import AT_BOUND
 
 LEAST_SIGNIFICANCE = NORMAL_QUANTILE  # standard errors from zero: 95 %
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
+AT_LIMIT = 1e-3  # of the range of a quantity, in SI
 # Where the mesh explains next to nothing of what is missed, and all held-out clips gain.
 MOST_RMS_RATIO_ALIKE = 0.95
 BEYOND_SENSOR = 3.0  # times what markers and mesh explain
@@ -72,7 +72,7 @@ def _at_most(candidate: Candidate) -> bool:
     low, high = (np.array(bound) for bound in effect.bounds(setup))
     limited = np.isfinite(low) & np.isfinite(high)
     values, low, high = (v[: len(limited)][limited] for v in (candidate.values(), low, high))
-    return bool((values > high - AT_BOUND * (high - low)).any())
+    return bool((values > high - AT_LIMIT * (high - low)).any())
 
 
 def far_beyond_sensor(fitted: Fit) -> bool:
