@@ -111,8 +111,9 @@ def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed:
     few = torch.from_numpy(np.flatnonzero(at.converged))
     linear = torch.zeros(count, len(DRAG_SPEEDS), dtype=torch.float64)
     made = moving(p, rod, damping, drag=linear)
-    rod, *others, bodies = made  # bodies are those of all
-    rope = Moving(Rod(*(t[few] for t in rod)), *(t[few] for t in others), bodies)
+    own = made._asdict() | {"rod": Rod(*(t[few] for t in made.rod))}
+    own |= {name: own[name][few] for name in own if name not in ("rod", "bodies")}
+    rope = Moving(**own)  # bodies are those of all ropes
     return Motions(
         rope, Drive(tensor(time), held, clamp).clips(few), Start(*(s[few] for s in start)), rest
     )
