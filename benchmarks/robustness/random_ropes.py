@@ -111,9 +111,10 @@ def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed:
     few = torch.from_numpy(np.flatnonzero(at.converged))
     linear = torch.zeros(count, len(DRAG_SPEEDS), dtype=torch.float64)
     made = moving(p, rod, damping, drag=linear)
-    own = made._asdict() | {"rod": Rod(*(t[few] for t in made.rod))}
-    own |= {name: own[name][few] for name in own if name not in ("rod", "bodies")}
-    rope = Moving(**own)  # bodies are those of all ropes
+    own = [name for name in made._fields if name not in ("rod", "bodies")]  # bodies are of all
+    rope = made._replace(
+        rod=Rod(*(t[few] for t in made.rod)), **{name: getattr(made, name)[few] for name in own}
+    )
     return Motions(
         rope, Drive(tensor(time), held, clamp).clips(few), Start(*(s[few] for s in start)), rest
     )
