@@ -31,8 +31,8 @@ test: $(STAMP)
 # Everything that calls compiled code, with index checks compiled in: a cache of its own, since
 # the compiler's does not tell the two apart.
 BOUNDED := test_kernel_bounds test_compiled test_start test_equilibrium_gradients test_dynamics_gradients \
-  test_dynamics_contact test_equilibrium_planar test_equilibrium_robustness test_memory test_friction test_contact_proposals test_diagnosis \
-  test_diagnosis_motion test_diagnose_stage
+  test_dynamics_contact test_equilibrium_planar test_equilibrium_robustness test_memory test_friction \
+  test_contact_proposals test_diagnosis test_diagnosis_motion test_diagnose_stage
 # Index checks change rounding; after 500 steps its differences are no longer good to 1e-6.
 ROUNDED := tests/test_dynamics_gradients.py::test_adjoint_against_differences[500]
 bounds: $(STAMP)
