@@ -80,7 +80,7 @@ ROWS = (
     Row("preprocess, the sample", "preprocess --run sample --force", 2.0, True),
     Row("identify, the sample", "identify --run sample --force", 3.0, True),
     Row("diagnose, nothing missing", "diagnose --run sample --force", 8.0, True),
-    Row("report, the sample", "report --run sample", None, True),
+    Row("report, the sample", "report --run sample --force", None, True),
     slow("diagnose, one cause", "diagnose --run weight_run --force", 15.0),
     slow("diagnose, contact", "diagnose --run contact_run --force", 40.0),
     slow("run, the sample", "run --run sample --force", 15.0),

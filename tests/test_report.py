@@ -204,7 +204,13 @@ def test_written_into_the_run(tmp_path):
     )
     write(tmp_path / "model.h5", fresh)
     write_report(tmp_path, said.append)
-    assert "Solver" in folded(path.read_text(encoding="utf-8"))
+    page = path.read_bytes()
+    assert "Solver" in folded(page.decode())
+    path.write_bytes(b"edited" + page)
+    write_report(tmp_path, said.append)  # of the same artifacts: it stays
+    assert path.read_bytes() == b"edited" + page
+    write_report(tmp_path, said.append, force=True)
+    assert path.read_bytes() == page
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "model.h5",
         "observations.h5",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from ropefit.cli.options import OptionalPath, Run, command
+from ropefit.cli.options import Force, OptionalPath, Run, command
 
 if TYPE_CHECKING:
     from ropefit.cli.console import Session
@@ -32,6 +32,7 @@ def report(
         OptionalPath,
         typer.Option(help="The comparison to write; by default comparison.html."),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Write report.html, one offline page, or compare several runs."""
     from ropefit.errors import WrongUsage
@@ -50,15 +51,17 @@ def report(
         return
     if out is not None:
         raise WrongUsage("--out belongs to a comparison: give two runs or more")
-    session.result(show_report(session, given[0] if given else run, kinds))
+    session.result(show_report(session, given[0] if given else run, kinds, force))
 
 
-def show_report(session: Session, run: Path, kinds: list[str]) -> dict[str, Any]:
+def show_report(
+    session: Session, run: Path, kinds: list[str], force: bool = False
+) -> dict[str, Any]:
     """Write the page and the figures of a run, say where they are, and return that."""
     from ropefit.runs.run_directory import existing_run
     from ropefit.stages.report import print_report, write_report
 
-    page = write_report(existing_run(run), session.say)
+    page = write_report(existing_run(run), session.say, force)
     session.say(f"report: {page}")
     data: dict[str, Any] = {"stage": "report", "report": str(page)}
     if kinds:

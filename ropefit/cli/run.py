@@ -77,7 +77,7 @@ def run(
     if runs.controllable(fitted.artifact):
         moved = runs.control(run, {"loss": loss}, session.context("control"), force=force)
         data["control"] = show_control(session, moved)
-    data["report"] = show_report(session, run, [])
+    data["report"] = show_report(session, run, [], force)
     session.result(data | {"answer": show_answer(session, run)})
 
 

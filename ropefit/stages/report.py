@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
+from ropefit import __version__
 from ropefit.adapters.contents import read_run
-from ropefit.artifacts import Control, Diagnosis, Exports, Model
+from ropefit.artifacts import ARTIFACTS, Control, Diagnosis, Exports, Model
 from ropefit.artifacts.atomic import write_bytes
 from ropefit.errors import StageFailed, WrongUsage
+from ropefit.runs.code import PACKAGE, code_sha256
 from ropefit.runs.lock import working_on
 from ropefit.runs.protocol import Progress
 from ropefit.runs.run_directory import REPORT, existing_run
 
 
-def write_report(directory: Path, say: Callable[[str], None]) -> Path:
-    """Write report.html of a run and return its path.
+def write_report(directory: Path, say: Callable[[str], None], force: bool = False) -> Path:
+    """Write report.html of a run and return its path; a page made of the same artifacts by the same
+    code stays, unless by force.
 
     Raises StageFailed when there are no observations or an artifact is stale, BadInput when one is
     damaged. A kill at any instant leaves the old page or the new one.
     """
-    from ropefit.reporting.report import render_report
-
     run = read_run(directory)
     parts = ((Model, run.model), (Control, run.control), (Diagnosis, run.diagnosis))
     missing = [kind.file_name for kind, part in parts if part is None]
@@ -29,11 +31,25 @@ def write_report(directory: Path, say: Callable[[str], None]) -> Path:
         say(f"the report has no part on {' and '.join(missing)}: not in this run")
     if run.exports is None and (directory / Exports.file_name).exists():
         say(f"{Exports.file_name} was made from an earlier fit and is not shown; export again")
-    path = directory / REPORT
-    text = render_report(run)
+    path, made_of = directory / REPORT, f"<!-- {_source_of(directory)} -->\n"
+    if not force and path.exists() and path.read_bytes().endswith(made_of.encode()):
+        return path
+    from ropefit.reporting.report import render_report
+
+    text = render_report(run) + made_of
     with working_on(directory):
         _write(path, text)
     return path
+
+
+def _source_of(directory: Path) -> str:
+    """Return a hash of all that a run's page is made of: artifacts, code, style and script."""
+    digest = hashlib.sha256(f"{__version__} {code_sha256('ropefit.reporting.report')}".encode())
+    page = sorted((PACKAGE / "reporting").glob("*.[chj]*"))
+    for path in (*page, *(directory / kind.file_name for kind in ARTIFACTS)):
+        if path.is_file():
+            digest.update(f"{path.name} {path.stat().st_size} ".encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def print_report(
