@@ -80,7 +80,7 @@ class Fits:
 
     def explained_by(self, candidate: Candidate) -> bool:
         """Return whether a candidate leaves next to nothing."""
-        return unexplained(candidate.fit) <= MAY_LEAVE * unexplained(self.current)
+        return explained(self.current, candidate.fit)
 
     def sufficient(self, candidate: Candidate) -> bool:
         """Return whether no slow fit is needed: a candidate explains all frames alike, or is an
@@ -170,6 +170,11 @@ def _leaders(scan: list[Score], threshold: float, setup: Setup) -> list[list[Sta
         if s.log_factor > FITTED_SHARE * threshold
         for sizes, place in s.starts()
     ]
+
+
+def explained(smaller: Fit, fitted: Fit) -> bool:
+    """Return whether a fit leaves next to nothing of what a smaller model leaves."""
+    return unexplained(fitted) <= MAY_LEAVE * unexplained(smaller)
 
 
 def unexplained(fitted: Fit) -> float:
