@@ -34,14 +34,16 @@ class Beginning:
     point: Point
 
 
-def beginning(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Beginning | None:
+def beginning(
+    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, least_gain: float = 0.0
+) -> Beginning | None:
     """Return where a hypothesis begins on top of a model, from `start` (k + p,) in SI; None if it
-    does not settle there, or if a late effect gains too little to be fitted."""
+    does not settle there, or gains less than `least_gain` [nats] to first order."""
     begun = _settled(smaller, hypothesis, start)
     if begun is None:
         return None
     moved = _whitened_change(smaller, begun.point.seen)
-    if hypothesis.effect.late and _gain_along(smaller, moved)[0] < LATE_GAIN:
+    if least_gain and _gain_along(smaller, moved)[0] < least_gain:
         return None
     if begun.origin is smaller and _distorted(smaller):
         begun.values[: -begun.term.size] = _refitted_beside(smaller, moved)

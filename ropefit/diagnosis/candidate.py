@@ -118,14 +118,15 @@ class Candidate:
 
 def fit_candidate(
     smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf,
-    needed: float = np.inf, evaluations: int = EVALUATIONS,
+    needed: float = np.inf, evaluations: int = EVALUATIONS, least_gain: float = 0.0,
 ) -> Candidate | None:  # fmt: skip
-    """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle.
+    """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle, or
+    gains less than `least_gain` [nats] to first order.
 
     lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
     needed: cost that makes a difference; a fit without prospect of it is stopped.
     """
-    begun = beginning(smaller, hypothesis, start)
+    begun = beginning(smaller, hypothesis, start, least_gain)
     if begun is None:
         return None
     slow, seen = hypothesis.effect.slow, begun.origin.point.seen
@@ -139,17 +140,6 @@ def fit_candidate(
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = _continued(smaller.cost, fitted, lowest)
     return _comparable(hypothesis, begun.term, smaller, fitted)
-
-
-def continued(
-    candidate: Candidate, smaller: Fit, evaluations: int, needed: float
-) -> Candidate | None:
-    """Fit a candidate on top of a model further; see `fit_candidate`."""
-    fitted = candidate.fit
-    again = attempted(
-        fitted.forward, fitted.problem, fitted.point.u, evaluations, tolerance=1e-5, needed=needed
-    )
-    return _comparable(candidate.hypothesis, candidate.term, smaller, again)
 
 
 def _comparable(
