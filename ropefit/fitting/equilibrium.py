@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
+from ropefit.inference.starts import best_start
 from ropefit.models import parameters
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.priors import calibration
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from ropefit.diagnosis.candidate import Candidate
 
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
+LOOK = 12  # evaluations of the fit from each
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
@@ -102,26 +105,26 @@ def nominal_fit(
     Raises NotConverged when no start settles.
     """
     problem = FitProblem(data, noise_of(o, data), len(o.node_arc) - 1)
-    best: Fit | None = None
     terms = parameters.terms(setup, sorted(free))
-    screened = SCREEN if "EI" in free else (0.0,)
-    for count, shift in enumerate(screened):
-        progress(0.5 * count / len(screened), "where to start")
-        forward = Equilibrium(setup, terms)
-        place = next((k for k, t in enumerate(terms) if t.name == "EI"), 0)
-        start = forward.start()
-        if start.size:
-            start[place] = shift
+    forward = Equilibrium(setup, terms)
+    start, rigidity = forward.start(), np.array([t.name == "EI" for t in terms])
+    screened = SCREEN if rigidity.any() else (0.0,)
+
+    def starts() -> Iterator[np.ndarray]:
+        for count, shift in enumerate(screened):
+            progress(0.5 * count / len(screened), "where to start")
+            yield start + shift * rigidity
+
+    def trial(start: np.ndarray) -> Fit:
         states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
-        forward = forward.starting_from(states)
-        try:
-            found = fit(forward, problem, start, 12 if start.size else 1)
-        except ArithmeticError:
-            continue
-        if best is None or found.cost < best.cost:
-            best = found
-    if best is None:
-        raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
+        return fit(forward.starting_from(states), problem, start, LOOK if start.size else 1)
+
+    try:
+        best = best_start(starts(), trial)
+    except ArithmeticError:
+        raise NotConverged(
+            "no frame reaches an equilibrium; look at the ends and the length"
+        ) from None
     last = nearer_branch(best)
     progress(0.5, "least squares")
     # What the rope misses must not be forced on the errors of the set-up.

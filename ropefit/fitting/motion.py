@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.sandwich import BLOCK, block_estimates
+from ropefit.inference.starts import best_start
 from ropefit.models import parameters, rest_curve
 from ropefit.models.dynamics import Dynamics, MotionPoint
 from ropefit.models.grips import grips
@@ -65,7 +67,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     for seconds in HORIZONS:  # a rope far off swings out of step: first, as long as it is in step
         few = [c[: max(SHORTEST, round(seconds / step))] for c in train]
         short = _forward(o, span, terms, few)
-        near = fit(short, _within(span, noise, few), start, LOOK, tolerance=1e-3)
+        problem = _within(span, noise, few)
+        near = best_start([start], partial(fit, short, problem, evaluations=LOOK, tolerance=1e-3))
         start = near.point.u
         rms = float(np.sqrt((near.stations.residual**2).mean()))
         noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
