@@ -21,14 +21,17 @@ def tried(start) -> Any:
     return some(u=3.0, cost=0.0) if start[0] > 1 else some(u=-1.0, cost=2.0)
 
 
+def best(starts) -> Any:
+    return best_start([np.array([u]) for u in starts], tried)
+
+
 def test_the_best_of_the_starts_that_can_be_simulated_goes_on():
-    starts = [np.array([u]) for u in (-9.0, 0.0, 2.0, 4.0)]
-    assert best_start(starts, tried).u == 3.0
-    assert best_start(starts[:2], tried).u == -1.0
+    assert best([-9.0, 0.0, 2.0, 4.0]).u == 3.0
+    assert best([-9.0, 0.0]).u == -1.0
     with pytest.raises(ArithmeticError, match="-9 cannot"):
-        best_start(starts[:1], tried)
+        best([-9.0])
     with pytest.raises(ArithmeticError, match="no start"):
-        best_start([], tried)
+        best([])
 
 
 def test_a_fit_begun_anew_must_cost_less():
