@@ -22,6 +22,7 @@ from ropefit.runs.journal import journal
 
 SCREEN, SCREEN_FRAMES = 128, 6
 STARTS = 3
+TOLERANCE = 1e-4  # of a loss: its least relative decrease
 MOST_NUDGED = 20  # candidates of a grid that are tried for stability
 RACE = 8  # steps after which only the best start of a group goes on
 # Particles simulated at once in a grid search, which bounds its memory (an accelerator: 2 GB).
@@ -77,7 +78,6 @@ def gradient_search(
     task: Task,
     evaluations: int,
     report: Report | None = None,
-    tolerance: float = 1e-4,
 ) -> Search:
     """Minimise by BFGS, from the best of a coarse screen, by exact gradients; goes on from what the
     journal has kept.
@@ -88,7 +88,7 @@ def gradient_search(
         lambda own: bfgs.begin(task.loss, _screened_starts(task, f"{own}/screen"), reach=0.3)
     )
     while search.running and search.evaluations < evaluations:
-        bfgs.step(task.loss, search, tolerance=tolerance)
+        bfgs.step(task.loss, search, tolerance=TOLERANCE)
         if len(search.trace) > RACE:  # from here on only the leaders go on
             behind = torch.ones(len(search.u), dtype=torch.bool)
             behind[_leaders(search, task.groups)] = False

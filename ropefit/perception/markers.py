@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.perception.trace import FrameRejected, Trace
 
+DENSE = 100  # vertices of a spline
 MOST_STRETCH = 1.3  # chords longer than this times the rope are no rope
 MANY = 100  # frames among which some show each piece of the rope nearly straight
 STRAIGHT = 0.95  # their quantile
@@ -64,7 +65,6 @@ def trace_markers(
     length: float,
     ends: np.ndarray,
     tangents: np.ndarray,
-    dense: int = 100,
 ) -> Trace:
     """Trace one frame: markers (M, 3) [m], NaN where unseen, at arc (M,) of a rope of `length`.
 
@@ -89,7 +89,7 @@ def trace_markers(
         for tangent, there in zip(tangents, at_end, strict=True)
     )
     spline = CubicSpline(knots, values, bc_type=conditions)  # type: ignore[arg-type]
-    at = np.linspace(knots[0], knots[-1], dense)
+    at = np.linspace(knots[0], knots[-1], DENSE)
     spacing = float(np.median(np.diff(arc)))
     return Trace(
         points=points[seen],

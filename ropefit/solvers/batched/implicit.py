@@ -29,10 +29,9 @@ def settle_batched(
     conditions: Conditions,
     device: torch.device | str,
     start: States | None = None,
-    member: np.ndarray | None = None,
 ) -> tuple[State, Solution]:
     """Solve on `device`, where the states stay, as a differentiable function: `implicit.settle`."""
-    solution = solve_batched(rod, conditions, device, start, member)
+    solution = solve_batched(rod, conditions, device, start)
     return settled_batched(solution, device), solution
 
 
