@@ -114,5 +114,5 @@ class Diagnosis(Artifact):
     def unseen(self, topic: str) -> str:
         """Return what could be there without being seen, about one topic; empty where an effect was
         found or nothing is known of it."""
-        told = (item.sentence for item in self.detectable.values() if item.topic == topic)
-        return "" if self.causes else next(told, "")
+        sentences = (item.sentence for item in self.detectable.values() if item.topic == topic)
+        return "" if self.causes else next(sentences, "")

@@ -32,7 +32,7 @@ DECAYS = (2.0, 6.0, 15.0)  # over the length: tried
 
 class WallField(ForceInSpace):
     """A force per length along one direction, its size an exponential of the distance along it, and
-    of the square of that; at `origin_of` it is the load told."""
+    of the square of that; at `origin_of` it is the load."""
 
     quantities = (
         *LOADS,

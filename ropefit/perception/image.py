@@ -38,7 +38,7 @@ def trace_image(
     pixels = even(found.path, 1.0)
     seen = np.interp(polyline_arc(pixels), polyline_arc(found.path), found.seen.astype(float)) > 0.5
     if seen.sum() < 4:
-        raise FrameRejected("hardly any of the path that the rope should take shows it")
+        raise FrameRejected("the rope is visible along too little of its expected path")
     line = carried(pixels, camera, ends, length, gravity)
     arc = polyline_arc(line)
     scale = length / arc[-1] if length and known.all() else 1.0

@@ -35,7 +35,7 @@ def marker_arc(
         # A pair never seen together: as far apart as neighbours usually are.
         inner = np.where(np.isnan(inner), np.nanmedian(inner), inner)
     if not (inner > 0).all():
-        raise FrameRejected("neighbouring markers coincide or no two were seen together")
+        raise FrameRejected("neighbouring markers coincide or no two are visible in the same frame")
     lead, tail = np.nan_to_num(chord[0]), np.nan_to_num(chord[-1])
     arc = lead + np.concatenate([[0.0], np.cumsum(inner)])
     total = float(arc[-1] + tail)

@@ -107,7 +107,7 @@ def check_near(found: Segmentation, tips: np.ndarray) -> None:
     """Refuse a rope that is seen far from its known ends (2, 2) [px] only. FrameRejected."""
     on = found.path[found.seen]
     if len(on) == 0:
-        raise FrameRejected("hardly any of the path that the rope should take shows it")
+        raise FrameRejected("the rope is visible along too little of its expected path")
     most = FAR * float(np.hypot(*found.mask.shape))
     for end in np.flatnonzero(np.isfinite(tips).all(axis=1)):
         gap = float(np.linalg.norm(on - tips[end], axis=1).min())
