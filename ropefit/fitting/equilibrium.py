@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from ropefit.adapters.frames import calmest, group_frames, held_out, spread_even
 from ropefit.adapters.priors import noise_of, priors_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.adapters.start_values import started_setup
-from ropefit.artifacts import Observations
+from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import NotConverged
 from ropefit.fitting.branch import nearer_branch
 from ropefit.fitting.choices import free_names, given_values, held_node
@@ -39,8 +39,8 @@ SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from wh
 LOOK = 12  # evaluations of the fit from each
 
 
-def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+def compute(o: Observations, settings: IdentifySettings, context: Context) -> FittedModel:
+    """Return the nominal model. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
     if settings.law:
         from ropefit.fitting.free_law import law_named
@@ -73,14 +73,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
 
         context.progress(0.95, "forms of the law")
         model = model.model_copy(update={"laws": {"law_0": law_cause(o, law)}})
-    if not out.any():
-        context.say("too few frames to hold any out: the fit is judged on its own frames")
-    return {
-        "recording": o.recording,
-        "length": o.length,
-        "frames": o.frames,
-        "models": {"nominal": model},
-    }
+    return model
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
@@ -42,8 +41,8 @@ MOST_MESH_ERROR = 1e-3  # of the length, rms
 LOOK = 15  # evaluations of a first fit
 
 
-def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+def compute(o: Observations, settings: IdentifySettings, context: Context) -> FittedModel:
+    """Return the nominal model. Raises BadInput, NotConverged, WrongUsage."""
     if o.source != "markers":
         raise BadInput(
             "--solver dynamics needs markers: clouds show no motion along the rope; "
@@ -89,18 +88,10 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     point, first = whole.corrected(found.point.u).at(found.point.u), whole.at(forward.start())
     _check(point, clips)
     estimates = block_estimates(found, train, times_of(o))
-    model = motion_model(
+    return motion_model(
         o, span, settings.loss, node, clips, out, found, estimates, point, first,
         np.concatenate(train),
     )  # fmt: skip
-    if not out.any():
-        context.say("no frame held out: the fit is judged on its own frames")
-    return {
-        "recording": o.recording,
-        "length": o.length,
-        "frames": o.frames,
-        "models": {"nominal": model},
-    }
 
 
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
