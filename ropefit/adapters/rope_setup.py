@@ -84,7 +84,7 @@ def setup_of(o: Observations, segments: int) -> Setup:
 
 
 def with_fittings(setup: Setup, o: Observations) -> Setup:
-    """Return the setup with the rigid pieces that the recording tells of, and their weights."""
+    """Return the setup with the rigid pieces that the recording states, and their weights."""
     arc, mass, rigid = setup.arc, setup.mass, setup.rigid
     for piece in o.fittings.values():
         at, long = (torch.tensor(v, dtype=torch.float64) for v in (piece.arc_length, piece.length))
