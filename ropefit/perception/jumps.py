@@ -7,7 +7,7 @@ import numpy as np
 from ropefit.gaps import unbroken
 
 JUMP = 0.03  # m that a marker moves against its neighbours from frame to frame
-SMOOTH_SHARE = 0.75  # of all steps are no jump, where frames are dense enough to show one
+MOST = 0.75  # of all steps are smaller than a jump, where frames are dense enough to tell one
 
 
 def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
@@ -25,7 +25,7 @@ def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
         return np.zeros(positions.shape[:2], bool)
     size = np.linalg.norm(steps, axis=2)
     size = size[np.isfinite(size)]
-    if not size.size or np.quantile(size, SMOOTH_SHARE) > JUMP:
+    if not size.size or np.quantile(size, MOST) > JUMP:
         return np.zeros(positions.shape[:2], bool)
     parts = [np.arange(len(positions))]
     if time is not None and np.isfinite(time).all():
