@@ -173,20 +173,38 @@ def test_adding_a_distance_solver(tmp_path: Path) -> None:
     assert red_black < 0.5 * jacobi
 
 
-TRY_JET = """
+# A rope that hangs between pinned ends in six ways, and the fit to markers of what it becomes.
+ROPE = """
 import numpy as np, torch
-from ropefit.inference.problem import FitProblem
-from ropefit.models.equilibrium import Equilibrium
-from ropefit.diagnosis.sensitivities import Sensitivities
-from ropefit.diagnosis.scan import Projection, Scorer
-from ropefit.diagnosis.hypotheses import hypotheses
-from ropefit.models.equilibrium import Equilibrium
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
-from ropefit.inference.bins import Data
+from ropefit.inference.problem import FitProblem
+from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
+from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
+
+gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+ends = torch.zeros(6, 2, 3, dtype=torch.float64)
+ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
+rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
+eye = torch.tensor([0.5, -1.5, 0.0])
+setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), eye)
+
+def fitted(x):
+    share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
+    points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
+    data = Data(points, share, np.ones((6, 41), bool), True, eye.numpy())
+    problem = FitProblem(data, Noise(marker=0.0005), 40)
+    return fit(Equilibrium(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
+"""
+
+
+TRY_JET = """
+from ropefit.diagnosis.scan import Projection, Scorer
+from ropefit.diagnosis.sensitivities import Sensitivities
 
 import ropefit_jet
 
@@ -196,12 +214,7 @@ ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
 rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
 setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), torch.tensor([0.5, -1.5, 0.0]))
 blown = ropefit_jet.Jet().apply(setup, torch.tensor([0.0, 0.004, 0.0, 0.5]))
-x = Equilibrium(blown, []).at(np.empty(0)).seen
-share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
-points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
-data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
-problem = FitProblem(data, Noise(marker=0.0005), 40)
-found = fit(Equilibrium(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
+found = fitted(Equilibrium(blown, []).at(np.empty(0)).seen)
 responses, project = Sensitivities(found), Projection(found)
 best = max(
     (Scorer(responses.of(f), project, f.scales(setup))(found.z) for f in hypotheses(setup)),
@@ -213,7 +226,7 @@ print(best.hypothesis.name, *best.hypothesis.places[best.best], *best.sizes)
 
 def test_adding_an_effect(tmp_path: Path) -> None:
     package("adding-an-effect.md", tmp_path)
-    (tmp_path / "try_jet.py").write_text(TRY_JET)
+    (tmp_path / "try_jet.py").write_text(ROPE + TRY_JET)
     run = python(tmp_path, "try_jet.py")
     assert run.returncode == 0, run.stderr
     name, place, *force = run.stdout.split()
@@ -223,26 +236,11 @@ def test_adding_an_effect(tmp_path: Path) -> None:
 
 
 TRY_POST = """
-import numpy as np, torch
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.held_out import by_stretches
-from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.proposals import proposals
-from ropefit.models.equilibrium import Equilibrium
-from ropefit.models.parameters import PARAMETERS, Range
-from ropefit.inference.least_squares import fit
-from ropefit.inference.noise import Noise
-from ropefit.inference.problem import FitProblem
-from ropefit.inference.bins import Data
-from ropefit.rod.rod import uniform
-from ropefit.rod.setup import bare
 
-gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-ends = torch.zeros(6, 2, 3, dtype=torch.float64)
-ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
-rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
-setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), torch.tensor([0.5, -1.5, 0.0]))
 assert all(h.name != "post" for h in hypotheses(setup))
 
 import ropefit_post
@@ -251,11 +249,7 @@ post = ropefit_post.Post()
 leaning = post.apply(setup, torch.tensor([0.02, 0.0, 0.03], dtype=torch.float64))
 point = Equilibrium(leaning, []).at(np.empty(0))
 assert point.solution.converged.all()
-share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
-points = point.seen + 0.0005 * np.random.default_rng(0).normal(size=point.seen.shape)
-data = Data(points, share, np.ones((6, 41), bool), True, np.array([0.5, -1.5, 0.0]))
-problem = FitProblem(data, Noise(marker=0.0005), 40)
-nominal = fit(Equilibrium(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
+nominal = fitted(point.seen)
 slow = proposals(nominal, slow=True, names=("post",))
 found = fit_candidates(nominal, [], [], slow, 6.0, ("post",))
 best = first_acceptable(found, 6.0, nominal, [])
@@ -269,7 +263,7 @@ print(best.hypothesis.name, best.evidence, values[2] - values[0], record.radius 
 
 def test_adding_a_contact_effect(tmp_path: Path) -> None:
     package("adding-an-effect.md", tmp_path)
-    (tmp_path / "try_post.py").write_text(TRY_POST)
+    (tmp_path / "try_post.py").write_text(ROPE + TRY_POST)
     run = python(tmp_path, "try_post.py")
     assert run.returncode == 0, run.stderr
     name, evidence, surface, same = run.stdout.split()

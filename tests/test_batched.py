@@ -18,10 +18,10 @@ from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.rod.setup import bare
 from ropefit.solvers.batched import solve as batched
-from ropefit.solvers.batched.implicit import settle_batched, settled_batched
+from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.implicit import settled
 from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.equilibrium.solve import solve
 from ropefit.solvers.status import Status
@@ -66,7 +66,9 @@ def test_states_and_gradients_of_the_compiled_path(name, handed_over):
         leaves = {k: v.detach().clone().requires_grad_() for k, v in inputs.items()}
         r = Rod(*(leaves[k] for k in BY_ROD))
         c = replace(conditions, **{k: leaves[k] for k in BY_FRAME if k in leaves})
-        state, solution = settle(r, c) if way == "compiled" else settle_batched(r, c, CPU)
+        compiled = way == "compiled"
+        solution = solve(r, c) if compiled else solve_batched(r, c, CPU)
+        state = settled(solution) if compiled else settled_batched(solution, CPU)
         assert solution.converged.all()
         loss_of(state.x, state.q).backward()
         grads = {k: leaf.grad for k, leaf in leaves.items()}
@@ -96,7 +98,8 @@ def hanging(apart: torch.Tensor, bend: torch.Tensor) -> tuple[Rod, Conditions]:
 def test_energy_is_stationary():
     """Judged by the physics as written once, apart from either solver."""
     rod, conditions = hanging(torch.tensor([0.3, 0.9]), torch.tensor([1e-3, 5e-3]))
-    state, solution = settle_batched(rod, conditions, CPU)
+    solution = solve_batched(rod, conditions, CPU)
+    state = settled_batched(solution, CPU)
     assert solution.converged.all()
     clamp = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64).expand(2, 2, 4)
     x, q = state.x.clone().requires_grad_(), state.q.clone().requires_grad_()
@@ -134,7 +137,8 @@ def test_every_tensor_is_made_on_the_device_asked_for():
     far.q[:] = far.q[::-1]
     torch.set_default_device("meta")
     try:
-        state, solution = settle_batched(rod, conditions, CPU, start=far)
+        solution = solve_batched(rod, conditions, CPU, start=far)
+        state = settled_batched(solution, CPU)
         state.x.sum().backward()
     finally:
         torch.set_default_device(None)

@@ -159,7 +159,7 @@ def test_a_journal_forgets_the_parts_of_what_is_whole() -> None:
 
 
 def test_a_journal_keeps_no_gaps_when_it_is_full(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journals, "MOST", 100.0)
+    monkeypatch.setattr(journals, "MOST_BYTES", 100.0)
     kept = Journal(save=lambda entries: None)
     for name, count in (("fit 1/z 0", 5), ("fit 1/slope 0", 50), ("fit 1/z 1", 1), ("fit 2", 90)):
         kept.keep(name, lambda count=count: {"x": np.zeros(count)})

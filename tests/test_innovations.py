@@ -53,3 +53,12 @@ def test_a_cause_whose_short_predictions_cannot_be_simulated_is_refused(weighted
         "ropefit.diagnosis.innovations.innovations_rms", lambda fitted: values[id(fitted)]
     )
     assert refusal(found, nominal) == "short predictions contradict it"
+
+
+def test_short_predictions_of_a_fit_are_simulated_once(weighted, monkeypatch):
+    nominal, _ = weighted
+    before = innovations_rms(nominal)
+    monkeypatch.setattr("ropefit.diagnosis.innovations.over_horizons", None)
+    assert innovations_rms(nominal) == before
+    with pytest.raises(TypeError):  # another point has others
+        innovations_rms(replace(nominal, point=nominal.point))

@@ -9,7 +9,7 @@ from ropefit.adapters.motion_of import clips_of, rates
 from ropefit.fitting.motion import held_back
 from ropefit.models.dynamics import finer, refine
 from ropefit.recordings.ends import quaternion_along
-from ropefit.rod.carried import along, continuous, third, unrolled
+from ropefit.rod.parallel_transport import along, continuous, third, unrolled
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.solvers.dynamics.problem import Drive
 from ropefit.solvers.equilibrium.turns import from_turn, to_turn

@@ -27,7 +27,7 @@ from benchmarks.document import write_section
 from reference_simulators.collocation import NotConverged
 
 LAWS = tuple(DRAWN)
-SCORES = {"axial_law": (12.0, 20.0, 40.0)}  # beside any linear stretch; larger ones are implausible
+SCORES = {"axial_law": (12.0, 20.0, 40.0)}  # with any linear stretch; larger ones are implausible
 USUAL_SCORES = (30.0, 60.0, 120.0)
 LINEAR = {"axial_law": "axial_extensibility"}  # an effect that a law corrects: named beside it
 
@@ -115,7 +115,7 @@ def table(judgements: list[dict[str, Any]], asked: int, command: str) -> str:
     """Return the table of docs/laws.md: of so many recordings that were asked for."""
     lines = [
         f"{len(judgements)} of {asked} recordings by the rod equations, scores 30 to 120 (of",
-        "`axial_law` 12 to 40, beside any linear stretch); by",
+        "`axial_law` 12 to 40, with any linear stretch); by",
         f"`python -m benchmarks.discovery.laws {command}`. *Form*: the true one"
         " is among those that",
         "remain; *named*: it alone remains; *constants*: exponents and lengths of the best form,"
@@ -146,7 +146,7 @@ def table(judgements: list[dict[str, Any]], asked: int, command: str) -> str:
         if j.get("form") is False
     ]
     lines += ["", f"Not right: {'; '.join(wrong) or 'none'}.", ""]
-    lines += [f"True form not among those told: {'; '.join(forms) or 'none'}."]
+    lines += [f"True form not among those reported: {'; '.join(forms) or 'none'}."]
     return "\n".join(lines)
 
 

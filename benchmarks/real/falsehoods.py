@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.discovery.falsified import CLAMP, TILT, WEAK_GRAVITY, tilted_gravity, weak_gravity
 from ropefit.recordings.ends import quaternion_along
-from ropefit.rod.carried import along
+from ropefit.rod.parallel_transport import along
 
 LENGTH = 0.02  # that is told too much
 LATE = 3  # frames

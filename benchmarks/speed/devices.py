@@ -21,12 +21,12 @@ from benchmarks.accuracy.dynamics import clip, rope
 from benchmarks.document import parser, publish
 from benchmarks.speed.workloads import FRAMES, GRAVITY, apart
 from ropefit.rod.rod import Rod, build, uniform
-from ropefit.solvers.batched.implicit import settle_batched
+from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.dynamics.derivatives import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.implicit import settled
 from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.equilibrium.solve import solve
 
@@ -67,14 +67,14 @@ def measure(device: torch.device | None, count: int) -> dict[str, Any]:
     bend, rod, held = ropes(count)
     reference = solve(rod(bend), held)
 
-    def states() -> Solution:
+    def states(bend: torch.Tensor = bend) -> Solution:
         rods = rod(bend)
         return solve(rods, held) if device is None else solve_batched(rods, held, device)
 
     def gradient() -> torch.Tensor:
         leaf = bend.clone().requires_grad_()
-        rods = rod(leaf)
-        x = (settle(rods, held) if device is None else settle_batched(rods, held, device))[0].x
+        found = states(leaf)
+        x = (settled(found) if device is None else settled_batched(found, device)).x
         return torch.autograd.grad((x**2).sum(), leaf)[0]
 
     found = states()

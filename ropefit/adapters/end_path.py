@@ -7,7 +7,7 @@ import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.gaps import LONGEST_GAP, unbroken
-from ropefit.rod.carried import continuous
+from ropefit.rod.parallel_transport import continuous
 from ropefit.rod.path import EndPath
 
 LEAST_POSES = 4  # of a clip: cubics go through them

@@ -69,14 +69,14 @@ def _sentence(law: Law, found: FreeLaw) -> str:
     c = law.curve
     assert c is not None
     ends = c.x.searchsorted(c.visited).clip(max=len(c.x) - 1)
-    told = found.sentence(c.x[ends], c.y[ends], (c.unit_x, c.unit_y))
+    sentence = found.sentence(c.x[ends], c.y[ends], (c.unit_x, c.unit_y))
     numbers = ", ".join(
         f"{name} = {s.value:.3g} ({s.ci95[0]:.3g} to {s.ci95[1]:.3g})"
         + ("" if s.unit == "1" else f" {s.unit}")
         for name, s in law.parameters.items()
     )
     if law.form:
-        return f"{told}: {law.form}, {numbers}"
+        return f"{sentence}: {law.form}, {numbers}"
     if law.forms:
-        return f"{told}; its form may be {' or '.join(law.forms)}"
-    return f"{told}; no known form follows its curve"
+        return f"{sentence}; its form may be {' or '.join(law.forms)}"
+    return f"{sentence}; no known form follows its curve"

@@ -12,8 +12,8 @@ from ropefit.adapters.motion_of import centrelines, clips_of, times_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space
 from ropefit.artifacts import Observations
 from ropefit.inference.bins import Data
-from ropefit.rod.carried import continuous, third, unrolled
 from ropefit.rod.moving import Damping
+from ropefit.rod.parallel_transport import continuous, third, unrolled
 from ropefit.rod.setup import Setup
 
 SEGMENTS = 24  # with the error of the mesh extrapolated, enough for most ropes

@@ -36,7 +36,7 @@ class Described:
 def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) -> Described:
     """Return the rope of a model in some poses, at rest with the causes of a diagnosis.
 
-    Of a rope identified in motion the dampings are told in the notes. The mass of `o` is known.
+    Of a rope identified in motion the dampings are stated in the notes. The mass of `o` is known.
     Raises NotConverged.
     """
     solved = model.balance or model.stepped
@@ -69,7 +69,7 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
         changed = effect.apply(whole, given)
         how = effect.exported(named, changed, nodes, beside)
         if how.settles and changed.remembers:
-            notes.append(f"{cause.name}: export writes no memory of how a rope was bent; left out")
+            notes.append(f"{cause.name}: export does not express path dependence")
             continue
         beside, whole = how.beside, changed if how.settles else whole
         if how.in_rope:
@@ -87,11 +87,11 @@ def _dampings(values: dict[str, float], density: float) -> list[str]:
     """Return what to tell of the dampings of a rope identified in motion, density [kg/m]."""
     if not values:
         return []
-    told = ", ".join(f"{name} {v:.4g} {PARAMETERS[name].unit}" for name, v in values.items())
+    listed = ", ".join(f"{name} {v:.4g} {PARAMETERS[name].unit}" for name, v in values.items())
     rate = values.get("air_damping", 0.0) / density
     return [
-        f"dampings of a rope in motion ({told}) are not written: the text is of one that comes to "
-        f"rest. The air takes {rate:.3g} 1/s of every velocity"
+        f"dampings of a rope in motion ({listed}) are not written: the text is of one that comes "
+        f"to rest. The air takes {rate:.3g} 1/s of every velocity"
     ]
 
 

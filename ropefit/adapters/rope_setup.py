@@ -42,8 +42,8 @@ def base_setup(o: Observations, segments: int) -> Setup:
     Raises BadInput where no end is held, there is no gravity, or pictures tell too little.
     """
     size = float(np.linalg.norm(o.gravity))
-    told = not o.ends_assumed and o.length_source == "recording"
-    if not o.depth_measured and not (told and "free" not in o.end_kind):
+    stated = not o.ends_assumed and o.length_source == "recording"
+    if not o.depth_measured and not (stated and "free" not in o.end_kind):
         raise BadInput(
             "pictures without depth: the equilibrium model needs [rope] length and the poses of "
             "both ends ([ends]) in the recording"
@@ -84,7 +84,7 @@ def setup_of(o: Observations, segments: int) -> Setup:
 
 
 def with_fittings(setup: Setup, o: Observations) -> Setup:
-    """Return the setup with the rigid pieces that the recording tells of, and their weights."""
+    """Return the setup with the rigid pieces that the recording states, and their weights."""
     arc, mass, rigid = setup.arc, setup.mass, setup.rigid
     for piece in o.fittings.values():
         at, long = (torch.tensor(v, dtype=torch.float64) for v in (piece.arc_length, piece.length))

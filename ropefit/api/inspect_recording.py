@@ -95,7 +95,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     summary = [
         ("frames", f"{len(frames)} ({frames[0]}..{frames[-1]}), {clock}"),
         ("data", _data(recording)),
-        ("ends", "not given: those seen are taken as pinned" if recording.ends is None
+        ("ends", "not given: the visible ones are taken as pinned" if recording.ends is None
          else ", ".join(f"end {k} {kind}" for k, kind in enumerate(tracer.end_kind))),
         ("rope", ", ".join(known) or "nothing given: its length is estimated"),
         ("gravity", "{:g}, {:g}, {:g} m/s²".format(*recording.gravity)),

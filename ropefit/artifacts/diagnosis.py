@@ -90,7 +90,7 @@ class Diagnosis(Artifact):
     )
     calibration: dict[str, Calibration] = Field(default_factory=dict)
     simulation: Simulation | None = None
-    motion: str = Field(description="what motion would tell the leading causes apart")
+    motion: str = Field(description="the motion that would distinguish the leading candidates")
     separates: list[str]
     # What the two of `separates` predict in that motion.
     motion_x: Annotated[np.ndarray, ArraySpec(("candidate", "pose", "node", "xyz"), "m")] | None = (
@@ -112,7 +112,7 @@ class Diagnosis(Artifact):
     force_threshold: float
 
     def unseen(self, topic: str) -> str:
-        """Return what could be there without being seen, about one topic; empty where an effect was
+        """Return what could be there undetected, about one topic; empty where an effect was
         found or nothing is known of it."""
-        told = (item.sentence for item in self.detectable.values() if item.topic == topic)
-        return "" if self.causes else next(told, "")
+        sentences = (item.sentence for item in self.detectable.values() if item.topic == topic)
+        return "" if self.causes else next(sentences, "")

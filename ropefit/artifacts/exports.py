@@ -32,7 +32,7 @@ class Export(Part):
     other: Annotated[
         np.ndarray, ArraySpec(("pose",), "m", nan=True)
     ]  # how far away a second stable equilibrium is known; NaN: none
-    effects: list[str] = Field(description="what was found to be left out, and went along")
+    effects: list[str] = Field(description="the effects of the diagnosis that are expressed")
     notes: list[str] = Field(description="what the target cannot express")
     check: Check | None = None
 

@@ -28,7 +28,7 @@ class Parameter(Part):
         default=None, description="Student-t interval; null when fixed or infinite"
     )
     below: float | None = Field(
-        default=None, description="95 % upper limit of what is too small to be seen"
+        default=None, description="95 % upper limit, where no lower one is determined"
     )
     trades_with: list[str] = Field(default_factory=list)
 

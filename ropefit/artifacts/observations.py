@@ -70,7 +70,7 @@ class Observations(Artifact):
     mass: float | None = quantity("kg", "whole rope", default=None)
     priors: SetupPriors = Field(default_factory=SetupPriors)
     marker_offset: float = quantity(
-        "m", "one sigma of how far markers lie off the axis, alike in all frames", default=0.0
+        "m", "one sigma of how far markers lie off the axis, the same in all frames", default=0.0
     )
     fittings: dict[str, Fitting] = Field(default_factory=dict)
 
@@ -81,7 +81,7 @@ class Observations(Artifact):
 
     end_kind: tuple[EndKind, EndKind]
     ends_assumed: bool = Field(
-        description="no [ends] in the recording: ends seen were taken as pinned"
+        description="no [ends] in the recording: the visible ends are taken as pinned"
     )
     end_twist_known: bool = Field(
         default=True,
@@ -132,7 +132,7 @@ class Observations(Artifact):
     quality: Annotated[np.ndarray, ArraySpec(("frame",))] | None = None
     depth_measured: bool = Field(
         default=True,
-        description="false: points are pixels carried onto an assumed plane, not measured",
+        description="false: points are pixels projected onto an assumed plane, not measured",
     )
 
     # A few pictures with what was seen in them: JPEG files one after the other.

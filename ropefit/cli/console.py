@@ -71,7 +71,7 @@ class Session:
         return lambda share, text: bar.update(task, completed=share, description=text)
 
     def context(self, label: str) -> Context:
-        """Return where a stage tells its progress and its sentences."""
+        """Return where a stage reports its progress and its sentences."""
         from ropefit.runs.protocol import Context
 
         return Context(self.progress(label), self.say)

@@ -77,7 +77,7 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
     rows = _rows(d)
     if rows:
         session.table(
-            f"{d.recording}: what the model left out",
+            f"{d.recording}: what the model lacks",
             ["effect", "where [m]", "size (95 %)", "as good", "evidence"],
             rows,
         )

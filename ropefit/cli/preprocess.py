@@ -91,7 +91,7 @@ def show_observations(
         ],
     )
     if o.ends_assumed:
-        session.say("no [ends] in the recording: the ends seen in the data are taken as pinned")
+        session.say("no [ends] in the recording: the ends visible in the data are taken as pinned")
     if not o.depth_measured:
         session.say(
             "no depth in the recording: points lie on an assumed plane. OBJ2, OBJ5 and OBJ8 "

@@ -60,7 +60,7 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     alike = far_beyond_sensor(current) and bool((candidate.gains > CHANCE_GAIN).all())
     most = MOST_RMS_RATIO_ALIKE if alike else MOST_RMS_RATIO_IN_MOTION
     if moving and not _allowed_for(effect, current) and after > most * before:
-        return "the error of held-out clips hardly falls"
+        return "the error of held-out clips falls by too little"
     if contradicted(candidate.fit, current):
         return "short predictions contradict it"
     return ""

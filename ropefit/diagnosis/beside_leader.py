@@ -12,7 +12,7 @@ from ropefit.diagnosis.wander import wandering_noise
 from ropefit.inference.least_squares import Fit, attempted, fit
 
 MUCH_LESS = 0.5  # of the noise assumed: what a candidate leaves shows that it was the mismatch
-MOST = 4  # candidates compared again
+MOST_COMPARED = 4  # candidates compared again
 REFITTED = 5  # evaluations of the smaller model
 
 
@@ -29,7 +29,7 @@ def with_noise_beside_leader(
     problem = current.problem.under(noise)
     smaller = fit(current.forward, problem, current.point.u, REFITTED, tolerance=1e-5)
     again: list[Candidate | None] = []
-    for one in sorted(candidates, key=lambda c: c.fit.cost)[:MOST]:
+    for one in sorted(candidates, key=lambda c: c.fit.cost)[:MOST_COMPARED]:
         best = max((c.evidence for c in again if c), default=0.0)
         fitted = attempted(
             one.fit.forward, problem, one.fit.point.u, EVALUATIONS, tolerance=1e-5,

@@ -7,6 +7,7 @@ import torch
 
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
+from ropefit.inference.starts import cheaper
 from ropefit.solvers.equilibrium.branches import other_states
 from ropefit.solvers.equilibrium.solution import States
 
@@ -22,7 +23,7 @@ def on_right_branches(fitted: Fit) -> Fit:
         return fitted
     forward = fitted.forward.with_terms(fitted.forward.terms, states)
     again = fit(forward, fitted.problem, fitted.point.u, EVALUATIONS, tolerance=1e-5)
-    return again if again.cost < fitted.cost else fitted
+    return cheaper(fitted, again)
 
 
 def repaired(fitted: Fit) -> States | None:

@@ -18,7 +18,7 @@ from ropefit.inference.least_squares import Fit, attempted
 from ropefit.models.terms import Term
 
 HOPELESS = 40.0  # nats behind the free curve: a form's fit without prospect of less is stopped
-LEAST_LEAD = 6.0  # nats over every rival of a form that is named
+LEAST_LEAD = 6.0  # nats over every other form, of one that is named
 POINTS = 61  # of a curve
 DRAWS = 200  # of a band, and of the intervals of constants
 WIDER = 1.5  # times the largest value of the data: where the curve ends
@@ -96,7 +96,7 @@ def described(candidate: Candidate, final: Fit) -> Described | None:
 
 
 def _places(law: Law, least: float, values: np.ndarray) -> np.ndarray:
-    """Return (POINTS,) where the curve is told: from the `least` of values (n,) that counts."""
+    """Return (POINTS,) where the curve is reported: from the `least` of values (n,) that counts."""
     if law.even:
         low, high = values.min(), values.max()
         more = 0.5 * (WIDER - 1) * (high - low)

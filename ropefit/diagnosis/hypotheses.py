@@ -33,7 +33,7 @@ class Hypothesis:
 
     @property
     def key(self) -> tuple[str, int]:
-        """Return what tells hypotheses apart: the class of the effect, and its end."""
+        """Return what identifies a hypothesis: the class of the effect, and its end."""
         return type(self.effect).__name__, self.effect.end
 
     @property

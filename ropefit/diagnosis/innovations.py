@@ -27,10 +27,12 @@ def over_horizons(seconds: float, forward: Model, problem: FitProblem) -> tuple[
 
 def innovations_rms(fitted: Fit) -> float:
     """Return the rms distance [m] by which short predictions, with a fit's values, miss the
-    points."""
-    parts, problem = over_horizons(SHORT, fitted.forward, fitted.problem)
-    residual = problem.match(parts.at(fitted.point.u).seen).residual
-    return float(np.sqrt((residual**2).sum(axis=1).mean()))
+    points. It is simulated once."""
+    if fitted.innovations is None:
+        parts, problem = over_horizons(SHORT, fitted.forward, fitted.problem)
+        residual = problem.match(parts.at(fitted.point.u).seen).residual
+        fitted.innovations = float(np.sqrt((residual**2).sum(axis=1).mean()))
+    return fitted.innovations
 
 
 def contradicted(fitted: Fit, smaller: Fit) -> bool:

@@ -64,7 +64,7 @@ def _rotate(turns: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
 
 
 def next_motion(first: Candidate, second: Candidate) -> tuple[str, float, np.ndarray | None]:
-    """Return the motion that tells two fits apart best, their rms distance [m] in it, and the
+    """Return the motion that distinguishes two fits best, their rms distance [m] in it, and the
     shapes (2, 5, N+1, 3) [m] that they predict.
 
     An empty name and no shapes where none settles.

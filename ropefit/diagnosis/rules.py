@@ -13,6 +13,7 @@ from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.starts import cheaper
 
 RESTART_EVALUATIONS = 20
 
@@ -35,12 +36,14 @@ class Selection:
         """
         begin = best.fit.point.u[: current.forward.size]
         forward = current.forward.with_terms(current.forward.terms, best.fit.point.solution)
-        needed = current.cost - share * best.evidence
-        hopeless = np.inf if forward.instantaneous else needed  # a step of a motion is costly
+        gain = share * best.evidence
+        # A step of a motion is costly.
+        hopeless = np.inf if forward.instantaneous else current.cost - gain
         again = attempted(
             forward, current.problem, begin, RESTART_EVALUATIONS, tolerance=1e-5, needed=hopeless
         )
-        return again if again is not None and again.cost < needed else None
+        chosen = cheaper(current, again or current, gain)
+        return chosen if chosen is not current else None
 
     def acceptable(
         self, candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]

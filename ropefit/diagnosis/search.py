@@ -74,8 +74,8 @@ class Limits:
 
 
 def _share(rounds: float) -> float:
-    """Return the share that is told done after some rounds: each is taken to be as long as all that
-    may follow it, as nothing says how many there are."""
+    """Return the share reported as done after some rounds: each is taken to be as long as all that
+    may follow it, as their number is unknown."""
     return 1 - 0.9 * 0.5**rounds
 
 

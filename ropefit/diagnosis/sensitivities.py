@@ -39,6 +39,7 @@ class Sensitivities:
         self.fit, self.point = fit, fit.point
         self.now = fit.problem.match(np.where(np.isfinite(fit.point.seen), fit.point.seen, 0.0))
         self.setup = fit.point.setup
+        self.earlier: tuple[np.ndarray, np.ndarray] | None = None
 
     def of(self, hypothesis: Hypothesis, known: Sensitivity | None = None) -> Sensitivity:
         """Return the sensitivity to a hypothesis: by its loads, its tangent or finite responses, or
@@ -68,7 +69,9 @@ class Sensitivities:
         if self.fit.forward.instantaneous:
             return bool((np.abs(seen - self.point.seen) < NEAR * length).all())
         stations = self.fit.stations
-        apart = self.fit.problem.match(np.nan_to_num(seen)).residual - self.now.residual
+        if self.earlier is None or self.earlier[0] is not seen:  # a scan shares one
+            self.earlier = seen, self.fit.problem.match(np.nan_to_num(seen)).residual
+        apart = self.earlier[1] - self.now.residual
         missed = np.linalg.norm(stations.residual)
         same = apart.shape == stations.residual.shape == known.moved.shape[:2]
         return same and bool(np.linalg.norm(apart) < NEAR_IN_MOTION * missed)

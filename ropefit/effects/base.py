@@ -199,7 +199,7 @@ class Effect(ABC):
         """Describe the effect, given quantities and place by name (arc_length, centre, width)."""
 
     def unseen(self, size: float) -> tuple[str, str]:
-        """Return a topic, and what a reader is told about it where the effect was not found and
+        """Return a topic, and a sentence about it where the effect was not found and
         would have been from this size of its first quantity on; by default nothing."""
         return "", ""
 

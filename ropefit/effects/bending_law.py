@@ -65,8 +65,9 @@ class BendingLaw(Effect):
     def unseen(self, size: float) -> tuple[str, str]:
         if size > LEAST_TESTED:
             return "linearity", (
-                "Whether bending is linear cannot be determined: these data visit hardly any range "
-                "of curvature; poses with the ends brought together, and far apart, would show it."
+                "Whether bending is linear cannot be determined: these data cover too small a "
+                "range of curvature; poses with the ends close together, and far apart, would show "
+                "it."
             )
         return "linearity", (
             "Bending is linear as far as these data show: a moment that grows as the curvature to "

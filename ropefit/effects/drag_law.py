@@ -19,7 +19,7 @@ from ropefit.rod.setup import Setup
 BENDS = (1 / 12, 1 / 4)
 LOWEST, HIGHEST = 1 / 64, 2.0
 MIDDLE = (BENDS[0] * BENDS[1]) ** 0.5  # there the drag is that of the linear law
-LONG_PAUSE = 1.5  # times the usual time between frames: no speed is told over a longer one
+LONG_PAUSE = 1.5  # times the usual time between frames: no speed is computed over a longer one
 
 Force = Callable[[Tensor, Tensor], Tensor]  # of speeds (n,) and a shape (), up to a factor
 

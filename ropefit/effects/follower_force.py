@@ -30,7 +30,7 @@ class FollowerForce(Effect):
     constant = "F = F0 in the rope's own frame"
     no_curve = (
         "the force acts at one place and is constant there in the rope's own frame: it has no "
-        "variable; its rival is a force that is constant in space (point_force)"
+        "variable; the alternative is a force that is constant in space (point_force)"
     )
     quantities = tuple(
         Quantity(name, "N", 0.03, by_weight=1.0) for name in ("across_1", "across_2", "along")

@@ -69,11 +69,8 @@ class Radial(Field):
         return -force[..., None] * way, rows
 
 
-class ForceField(Effect):
-    """A force per length away from a point, see `Radial`; negative: towards it.
-
-    strength: at a tenth of the rope's length; the point against the middle of the ends.
-    """
+class ForceInSpace(Effect):
+    """A force per length that is a function of place in space, whatever function that is."""
 
     name = "force_field"
     in_motion = False
@@ -81,15 +78,28 @@ class ForceField(Effect):
     late = True
     linear = False
     held_out = "stretches"  # the frames that come near it tell most of it
+
+    def applies(self, setup: Setup) -> bool:
+        return not has_field(setup)
+
+    def exported(
+        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
+    ) -> Exported:
+        return Exported(beside, note="force_field: forces of place in space are not expressed")
+
+
+class ForceField(ForceInSpace):
+    """A force per length away from a point, see `Radial`; negative: towards it.
+
+    strength: at a tenth of the rope's length; the point against the middle of the ends.
+    """
+
     quantities = (
         Quantity("strength", "N/m", 0.3, by_weight=1.0, by_length=-1.0),
         Quantity("power", "1", 1.0, 0.0, 6.0),
         Quantity("decay", "1/m", 5.0, 0.0, by_length=-1.0),
         *(Quantity(f"centre_{axis}", "m", 0.1, by_length=1.0) for axis in "xyz"),
     )
-
-    def applies(self, setup: Setup) -> bool:
-        return not has_field(setup)
 
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         lower, upper = super().bounds(setup)
@@ -137,11 +147,6 @@ class ForceField(Effect):
             "distance", "force per length", "m", -3.0, _curve, _distances,
             np.full(len(self.quantities), True), _forms(self, setup), _sentence, from_zero=False,
         )  # fmt: skip
-
-    def exported(
-        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
-    ) -> Exported:
-        return Exported(beside, note="force_field: forces of place in space are not expressed")
 
     def sentence(self, values: dict[str, float]) -> str:
         way = "repels" if values["strength"] > 0 else "attracts"

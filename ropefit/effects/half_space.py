@@ -2,57 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.base import Quantity
 from ropefit.effects.drawn import Drawn, components
-from ropefit.effects.force_field import has_field
+from ropefit.effects.force_field import ForceInSpace
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.planar import (
     APART,
-    LARGEST,
+    FIRST_LOAD,
+    LOADS,
+    SMALLER,
+    STARTS,
     Step,
     directions,
+    largest,
     law_of,
     origin_of,
     with_profile,
 )
 from ropefit.rod.setup import Setup
 
-FIRST_LOAD = 0.1  # usual loads: small enough that every frame settles
 FIRST_SHARPNESS, LEAST_SHARPNESS, SHARPEST = 30.0, 1e-3, 100.0  # over the length
 EDGES = np.linspace(0.1, 0.9, 9)  # tried: quantiles of the distances of the data
-STARTS = 2
 
 
-class HalfSpace(Effect):
+class HalfSpace(ForceInSpace):
     """A force per length on what is behind a plane across it (or beyond, where the sharpness is
     negative); over about 4 / sharpness [m] it rises."""
 
-    name = "force_field"
-    in_motion = False
-    scanned = False
-    late = True
-    linear = False
-    held_out = "stretches"  # the frames that reach it tell most of it
     quantities = (
-        *(Quantity(f"load_{axis}", "N/m", 0.1, by_weight=1.0, by_length=-1.0) for axis in "xyz"),
+        *LOADS,
         Quantity("edge", "m", 0.2, by_length=1.0),
         Quantity("sharpness", "1/m", 30.0, by_length=-1.0),
     )
 
-    def applies(self, setup: Setup) -> bool:
-        return not has_field(setup)
-
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         length = float(setup.properties.length.sum())
-        most = LARGEST * self.quantities[0].size(setup)
-        highest = [most] * 3 + [length, SHARPEST / length]
+        highest = [*largest(setup), length, SHARPEST / length]
         return [-v for v in highest], highest
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
@@ -83,16 +73,10 @@ class HalfSpace(Effect):
                 break
         # The same but for a load on all of the rope, which a fit without the field has taken up.
         out += [v * np.array([-1, -1, -1, -1, 1]) for v in out]
-        smaller = np.array([0.2, 0.2, 0.2, 1.0, 1.0])
-        return [[v, v * smaller] for v in out]
+        return [[v, v * SMALLER] for v in out]
 
     def law(self, setup: Setup) -> Law:
         return law_of(self, setup)
-
-    def exported(
-        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
-    ) -> Exported:
-        return Exported(beside, note="force_field: forces of place in space are not expressed")
 
     def sentence(self, values: dict[str, float]) -> str:
         x, y, z = (values[f"load_{axis}"] for axis in "xyz")

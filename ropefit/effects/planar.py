@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect
+from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.force_field import Field, lumped
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.effects.place import middle_of
@@ -23,6 +23,12 @@ DIRECTIONS = 200  # tried, over the sphere
 HANGS = 0.25  # of the length: below the middle of the ends
 WALLS, POWERS = np.geomspace(0.08, 2.5, 36), np.linspace(0.5, 6.0, 12)  # tried; over the length
 APART = 0.5  # rad: directions that are nearer are one
+
+
+LOADS = tuple(Quantity(f"load_{axis}", "N/m", 0.1, by_weight=1.0, by_length=-1.0) for axis in "xyz")
+FIRST_LOAD = 0.1  # usual loads: small enough that every frame settles
+STARTS = 2  # directions that a fit starts from
+SMALLER = np.array([0.2, 0.2, 0.2, 1.0, 1.0])  # a second start in each: load, profile
 
 
 class Profile(Protocol):
@@ -154,6 +160,11 @@ def with_profile(setup: Setup, load: Tensor, profile: Profile) -> Setup:
     field = Planar(way, size, origin_of(setup), profile)
     energy = Potential(field, lumped(setup.arc), derivatives=field.derivatives)
     return setup._replace(potentials=(*setup.potentials, energy))
+
+
+def largest(setup: Setup) -> list[float]:
+    """Return (3,) [N/m] the largest load along each axis."""
+    return [LARGEST * quantity.size(setup) for quantity in LOADS]
 
 
 def directions() -> np.ndarray:

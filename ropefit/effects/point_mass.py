@@ -22,8 +22,8 @@ class PointMass(Effect):
     locus = "point"
     quantities = (Quantity("mass", "kg", 0.003, lower=0.0, by_weight=1.0),)
     confounding = (
-        "shapes cannot tell a heavier place from a softer rope: weigh it, or record the rope "
-        "without and give that run as --nominal"
+        "shapes do not distinguish a heavier place from a softer rope: weigh it, or record the "
+        "rope without and give that run as --nominal"
     )
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:

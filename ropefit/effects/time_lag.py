@@ -11,7 +11,7 @@ from ropefit.rod.quaternion import multiply
 from ropefit.rod.setup import Setup
 
 USUAL_SHARE = 0.1  # of the time between frames: a usual lag, where frames are few
-LONG = 0.1  # s: told in seconds
+LONG = 0.1  # s: reported in seconds
 LARGEST = 0.3  # s; more than the time between two frames only where they are dense
 
 

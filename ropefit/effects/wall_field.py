@@ -2,58 +2,48 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
+from ropefit.effects.base import Quantity, SpecialCase
 from ropefit.effects.distributed_load import DistributedLoad
 from ropefit.effects.drawn import Drawn, components
-from ropefit.effects.force_field import has_field
+from ropefit.effects.force_field import ForceInSpace
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.planar import (
     APART,
-    LARGEST,
+    FIRST_LOAD,
+    LOADS,
+    SMALLER,
+    STARTS,
     STEEPEST,
     Falling,
     directions,
+    largest,
     law_of,
     origin_of,
     with_profile,
 )
 from ropefit.rod.setup import Setup
 
-FIRST_LOAD = 0.1  # usual loads: small enough that every frame settles
 DECAYS = (2.0, 6.0, 15.0)  # over the length: tried
-STARTS = 2
 
 
-class WallField(Effect):
+class WallField(ForceInSpace):
     """A force per length along one direction, its size an exponential of the distance along it, and
-    of the square of that; at `origin_of` it is the load told."""
+    of the square of that; at `origin_of` it is the load."""
 
-    name = "force_field"
-    in_motion = False
-    scanned = False
-    late = True
-    linear = False
-    held_out = "stretches"  # the frames that come near it tell most of it
     quantities = (
-        *(Quantity(f"load_{axis}", "N/m", 0.1, by_weight=1.0, by_length=-1.0) for axis in "xyz"),
+        *LOADS,
         Quantity("decay", "1/m", 5.0, by_length=-1.0),
         Quantity("bend", "1/m^2", 5.0, by_length=-2.0),
     )
     special_cases = (SpecialCase(DistributedLoad, ("decay", "bend"), lambda _, values: values[:3]),)
 
-    def applies(self, setup: Setup) -> bool:
-        return not has_field(setup)
-
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         length = float(setup.properties.length.sum())
-        most = LARGEST * self.quantities[0].size(setup)
-        highest = [most] * 3 + [STEEPEST / length, STEEPEST / length**2]
+        highest = [*largest(setup), STEEPEST / length, STEEPEST / length**2]
         return [-v for v in highest], highest
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
@@ -83,16 +73,10 @@ class WallField(Effect):
                 out.append(np.array([*load, decay, 0.0]))
             if len(out) == STARTS:
                 break
-        smaller = np.array([0.2, 0.2, 0.2, 1.0, 1.0])
-        return [[v, v * smaller] for v in out]
+        return [[v, v * SMALLER] for v in out]
 
     def law(self, setup: Setup) -> Law:
         return law_of(self, setup)
-
-    def exported(
-        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
-    ) -> Exported:
-        return Exported(beside, note="force_field: forces of place in space are not expressed")
 
     def sentence(self, values: dict[str, float]) -> str:
         x, y, z = (values[f"load_{axis}"] for axis in "xyz")

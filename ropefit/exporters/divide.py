@@ -12,7 +12,13 @@ from ropefit.exporters.description import RopeDescription
 
 @dataclass(frozen=True)
 class Divided:
-    """V vertices, V - 1 edges; the fields are those of Layout."""
+    """V vertices and V - 1 edges.
+
+    lengths: (V-1,) [m]; EA, GA: (V-1,) [N]; EI, GJ: (V-2,) [N m^2]; curvature: (V-2, 3) rest
+    curvature and twist [1/m] in the material frame; masses: (V,) [kg], of held vertices too.
+    node: (V,) the rope's node at each vertex, -1 where there is none; start: (P, V, 3) vertices in
+    each pose.
+    """
 
     lengths: np.ndarray
     EA: np.ndarray
@@ -22,7 +28,7 @@ class Divided:
     curvature: np.ndarray
     masses: np.ndarray
     node: np.ndarray
-    x: np.ndarray
+    start: np.ndarray
 
 
 def divide(rope: RopeDescription, pieces: np.ndarray) -> Divided:
@@ -51,7 +57,7 @@ def divide(rope: RopeDescription, pieces: np.ndarray) -> Divided:
         curvature=np.column_stack([between(column) for column in curvature.T]),
         masses=_masses(rope, pieces, lengths, first),
         node=node,
-        x=np.moveaxis(x, 1, 2),
+        start=np.moveaxis(x, 1, 2),
     )
 
 

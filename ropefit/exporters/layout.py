@@ -8,7 +8,7 @@ nodes stay where they are. Curvature then covers exactly the rope's length.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,29 +24,17 @@ E3 = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Layout:
-    """V vertices and V - 1 edges.
+class Layout(Divided):
+    """The rope divided, and how it is held.
 
-    lengths: (V-1,) [m]; EA, GA: (V-1,) [N]; EI, GJ: (V-2,) [N m^2]; curvature: (V-2, 3) rest
-    curvature and twist [1/m] in the material frame; masses: (V,) [kg], of held vertices too.
-    node: (V,) the rope's node at each vertex, -1 where there is none.
     held: how many vertices each end holds (0 free, 1 pinned, 2 clamped).
-    rest_x (V, 3), rest_q (V-1, 4): the stress-free shape. start: (P, V, 3) vertices in each pose;
-    end_q: (P, 2, 4) orientation of the ends, the identity where they are not clamped.
+    rest_x (V, 3), rest_q (V-1, 4): the stress-free shape. end_q: (P, 2, 4) orientation of the ends,
+    the identity where they are not clamped.
     """
 
-    lengths: np.ndarray
-    EA: np.ndarray
-    GA: np.ndarray
-    EI: np.ndarray
-    GJ: np.ndarray
-    curvature: np.ndarray
-    masses: np.ndarray
-    node: np.ndarray
     held: tuple[int, int]
     rest_x: np.ndarray
     rest_q: np.ndarray
-    start: np.ndarray
     end_q: np.ndarray
 
     @property
@@ -91,20 +79,15 @@ def lay_out(rope: RopeDescription) -> Layout:
     end_q = _end_orientations(rope)
     held = (VERTICES[rope.end_kinds[0]], VERTICES[rope.end_kinds[1]])
     fine = divide(rope, _pieces(rope))
-    x = fine.x.copy()
     for end in (0, 1):
         if held[end]:
-            x[:, -1 if end else 0] = rope.end_positions[:, end]
-    fine = replace(fine, x=x)
+            fine.start[:, -1 if end else 0] = rope.end_positions[:, end]
     for end in (0, 1):
         if held[end] == 2:
             fine = _straddle(fine, end, rotate(end_q[:, end], E3))
     first = end_q[0, 0] if held[0] == 2 else None
-    rest_x, rest_q = rest_shape(fine.lengths, fine.curvature, fine.x[0], first)
-    return Layout(
-        fine.lengths, fine.EA, fine.GA, fine.EI, fine.GJ, fine.curvature, fine.masses, fine.node,
-        held, rest_x, rest_q, fine.x, end_q,
-    )  # fmt: skip
+    rest_x, rest_q = rest_shape(fine.lengths, fine.curvature, fine.start[0], first)
+    return Layout(**vars(fine), held=held, rest_x=rest_x, rest_q=rest_q, end_q=end_q)
 
 
 def _pieces(rope: RopeDescription) -> np.ndarray:
@@ -136,7 +119,7 @@ def _straddle(fine: Divided, end: int, tangent: np.ndarray) -> Divided:
         key: getattr(fine, key)[order] for key in ("lengths", "EA", "GA", "EI", "GJ", "curvature")
     }
     masses, node = fine.masses[order], fine.node[order]
-    x = fine.x[:, order]
+    x = fine.start[:, order]
     half = arrays["lengths"][0] / 2
     inward = -half * tangent if end else half * tangent
     pair = np.stack([x[:, 0] - inward, x[:, 0] + inward], axis=1)
@@ -146,7 +129,7 @@ def _straddle(fine: Divided, end: int, tangent: np.ndarray) -> Divided:
         **grown,
         masses=np.concatenate([[masses[0] / 2] * 2, masses[1:]])[order],
         node=np.concatenate([[-1, -1], node[1:]])[order],
-        x=np.concatenate([pair, x[:, 1:]], axis=1)[:, order],
+        start=np.concatenate([pair, x[:, 1:]], axis=1)[:, order],
     )
 
 

@@ -11,7 +11,7 @@ from ropefit.exporters.layout import E3, Layout
 from ropefit.exporters.rotation import between
 
 
-def header(rope: RopeDescription, title: str, lost: list[str]) -> list[str]:
+def header(title: str, lost: list[str]) -> list[str]:
     """Return the comment at the top: what this is and what is not in it."""
     lines = [
         f"<!-- {title}",

@@ -56,7 +56,7 @@ class MuJoCo(Exporter):
         torsion = len(layout.GJ) / float(np.sum(1 / layout.GJ))
         flexes = _flexes(layout, radius, torsion, mjcf.touches(rope), lost)
         lines = [
-            *mjcf.header(rope, "A rope for MuJoCo 4.0.1 or later, written by ropefit.", lost),
+            *mjcf.header("A rope for MuJoCo 4.0.1 or later, written by ropefit.", lost),
             f"<mujoco model={mjcf.escaped(rope.name)}>",
             f'  <option integrator="discrete" timestep="{TIMESTEP}" '
             f'gravity="{numbers(rope.gravity)}"/>',
@@ -65,7 +65,7 @@ class MuJoCo(Exporter):
             *mjcf.tether_sites(rope),
             *mjcf.ends(layout),
             *_vertices(rope, layout),
-            *_twists(layout, radius, torsion),
+            *_twists(layout, torsion),
             "  </worldbody>",
             "  <deformable>",
             *flexes,
@@ -111,7 +111,7 @@ def _twist_edges(layout: Layout) -> list[int]:
     return list(range(layout.held[0] == 2, edges - (layout.held[1] == 2)))
 
 
-def _twists(layout: Layout, radius: float, torsion: float) -> list[str]:
+def _twists(layout: Layout, torsion: float) -> list[str]:
     """Return a hinge an edge for its twist.
 
     Its true inertia is so small that it would ring faster than the time step; the armature slows

@@ -57,7 +57,7 @@ class MuJoCo3(Exporter):
         young = bending / (np.pi * radius**4 / 4)
         shear = bending * float(ratio.mean()) / (np.pi * radius**4 / 2)
         lines = [
-            *mjcf.header(rope, "A rope for MuJoCo 3 (to 3.17), written by ropefit.", lost),
+            *mjcf.header("A rope for MuJoCo 3 (to 3.17), written by ropefit.", lost),
             f"<mujoco model={mjcf.escaped(rope.name)}>",
             '  <extension><plugin plugin="mujoco.elasticity.cable">',
             f'    <instance name="rope"><config key="bend" value="{young:.10g}"/>'

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -13,7 +14,7 @@ from ropefit.adapters.frames import calmest, group_frames, held_out, spread_even
 from ropefit.adapters.priors import noise_of, priors_of
 from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.adapters.start_values import started_setup
-from ropefit.artifacts import Observations
+from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import NotConverged
 from ropefit.fitting.branch import nearer_branch
 from ropefit.fitting.choices import free_names, given_values, held_node
@@ -23,6 +24,7 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise, estimate
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
+from ropefit.inference.starts import best_start
 from ropefit.models import parameters
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.priors import calibration
@@ -34,10 +36,11 @@ if TYPE_CHECKING:
     from ropefit.diagnosis.candidate import Candidate
 
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
+LOOK = 12  # evaluations of the fit from each
 
 
-def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+def compute(o: Observations, settings: IdentifySettings, context: Context) -> FittedModel:
+    """Return the nominal model. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
     if settings.law:
         from ropefit.fitting.free_law import law_named
@@ -70,14 +73,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
 
         context.progress(0.95, "forms of the law")
         model = model.model_copy(update={"laws": {"law_0": law_cause(o, law)}})
-    if not out.any():
-        context.say("too few frames to hold any out: the fit is judged on its own frames")
-    return {
-        "recording": o.recording,
-        "length": o.length,
-        "frames": o.frames,
-        "models": {"nominal": model},
-    }
+    return model
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:
@@ -102,26 +98,26 @@ def nominal_fit(
     Raises NotConverged when no start settles.
     """
     problem = FitProblem(data, noise_of(o, data), len(o.node_arc) - 1)
-    best: Fit | None = None
     terms = parameters.terms(setup, sorted(free))
-    screened = SCREEN if "EI" in free else (0.0,)
-    for count, shift in enumerate(screened):
-        progress(0.5 * count / len(screened), "where to start")
-        forward = Equilibrium(setup, terms)
-        place = next((k for k, t in enumerate(terms) if t.name == "EI"), 0)
-        start = forward.start()
-        if start.size:
-            start[place] = shift
+    forward = Equilibrium(setup, terms)
+    start, rigidity = forward.start(), np.array([t.name == "EI" for t in terms])
+    screened = SCREEN if rigidity.any() else (0.0,)
+
+    def starts() -> Iterator[np.ndarray]:
+        for count, shift in enumerate(screened):
+            progress(0.5 * count / len(screened), "where to start")
+            yield start + shift * rigidity
+
+    def trial(start: np.ndarray) -> Fit:
         states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
-        forward = forward.starting_from(states)
-        try:
-            found = fit(forward, problem, start, 12 if start.size else 1)
-        except ArithmeticError:
-            continue
-        if best is None or found.cost < best.cost:
-            best = found
-    if best is None:
-        raise NotConverged("no frame reaches an equilibrium; look at the ends and the length")
+        return fit(forward.starting_from(states), problem, start, LOOK if start.size else 1)
+
+    try:
+        best = best_start(starts(), trial)
+    except ArithmeticError:
+        raise NotConverged(
+            "no frame reaches an equilibrium; look at the ends and the length"
+        ) from None
     last = nearer_branch(best)
     progress(0.5, "least squares")
     # What the rope misses must not be forced on the errors of the set-up.

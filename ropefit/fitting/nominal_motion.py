@@ -20,6 +20,7 @@ from ropefit.fitting.nominal import as_known, calibrated, set_up_errors
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
+from ropefit.inference.starts import cheaper
 from ropefit.models.dynamics import Dynamics
 from ropefit.models.first_state import begun_smoothly
 from ropefit.models.parameters import IN_MOTION, PARAMETERS
@@ -69,8 +70,7 @@ def nominal_in_motion(
     # The mesh's error is that of this rope: with one that is far off, others would be corrected
     # wrongly.
     corrected = forward.corrected(fitted.point.u)
-    again = fit(corrected, problem, fitted.point.u, EVALUATIONS, tolerance=1e-4)
-    fitted = again if again.cost < fitted.cost else fitted
+    fitted = cheaper(fitted, fit(corrected, problem, fitted.point.u, EVALUATIONS, tolerance=1e-4))
     if not fitted.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
     return span, fitted, taken

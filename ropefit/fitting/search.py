@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -31,18 +33,29 @@ def run_search(task: Task, settings: IdentifySettings, context: Context) -> Sear
 
 
 def describe(
-    task: Task,
-    values: np.ndarray,
-    search: Search,
-    number: int,
-    observations: Observations,
-    member: np.ndarray,
+    task: Task, values: np.ndarray, search: Search, o: Observations, group: np.ndarray,
     stated: dict[str, Stated],
-) -> ParameterGroup:
-    """Return values, intervals and verdicts of one group's parameters.
+) -> dict[str, ParameterGroup]:  # fmt: skip
+    """Return values, intervals and verdicts of every group's parameters.
 
-    values (n,); number: of the group; member (F,) bool: its frames.
+    values (groups, n); group (F,): of every frame of the recording, of which a task has some.
     """
+    out = {}
+    for number in range(task.groups):
+        mine = torch.nonzero(task.group == number)[:, 0]
+        part = task.frames(mine)
+        part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
+        out[f"group_{number}"] = _described(
+            part, values[number], search, number, o, group == number, stated
+        )
+    return out
+
+
+def _described(
+    task: Task, values: np.ndarray, search: Search, number: int, observations: Observations,
+    member: np.ndarray, stated: dict[str, Stated],
+) -> ParameterGroup:  # fmt: skip
+    """Return the same of one group, whose frames are the task's. values (n,); member (F,) bool."""
     space = task.space
     floor = float(np.median(observations.noise))
     index = list(space.free)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import torch
 
@@ -14,7 +11,7 @@ from ropefit.adapters.rope_setup import base_setup, data_in_space, segments_of
 from ropefit.adapters.scene import build_scene
 from ropefit.adapters.start_values import started_setup, with_values
 from ropefit.adapters.units import stated_units
-from ropefit.artifacts import Observations
+from ropefit.artifacts import FittedModel, Observations
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.fitting.choices import free_names, given_values, held_node
 from ropefit.fitting.search import describe, run_search
@@ -43,8 +40,8 @@ def _accelerator(name: str) -> torch.device | None:
     return torch.device(name)
 
 
-def compute(o: Observations, settings: IdentifySettings, context: Context) -> dict[str, Any]:
-    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+def compute(o: Observations, settings: IdentifySettings, context: Context) -> FittedModel:
+    """Return the nominal model. Raises BadInput, NotConverged, WrongUsage."""
     node = held_node(o, settings.control_at)
     given = given_values(o, settings, context)
     setup = started_setup(base_setup(o, segments_of(o)), given, o)
@@ -70,24 +67,12 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         ratio = float(setup.properties.twist[0] / setup.properties.bend[0])
         values[:, NAMES.index("GJ")] = ratio * values[:, NAMES.index("EI")]
     context.progress(0.95, "uncertainty and stability")
-    groups, points = {}, []
+    groups, points = describe(task, values, search, o, group, stated_units(o)), []
     for number in range(task.groups):
-        mine = torch.nonzero(task.group == number)[:, 0]
-        part = task.frames(mine)
-        part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
-        groups[f"group_{number}"] = describe(
-            part, values[number], search, number, o, group == number, stated_units(o)
-        )
         index = np.flatnonzero(group == number)
         found = with_values(setup.frames(torch.as_tensor(index)), torch.from_numpy(values[number]))
         points.append((index, Equilibrium(found, []).at(np.empty(0))))
-    model = model_of(
+    return model_of(
         o, settings.loss, settings.how, node, setup, data_in_space(o), points, groups, out, train,
         torch.stack(search.trace).sum(dim=1).numpy(),
     )  # fmt: skip
-    return {
-        "recording": o.recording,
-        "length": o.length,
-        "frames": o.frames,
-        "models": {"nominal": model},
-    }

@@ -133,8 +133,10 @@ def _alike(a: Cause, b: Cause, length: float) -> bool:
 
 def _identified(o: Observations) -> Model:
     """Return the rope in equilibrium that fits best."""
-    content = equilibrium.compute(o, IdentifySettings(), Context())
-    return Model.model_construct(**content | {"models": content["models"]})
+    nominal = equilibrium.compute(o, IdentifySettings(), Context())
+    return Model.model_construct(
+        recording=o.recording, length=o.length, frames=o.frames, models={"nominal": nominal}
+    )
 
 
 def _share(progress: Progress, begin: float, what: str) -> Callable[[float, str], None]:

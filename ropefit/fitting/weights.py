@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,8 +32,8 @@ DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this 
 
 def compute(
     observations: Observations, settings: IdentifySettings, context: Context
-) -> dict[str, Any]:
-    """Return the contents of model.h5. Raises BadInput, NotConverged, WrongUsage."""
+) -> FittedModel:
+    """Return the nominal model. Raises BadInput, NotConverged, WrongUsage."""
     first = _started(observations, settings)
     full = _task(observations, settings, first)
     group = full.group.numpy()
@@ -50,19 +49,10 @@ def compute(
     values = task.space.to_values(search.u).detach().numpy()
     context.progress(0.95, "simulating all frames")
     states = _states(settings, first, full, values)
-    groups = {}
-    for number in range(task.groups):
-        context.progress(0.97, "uncertainty")
-        mine = torch.nonzero(task.group == number)[:, 0]
-        part = task.frames(mine)
-        part = replace(part, group=torch.zeros(len(mine), dtype=torch.int64))
-        groups[f"group_{number}"] = describe(
-            part, values[number], search, number, observations, group == number, STATED
-        )
-    if not out.any():
-        context.say("too few frames to hold any out: the fit is judged on its own frames")
+    context.progress(0.97, "uncertainty")
+    groups = describe(task, values, search, observations, group, STATED)
     rms = states["rms"]
-    fitted = FittedModel(
+    return FittedModel(
         **states,
         groups=groups,
         heldout=out,
@@ -70,12 +60,6 @@ def compute(
         rms_fit=float(np.sqrt(np.mean(rms[train] ** 2))),
         rms_heldout=float(np.sqrt(np.mean(rms[out] ** 2))) if out.any() else None,
     )
-    return {
-        "recording": observations.recording,
-        "length": observations.length,
-        "frames": observations.frames,
-        "models": {"nominal": fitted},
-    }
 
 
 def _started(o: Observations, settings: IdentifySettings) -> Xpbd:

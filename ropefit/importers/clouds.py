@@ -42,7 +42,7 @@ class Clouds(Importer):
         if options.ends is not None:
             draft.ends_of(options.ends)
         else:
-            draft.note("no --set ends: those seen in the clouds will be taken as pinned")
+            draft.note("no --set ends: those visible in the clouds will be taken as pinned")
         viewpoint = None if options.viewpoint is None else vector("viewpoint", options.viewpoint)
         draft.clouds_table(viewpoint)
 

@@ -1,4 +1,4 @@
-"""Azure Kinect recordings (.mkv), decoded by PyAV; colour is carried into the depth image.
+"""Azure Kinect recordings (.mkv), decoded by PyAV; colour is projected into the depth image.
 
 Tracks are known by their titles (COLOR, DEPTH) and matched by time; depth is 16-bit big-endian
 grey in millimetres. The camera's calibration is an attachment of the file.

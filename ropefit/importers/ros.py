@@ -301,7 +301,7 @@ def _ends(
         if found < len(times):
             draft.note(f"end {end} has no pose in {len(times) - found} of {len(times)} frames")
     if options.end0 is None and options.end1 is None:
-        draft.note("no end given (--set end0=, end1=): the ends seen in the data count as pinned")
+        draft.note("no end given (--set end0=, end1=): visible ends count as pinned")
 
 
 def _end_pose(

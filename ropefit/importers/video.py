@@ -23,7 +23,7 @@ MOST_PIXELS = 20000
 RESTS = 2.0  # times the usual difference of two frames: with more the rope is on its way
 NEAR = 0.25  # of the motion for each frame wanted: frames with less between them are alike
 APART = 1.5  # times the usual difference of two frames: less is noise
-FULL_FRAME = 36.0  # mm: width of the film that focal lengths "of 35 mm film" are told for
+FULL_FRAME = 36.0  # mm: width of the film that focal lengths "of 35 mm film" are stated for
 FOCAL = "focal_length.35mm_equivalent"  # in the names of cameras' metadata
 
 
@@ -160,11 +160,11 @@ def _intrinsics(
         focal = float(0.5 * size[0] / np.tan(np.radians(options.fov) / 2))
         return focal, focal, *middle
     with _opened(source) as file:
-        told = [value for name, value in file.metadata.items() if name.lower().endswith(FOCAL)]
-    if not told:
+        given = [value for name, value in file.metadata.items() if name.lower().endswith(FOCAL)]
+    if not given:
         raise WrongUsage(
-            f"{source}: does not tell the camera's focal length; give --set fov=... (horizontal, "
+            f"{source}: has no focal length of the camera; give --set fov=... (horizontal, "
             "degrees) or --set intrinsics=fx,fy,cx,cy"
         )
-    focal = float(told[0]) / FULL_FRAME * max(size)
+    focal = float(given[0]) / FULL_FRAME * max(size)
     return focal, focal, *middle

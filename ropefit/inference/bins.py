@@ -48,7 +48,7 @@ class Data:
         )  # fmt: skip
 
     def as_deep_as(self, x: np.ndarray) -> Data:
-        """Return the points carried along their rays to the depth of the curve through nodes x
+        """Return the points moved along their rays to the depth of the curve through nodes x
         (F, K, 3), where they tell no depth of their own."""
         if self.depth:
             return self

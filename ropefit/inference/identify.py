@@ -15,12 +15,15 @@ from ropefit.inference import bfgs
 from ropefit.inference.bfgs import Search
 from ropefit.inference.sandwich import Uncertainty, sandwich, slopes_of
 from ropefit.inference.search_space import Space
+from ropefit.inference.starts import ranked
 from ropefit.losses.objectives import Objective, Scene
 from ropefit.models.rope import Rope
 from ropefit.runs.journal import journal
 
 SCREEN, SCREEN_FRAMES = 128, 6
 STARTS = 3
+TOLERANCE = 1e-4  # of a loss: its least relative decrease
+MOST_NUDGED = 20  # candidates of a grid that are tried for stability
 RACE = 8  # steps after which only the best start of a group goes on
 # Particles simulated at once in a grid search, which bounds its memory (an accelerator: 2 GB).
 CHUNK, CHUNK_ON_DEVICE = 40_000, 1_000_000
@@ -75,7 +78,6 @@ def gradient_search(
     task: Task,
     evaluations: int,
     report: Report | None = None,
-    tolerance: float = 1e-4,
 ) -> Search:
     """Minimise by BFGS, from the best of a coarse screen, by exact gradients; goes on from what the
     journal has kept.
@@ -86,7 +88,7 @@ def gradient_search(
         lambda own: bfgs.begin(task.loss, _screened_starts(task, f"{own}/screen"), reach=0.3)
     )
     while search.running and search.evaluations < evaluations:
-        bfgs.step(task.loss, search, tolerance=tolerance)
+        bfgs.step(task.loss, search, tolerance=TOLERANCE)
         if len(search.trace) > RACE:  # from here on only the leaders go on
             behind = torch.ones(len(search.u), dtype=torch.bool)
             behind[_leaders(search, task.groups)] = False
@@ -100,8 +102,8 @@ def gradient_search(
 
 def _leaders(search: Search, groups: int) -> Tensor:
     """Return (groups,) the best row of each group."""
-    best = search.loss.reshape(groups, STARTS).argmin(dim=1)
-    return best + STARTS * torch.arange(groups)
+    best = ranked(search.loss.reshape(groups, STARTS).numpy(), 1)[:, 0]
+    return torch.from_numpy(best) + STARTS * torch.arange(groups)
 
 
 def _screened_starts(task: Task, name: str) -> Tensor:
@@ -121,8 +123,8 @@ def _screened_starts(task: Task, name: str) -> Tensor:
     u = start[:, None, :] + torch.tensor(width, dtype=torch.float64) * (2 * points - 1)
     u = torch.cat([start[:, None, :], u], dim=1)
     losses = _grid_losses(task.frames(torch.cat(few)), u, name)
-    order = losses.nan_to_num(torch.inf, torch.inf).argsort(dim=1)
-    return torch.gather(u, 1, order[:, :STARTS, None].expand(-1, -1, m)).reshape(-1, m)
+    order = torch.from_numpy(ranked(losses.numpy(), STARTS))
+    return torch.gather(u, 1, order[:, :, None].expand(-1, -1, m)).reshape(-1, m)
 
 
 def _width(name: str) -> float:
@@ -190,10 +192,10 @@ def _best_stable(task: Task, u: Tensor, losses: Tensor) -> Tensor:
 
     The best of a grid may sit so near the solver's limit of stability that other frames diverge.
     """
-    order = losses.argsort(dim=1)
+    order = torch.from_numpy(ranked(losses.numpy(), MOST_NUDGED))
     chosen = order[:, 0].clone()
     for group in range(task.groups):
-        for index in order[group, :20]:
+        for index in order[group]:
             near = u[group, index].expand(task.groups, 1, -1) + np.log(1.05)
             if torch.isfinite(_grid_losses(task, near)[group, 0]):
                 chosen[group] = index

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 from ropefit.inference.bins import Stations, aligned
 from ropefit.inference.discrepancy import inflation, misled
 from ropefit.inference.noise import MISFIT, Whitener
-from ropefit.inference.objective import STOPPED, Objective, Report
+from ropefit.inference.objective import STOPPED, Objective
 from ropefit.inference.problem import FitProblem
 from ropefit.models.model import Model
 from ropefit.models.response import Point
@@ -50,6 +50,8 @@ class Fit:
     # Residuals that were predicted with stretches (True) or frames held out, once computed.
     held_out: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
+    # [m rms], once computed of this very point: `diagnosis/innovations.py`.
+    innovations: float | None = field(default=None, init=False)
 
     @property
     def scale(self) -> float:
@@ -116,7 +118,6 @@ def fit(
     problem: FitProblem,
     start: np.ndarray | None = None,
     evaluations: int = 60,
-    report: Report | None = None,
     tolerance: float = 1e-7,
     needed: float = np.inf,
 ) -> Fit:
@@ -128,7 +129,7 @@ def fit(
     a fit stays where length, rigidity and density are positive.
     """
     u = forward.start() if start is None else np.asarray(start, dtype=float)
-    objective = Objective(forward, problem, u, report, needed)
+    objective = Objective(forward, problem, u, needed)
     best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance))
     point, now, z = objective.at(best["u"])
     cost, status, nfev = best["told"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,8 +25,6 @@ FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
-Report = Callable[[float], None]
-
 
 class _Stopped(Exception):
     """A fit ends at u (P,), with a cost and a status: it cannot reach the cost that is needed, or
@@ -41,10 +38,9 @@ class Objective:
     """
 
     def __init__(
-        self, forward: Model, problem: FitProblem, u: np.ndarray, report: Report | None,
-        needed: float = np.inf,
-    ) -> None:  # fmt: skip
-        self.forward, self.known, self.report = forward, Known(forward, u), report
+        self, forward: Model, problem: FitProblem, u: np.ndarray, needed: float = np.inf
+    ) -> None:
+        self.forward, self.known = forward, Known(forward, u)
         self.needed, self.count = needed, 0
         self.prior = forward.prior()
         self.held = np.isfinite(self.prior)
@@ -106,8 +102,6 @@ class Objective:
         found = float(self.known.rows("square", u, square)[0])
         self.latest = turned_residual(found, len(u))
         self.trace.append(found)
-        if self.report:
-            self.report(found)
         return self.latest.copy()
 
     def slopes(self, u: np.ndarray) -> np.ndarray:

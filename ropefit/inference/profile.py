@@ -55,7 +55,7 @@ def profile_intervals(found: Fit) -> Estimates:
 def _profile(
     found: Fit, k: int, half: float, trades: bool, value: float, wide: bool
 ) -> Profile | None:
-    """Return what a profile tells of the k-th search variable, a logarithm, where the parabola is
+    """Return what a profile says about the k-th search variable, a logarithm, where the parabola is
     not to be trusted for it.
 
     half, wide: the interval by the parabola; trades: whether the parameter trades off with others.

@@ -16,7 +16,7 @@ LOOSE = 50.0  # rad/(N m) per weight and length: how far a grip may yield, see `
 
 
 def grips(setup: Setup, degrees: float, twist: float | None = None) -> list[Term]:
-    """Return how far each clamp is turned from what the recording tells, the same in every frame,
+    """Return how far each clamp is turned from what is recorded, the same in every frame,
     and how far it yields to bending; degrees: one sigma of the turn.
 
     twist [rad]: by how much the far clamp is turned about the rope, where no roll is seen.

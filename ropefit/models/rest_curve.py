@@ -1,6 +1,6 @@
 """The shape of a rope on which nothing acts, as parameters: its curvature, uniform or varying.
 
-About the rope's own two directions across it, those of the clamps, carried along it.
+About the rope's own two directions across it, those of the clamps, transported along it.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.compiled import COMPILED, simulate_compiled
 from ropefit.solvers.xpbd.reference import Eta, Settings, State, distance_solver, simulate
 
+SAMPLES = 12  # steps at which the constraints are looked at
 CHUNK = 500  # frames simulated at once: bounds memory on long recordings
 
 
@@ -121,7 +122,7 @@ class XpbdRope:
                 parts.append(self.frames(index).settle(values[index]))
         return State(torch.cat([s.x for s in parts]), torch.cat([s.q for s in parts]))
 
-    def convergence(self, values: Tensor, final: Tensor, samples: int = 12) -> Convergence:
+    def convergence(self, values: Tensor, final: Tensor) -> Convergence:
         """Return how the constraints stand along the iterations that lead to `final` (F, K, 3).
 
         The run is stopped within its first step and then after some of the steps, and once carried
@@ -129,7 +130,7 @@ class XpbdRope:
         """
         whole, length = self.algorithm.settings, self.rest.length
         inner = np.unique(np.geomspace(1, whole.iterations, 6).round().astype(int))
-        outer = np.unique(np.geomspace(1, whole.steps, samples).round().astype(int))[1:]
+        outer = np.unique(np.geomspace(1, whole.steps, SAMPLES).round().astype(int))[1:]
         stops = [replace(whole, steps=1, iterations=int(n)) for n in inner]
         stops += [replace(whole, steps=int(n)) for n in outer]
         violation, error = [], []

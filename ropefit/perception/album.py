@@ -14,7 +14,7 @@ from ropefit.perception.trace import Trace
 from ropefit.perception.tracing import Tracer
 from ropefit.recordings import Recording
 
-MOST = 6  # pictures kept for the report
+MOST_PICTURES = 6  # pictures kept for the report
 LARGEST = 1000  # px, of their longer side
 SEEN, UNSEEN, TIP = (40, 40, 230), (230, 160, 30), (60, 200, 60)  # BGR
 QUALITY = 80  # of JPEG
@@ -28,7 +28,7 @@ class Album:
         self.folder = folder
         self.kept: dict[int, tuple[bytes, str]] = {}
         frames = np.array(recording.frames)
-        at = np.linspace(0, len(frames) - 1, min(MOST, len(frames))).round().astype(int)
+        at = np.linspace(0, len(frames) - 1, min(MOST_PICTURES, len(frames))).round().astype(int)
         self.chosen = set(frames[np.unique(at)].tolist())
         if folder is not None:
             try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-MOST = 11  # strands: the states are as many as their subsets
+MOST_CHAINED = 11  # strands: the states are as many as their subsets
 WORTH = 2.0  # px of bridge that a pixel of rope, seen, is worth
 
 

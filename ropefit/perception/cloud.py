@@ -19,6 +19,7 @@ from ropefit.perception.trace import (
 from ropefit.perception.whole_scene import is_scene, rope_in_scene
 
 LEAST_POINTS = 20
+BINS = 60  # along the rope, in which points are averaged
 NEIGHBOURS = 8
 LONELY = 1.6  # times the usual distance of the eighth neighbour
 # A line between the held ends outside these shares of the rope's length took a wrong turn.
@@ -44,7 +45,6 @@ def trace_cloud(
     length: float | None,
     radius: float | None = None,
     viewpoint: np.ndarray | None = None,
-    bins: int = 60,
     most: int = 400,
 ) -> Trace:
     """Order the cloud (N, 3) [m] of one frame.
@@ -63,10 +63,10 @@ def trace_cloud(
     moves = None
     if radius and viewpoint is not None:
         # The held ends lie on the axis: a line from there to the surface would slant.
-        visible = _smooth_line(points, along, ends, np.zeros(2, dtype=bool), bins)
+        visible = _smooth_line(points, along, ends, np.zeros(2, dtype=bool))
         moves = _surface_to_axis(points, visible, radius, viewpoint)
         points = points + moves
-    line = _smooth_line(points, along, ends, known, bins)
+    line = _smooth_line(points, along, ends, known)
     arc = polyline_arc(line)
     if arc[-1] <= 0:
         raise FrameRejected("the points do not extend along a line")
@@ -87,7 +87,7 @@ def trace_cloud(
         centreline=line,
         arc=arc * scale,
         length=total,
-        reach=total / bins,
+        reach=total / BINS,
         traced=float(arc[-1]),
         before=None if moves is None else np.linalg.norm(moves[order], axis=1),
     )
@@ -123,24 +123,24 @@ def _geodesic(points: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.nda
 
 
 def _smooth_line(
-    points: np.ndarray, along: np.ndarray, ends: np.ndarray, known: np.ndarray, bins: int
+    points: np.ndarray, along: np.ndarray, ends: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
     """Return (M, 3) centreline: means over stretches of geodesic distance, smoothed, ends put
     back."""
     finite = np.isfinite(along)
     points, along = points[finite], along[finite]
-    edges = np.linspace(along.min(), along.max() + 1e-9, bins + 1)
+    edges = np.linspace(along.min(), along.max() + 1e-9, BINS + 1)
     index = np.digitize(along, edges) - 1
-    count = np.bincount(index, minlength=bins)
+    count = np.bincount(index, minlength=BINS)
     filled = count > 0
-    means = np.stack([np.bincount(index, column, bins) for column in points.T], axis=1)
+    means = np.stack([np.bincount(index, column, BINS) for column in points.T], axis=1)
     means = means[filled] / count[filled, None]
-    centre = np.bincount(index, along, bins)[filled] / count[filled]
+    centre = np.bincount(index, along, BINS)[filled] / count[filled]
     # Where an end is not known the rope reaches as far as its points, not the last mean of them.
     start = centre[0] if known[0] else along.min()
     stop = centre[-1] if known[1] else along.max()
     # Evenly spaced before smoothing, so that gaps do not pull.
-    line = _smooth(_extended(means, centre, np.linspace(start, stop, bins)))
+    line = _smooth(_extended(means, centre, np.linspace(start, stop, BINS)))
     parts = [line]
     if known[0] and np.linalg.norm(line[0] - ends[0]) > 1e-6:
         parts.insert(0, ends[:1])

@@ -9,6 +9,7 @@ import numpy as np
 
 COLOURS = 8
 LIGHTNESS = 0.35  # weight of lightness against hue where colours are compared: shading
+SAME_COLOUR = 25.0  # distance in Lab to a given colour
 MIXED = 45  # distance of colours that may be light and shade of one rope
 SPREAD = 1 / 10  # of the image: surroundings that a rope is much thinner than
 UNLIKE = (48.0, 24.0, 12.0, 6.0)  # distances in Lab to the surroundings, from plain to faint
@@ -100,8 +101,8 @@ def depth_mask(depth: np.ndarray) -> np.ndarray:
     return (near < NO_DEPTH) & (near > 1000 * np.maximum(NEARER, 0.006 * behind))
 
 
-def near_colour(lab: np.ndarray, color: tuple[int, int, int], reach: float = 25.0) -> np.ndarray:
-    """Return (H, W) bool: pixels within `reach` of an RGB colour, lightness counting less."""
+def near_colour(lab: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
+    """Return (H, W) bool: pixels near an RGB colour, lightness counting less."""
     weight = np.array([LIGHTNESS, 1, 1], np.float32)
     goal = lab_of(np.array(color, np.uint8).reshape(1, 1, 3))
-    return np.linalg.norm((lab - goal) * weight, axis=2) < reach
+    return np.linalg.norm((lab - goal) * weight, axis=2) < SAME_COLOUR

@@ -10,17 +10,18 @@ from scipy.spatial import KDTree
 from ropefit.perception.trace import FrameRejected
 
 MOST_PIECES = 60
+NEIGHBOURS = 8
 FARTHEST = 2.0  # times the longest tenth of the links that join the points into one piece
 
 
-def neighbour_graph(nodes: np.ndarray, count: int = 8) -> csr_array:
+def neighbour_graph(nodes: np.ndarray) -> csr_array:
     """Return (N, N) distances [same unit as nodes (N, D)] from each point to its nearest
     neighbours.
 
     Neighbours much farther than the points need to hang together are ignored: they may lie on
     another stretch of the rope that passes nearby.
     """
-    found = KDTree(nodes).query(nodes, k=min(count + 1, len(nodes)))
+    found = KDTree(nodes).query(nodes, k=min(NEIGHBOURS + 1, len(nodes)))
     distance, neighbour = np.asarray(found[0]), np.asarray(found[1])
     rows = np.repeat(np.arange(len(nodes)), distance.shape[1] - 1)
     columns = neighbour[:, 1:].ravel()

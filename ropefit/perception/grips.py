@@ -65,7 +65,7 @@ class Grips:
         points = cut(trace.points, trace.point_arc)
         assert points is not None
         if len(points) < 2:
-            raise FrameRejected("nothing is seen of the rope between its grips")
+            raise FrameRejected("nothing of the rope between its grips is visible")
         return replace(
             trace, points=points, point_arc=shifted(trace.point_arc),
             centreline=resample(trace.centreline, trace.arc, inner), arc=shifted(inner),

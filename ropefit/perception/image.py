@@ -1,4 +1,4 @@
-"""One colour picture without depth: the rope in it, carried onto a plane that is assumed."""
+"""One colour picture without depth: the rope in it, projected onto a plane that is assumed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def trace_image(
 ) -> tuple[Trace, Segmentation]:
     """Trace a rope in colour (H, W, 3) alone. ends (2, 3) [m], NaN where unknown.
 
-    The pixels are what is measured. The points are the pixels carried onto the plane of gravity and
+    The pixels are what is measured. The points are their projection onto the plane of gravity and
     both ends, where both are known and the plane is not seen edge on; else onto one that faces the
     camera, as far away as makes the rope as long as it is. Raises FrameRejected.
     """
@@ -38,8 +38,8 @@ def trace_image(
     pixels = even(found.path, 1.0)
     seen = np.interp(polyline_arc(pixels), polyline_arc(found.path), found.seen.astype(float)) > 0.5
     if seen.sum() < 4:
-        raise FrameRejected("hardly any of the path that the rope should take shows it")
-    line = carried(pixels, camera, ends, length, gravity)
+        raise FrameRejected("the rope is visible along too little of its expected path")
+    line = projected(pixels, camera, ends, length, gravity)
     arc = polyline_arc(line)
     scale = length / arc[-1] if length and known.all() else 1.0
     total = length if length and known.all() else float(arc[-1])
@@ -58,14 +58,14 @@ def trace_image(
     return trace, found
 
 
-def carried(
+def projected(
     pixels: np.ndarray,
     camera: Camera,
     ends: np.ndarray,
     length: float | None,
     gravity: np.ndarray,
 ) -> np.ndarray:
-    """Return (P, 3) [m] pixels (P, 2) of a rope carried onto the plane it is assumed to lie in."""
+    """Return (P, 3) [m] pixels (P, 2) of a rope projected onto the plane that it should lie in."""
     known = np.isfinite(ends).all(axis=1)
     rays = camera.rays(pixels)
     eye, ahead = camera.pose[:3, 3], camera.pose[:3, 2]

@@ -58,7 +58,7 @@ def link(
     tips, ways = tips_of(pieces, width)
     away = np.zeros(len(tips)) if depth is None else distances(pieces, width, depth)
     cost, turn = costs(pieces, tips, ways, away, len(lines), width)
-    few = [len(line) for line in lines[: chaining.MOST]]
+    few = [len(line) for line in lines[: chaining.MOST_CHAINED]]
     if len(known) == 2 and sum(few) > MAIN * sum(len(line) for line in lines):
         chains = _exactly(few, cost, len(lines))
     else:

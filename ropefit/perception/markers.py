@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.perception.trace import FrameRejected, Trace
 
+DENSE = 100  # vertices of a spline
 MOST_STRETCH = 1.3  # chords longer than this times the rope are no rope
 MANY = 100  # frames among which some show each piece of the rope nearly straight
 STRAIGHT = 0.95  # their quantile
@@ -34,7 +35,7 @@ def marker_arc(
         # A pair never seen together: as far apart as neighbours usually are.
         inner = np.where(np.isnan(inner), np.nanmedian(inner), inner)
     if not (inner > 0).all():
-        raise FrameRejected("neighbouring markers coincide or no two were seen together")
+        raise FrameRejected("neighbouring markers coincide or no two are visible in the same frame")
     lead, tail = np.nan_to_num(chord[0]), np.nan_to_num(chord[-1])
     arc = lead + np.concatenate([[0.0], np.cumsum(inner)])
     total = float(arc[-1] + tail)
@@ -64,7 +65,6 @@ def trace_markers(
     length: float,
     ends: np.ndarray,
     tangents: np.ndarray,
-    dense: int = 100,
 ) -> Trace:
     """Trace one frame: markers (M, 3) [m], NaN where unseen, at arc (M,) of a rope of `length`.
 
@@ -89,7 +89,7 @@ def trace_markers(
         for tangent, there in zip(tangents, at_end, strict=True)
     )
     spline = CubicSpline(knots, values, bc_type=conditions)  # type: ignore[arg-type]
-    at = np.linspace(knots[0], knots[-1], dense)
+    at = np.linspace(knots[0], knots[-1], DENSE)
     spacing = float(np.median(np.diff(arc)))
     return Trace(
         points=points[seen],

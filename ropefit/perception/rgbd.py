@@ -13,6 +13,7 @@ from ropefit.perception.segment import Looked, Segmentation, segment_rope
 from ropefit.perception.trace import FrameRejected, Trace, polyline_arc, resample
 
 LEAST_DEPTHS = 20
+RUNNING = 31  # px: width of the running median of depths
 STRETCH = 12  # px along the path, to each side
 AGREE = 0.006  # of the depth, and 4 mm: depths of one place on the rope differ by less
 FAR = 0.2  # of the picture's diagonal
@@ -106,7 +107,7 @@ def check_near(found: Segmentation, tips: np.ndarray) -> None:
     """Refuse a rope that is seen far from its known ends (2, 2) [px] only. FrameRejected."""
     on = found.path[found.seen]
     if len(on) == 0:
-        raise FrameRejected("hardly any of the path that the rope should take shows it")
+        raise FrameRejected("the rope is visible along too little of its expected path")
     most = FAR * float(np.hypot(*found.mask.shape))
     for end in np.flatnonzero(np.isfinite(tips).all(axis=1)):
         gap = float(np.linalg.norm(on - tips[end], axis=1).min())
@@ -259,11 +260,11 @@ def _smooth_depth(at: np.ndarray, good: np.ndarray, sigma: float) -> np.ndarray:
     return once + gaussian_filter1d(filled - once, sigma, mode="nearest")
 
 
-def _flying(depth: np.ndarray, good: np.ndarray, width: int = 31) -> np.ndarray:
+def _flying(depth: np.ndarray, good: np.ndarray) -> np.ndarray:
     """Return (P,) bool: depths far from the running median along the path (background seen at the
     edge)."""
     smooth = np.zeros_like(depth)
-    smooth[good] = median_filter(depth[good], size=min(width, int(good.sum())), mode="nearest")
+    smooth[good] = median_filter(depth[good], size=min(RUNNING, int(good.sum())), mode="nearest")
     gap = np.abs(depth - smooth)
     usual = 1.4826 * np.median(gap[good])
     return good & (gap > max(5 * usual, 0.005))

@@ -28,7 +28,7 @@ def ropiness(
     usual = float(np.median(radius)) + 1e-6
     even_ = usual / (usual + float(np.abs(radius - usual).mean()))
     tidy = min(len(on) * width / max(np.count_nonzero(mask), 1), 1.0)
-    contrast = _contrast(mask, path, lab, width)
+    contrast = _contrast(path, lab, width)
     plain = contrast / (contrast + PLAIN)
     turning = _turning(path.points, width)
     smooth = 1 / (1 + turning / BENT)
@@ -50,7 +50,7 @@ def _turning(points: np.ndarray, width: float) -> float:
     return float(np.abs(np.diff(angle)).mean())
 
 
-def _contrast(mask: np.ndarray, path: Path, lab: np.ndarray, width: float) -> float:
+def _contrast(path: Path, lab: np.ndarray, width: float) -> float:
     """Return colour distance [Lab] between the path and both sides of it, less what the sides
     differ.
 

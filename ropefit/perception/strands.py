@@ -29,12 +29,12 @@ class Strands:
     share: float
 
 
-def find_strands(mask: np.ndarray, width: float | None = None) -> Strands | None:
+def find_strands(mask: np.ndarray) -> Strands | None:
     """Return strands of a mask (H, W) bool, or None where there is nothing thin to follow.
 
     Where the skeleton branches (a crossing, a spur, a thing that touches) it is cut; what is much
     wider than the rope is ignored. The rope's width [px] is the one that most of the thin
-    skeleton has, or given.
+    skeleton has.
     """
     box = _box(mask)
     if box is None:
@@ -45,8 +45,7 @@ def find_strands(mask: np.ndarray, width: float | None = None) -> Strands | None
     thin = skeletonize(part > 0)
     if not 2 <= np.count_nonzero(thin) <= MOST_PIXELS:
         return None
-    if width is None:
-        width = _usual_width(radius[thin])
+    width = _usual_width(radius[thin])
     thin &= radius <= THICK * width / 2 + 1
     kernel = np.ones((3, 3), np.uint8)
     near = cv2.filter2D(thin.astype(np.uint8), -1, kernel, borderType=cv2.BORDER_CONSTANT)

@@ -155,7 +155,7 @@ class Tracer:
 
     @property
     def measures_depth(self) -> bool:
-        """Return whether the points are measured in space, not carried there from pictures
+        """Return whether the points are measured in space, not projected there from pictures
         alone."""
         rgbd = self.recording.manifest.rgbd
         return self.recording.source.table != "rgbd" or bool(rgbd and rgbd.depth)

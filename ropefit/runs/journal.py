@@ -14,7 +14,7 @@ from contextvars import ContextVar
 
 import numpy as np
 
-MOST = 16e6  # bytes of the parts of what is under way; saved, they are in memory four times
+MOST_BYTES = 16e6  # bytes of the parts of what is under way; saved, they are in memory four times
 
 Arrays = dict[str, np.ndarray]
 Entries = dict[str, Arrays]
@@ -55,7 +55,7 @@ class Journal:
         if name == whole:
             for part in [key for key in self._parts if key.startswith(f"{name}/")]:
                 del self.entries[part], self._parts[part]
-        elif sum(self._parts.values()) + _size(entry) > MOST:
+        elif sum(self._parts.values()) + _size(entry) > MOST_BYTES:
             self._full.add(whole)
             return
         else:

@@ -18,8 +18,10 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
     observations: Observations = inputs[Observations.file_name]
     if settings.how != "least-squares":
         check_loss(observations, settings.loss)
-    content = _solver(settings).compute(observations, settings, context)
-    left = float(content["models"]["nominal"].rms_fit)
+    model = _solver(settings).compute(observations, settings, context)
+    if not model.heldout.any():
+        context.say("too few frames to hold any out: the fit is judged on its own frames")
+    left = float(model.rms_fit)
     noise = observations.noise_distance
     if left > LARGE * noise:
         rod = settings.solver in ("equilibrium", "dynamics")
@@ -29,7 +31,12 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
             "missing, or the set-up is described wrongly. Look for the cause with ropefit diagnose"
             + more
         )
-    return content
+    return {
+        "recording": observations.recording,
+        "length": observations.length,
+        "frames": observations.frames,
+        "models": {"nominal": model},
+    }
 
 
 def _solver(settings: IdentifySettings) -> ModuleType:

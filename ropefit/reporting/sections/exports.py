@@ -14,7 +14,7 @@ from ropefit.reporting.html import bullets, heading, sequence, table
 from ropefit.reporting.sections.base import Section
 from ropefit.reporting.words import millimetres, percent, plural, ranges
 
-MOST = 0.01  # of the rope's length that an export may be off without a reason
+MOST_DEVIATION = 0.01  # of the rope's length that an export may be off without a reason
 
 
 class ExportsSection(Section):
@@ -82,7 +82,7 @@ def summary(target: str, export: Export, length: float) -> str:
         "simulation has it"
     )
     poses = plural(int(good.sum()), "pose")
-    if largest <= MOST:
+    if largest <= MOST_DEVIATION:
         return (
             f"At rest in {check.simulator}, in {poses} of this recording, no point of "
             f"the exported rope is farther than {where}.{lost}"
@@ -95,7 +95,7 @@ def summary(target: str, export: Export, length: float) -> str:
 
 def _reason(export: Export, off: np.ndarray) -> str:
     """Return why more than 1 % is to be expected, as far as that is known."""
-    far = off > MOST
+    far = off > MOST_DEVIATION
     twice = far & np.isfinite(export.other)
     reasons = []
     if twice.any():

@@ -33,7 +33,7 @@ KINDS = {
     "measurement": "the recording or its description",
     "solver": "the simulation",
 }
-MOST = 24  # rows
+MOST_ROWS = 24  # rows
 WIDE, HIGH = 150, 10  # px of an interval bar
 
 
@@ -54,9 +54,9 @@ class ParametersSection(Section):
         if d is None:
             rows, head = [row[:2] + row[3:] for row in rows], head[:2] + head[3:]
         text = ". ".join(f"{k.capitalize()}: {v}" for k, v in VERDICTS.items() if k in used)
-        body = _caveat(f) + table(head, rows[:MOST])
-        if len(rows) > MOST:
-            body += paragraph(f"{MOST} of {len(rows)} parameters are shown.", "note")
+        body = _caveat(f) + table(head, rows[:MOST_ROWS])
+        if len(rows) > MOST_ROWS:
+            body += paragraph(f"{MOST_ROWS} of {len(rows)} parameters are shown.", "note")
         return body + (paragraph(f"{text}.", "note") if text else Markup(""))
 
 

@@ -34,7 +34,7 @@ class PicturesSection(Section):
         )
         if not o.depth_measured:
             body += paragraph(
-                "The pictures have no depth. Points in space are pixels carried onto an assumed "
+                "The pictures have no depth. Points in space are pixels projected onto an assumed "
                 "plane: only losses in the image plane compare what was measured."
             )
         frames = [] if o.picture_frame is None else o.picture_frame.tolist()

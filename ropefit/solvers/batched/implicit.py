@@ -18,22 +18,10 @@ from ropefit.solvers.batched.ropes import (
     transposed,
     turned,
 )
-from ropefit.solvers.batched.solve import solve_batched, some
+from ropefit.solvers.batched.solve import some
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.solution import Solution, States
+from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.xpbd.reference import State
-
-
-def settle_batched(
-    rod: Rod,
-    conditions: Conditions,
-    device: torch.device | str,
-    start: States | None = None,
-    member: np.ndarray | None = None,
-) -> tuple[State, Solution]:
-    """Solve on `device`, where the states stay, as a differentiable function: `implicit.settle`."""
-    solution = solve_batched(rod, conditions, device, start, member)
-    return settled_batched(solution, device), solution
 
 
 def settled_batched(solution: Solution, device: torch.device | str) -> State:

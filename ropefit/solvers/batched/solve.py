@@ -47,7 +47,6 @@ def solve_batched(
     device: torch.device | str,
     start: States | None = None,
     member: np.ndarray | None = None,
-    tolerance: float = TOLERANCE,
 ) -> Solution:
     """Find equilibria like `equilibrium.solve`, with the work done on `device`."""
     problem = problem_of(rod, conditions, member)
@@ -55,7 +54,7 @@ def solve_batched(
     first = starting(problem, conditions, start)
     q, lam, x0 = (torch.tensor(a, device=device) for a in first)
     with torch.no_grad():
-        how = _newton(ropes, q, lam, x0, tolerance)
+        how = _newton(ropes, q, lam, x0)
         s = bent(ropes, q, lam, x0)
     arrays = (t.cpu().numpy() for t in (q, s.x, x0, lam, s.force, *how))
     found = Solution(*arrays, rod=rod, conditions=conditions, member=member)
@@ -63,7 +62,7 @@ def solve_batched(
     if len(left):
         again = None if start is None else start.frames(left)
         of = problem.of[left]
-        found.put(left, solve(rod, conditions.frames(left), again, of, tolerance=tolerance))
+        found.put(left, solve(rod, conditions.frames(left), again, of))
     return found
 
 
@@ -72,9 +71,7 @@ def some(fields: Fields, index: Tensor) -> Fields:
     return type(fields)(*(item[index] for item in fields))
 
 
-def _newton(
-    ropes: Ropes, q: Tensor, lam: Tensor, x0: Tensor, tolerance: float
-) -> tuple[Tensor, Tensor, Tensor]:
+def _newton(ropes: Ropes, q: Tensor, lam: Tensor, x0: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Move q (B, N, 4), lam (B, S), x0 (B, 3) in place to equilibria; returns status, iterations
     and residual (B,)."""
     count, like = len(q), {"dtype": torch.int64, "device": q.device}
@@ -96,7 +93,7 @@ def _newton(
         worst[index] = now
         size = h.diagonal.diagonal(dim1=-2, dim2=-1).abs().amax((1, 2))
         f, used, descent = _factor_near(r, h, now, size)
-        arrived = (now < tolerance) & ((last[index] < newton.REACH) | (now < 1e-3 * tolerance))
+        arrived = (now < TOLERANCE) & ((last[index] < newton.REACH) | (now < 1e-3 * TOLERANCE))
         broken = ~torch.isfinite(now)
         status[index[arrived]] = torch.where(
             descent[arrived] > 0, int(Status.UNSTABLE), int(Status.CONVERGED)

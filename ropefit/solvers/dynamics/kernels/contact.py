@@ -2,7 +2,7 @@
 
 A node that a step without them would take to z, at a gap g(z) < 0 inside a body, is pushed out
 straight: x = z - (1 - YIELD) g n, with n the slope of the gap. That is the implicit step against a
-spring of stiffness (1/YIELD - 1) / W at a depth of YIELD |g|, W the give of the node in this step.
+spring of stiffness (1/YIELD - 1) / W at a depth of YIELD |g|, W the node's compliance in this step.
 Of several bodies a node is pushed out of the one that it would be deepest in.
 
 An impact ends the past that a formula of two steps extrapolates from: with it a node would bounce,

@@ -9,7 +9,7 @@ import numpy as np
 from ropefit.solvers.kernels.jit import exact_helper
 from ropefit.solvers.kernels.rotations import director, perpendicular, product, smallest_turn
 
-MOST = 1e6  # N: the largest force that a solve starts with
+MOST_FORCE = 1e6  # N: the largest force that a solve starts with
 
 
 @exact_helper
@@ -185,8 +185,8 @@ def pull_at_end(shape, length, weight, load, scale, out):
     tension = whole / length * scale / math.sqrt(max(1 - along * along, 1e-6))
     for a in range(3):
         pull = tension * last[a] / max(edge, 1e-300) - load[a]
-        if pull > MOST:
-            pull = MOST
-        elif pull < -MOST:
-            pull = -MOST
+        if pull > MOST_FORCE:
+            pull = MOST_FORCE
+        elif pull < -MOST_FORCE:
+            pull = -MOST_FORCE
         out[a] = pull
