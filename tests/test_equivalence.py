@@ -1,4 +1,4 @@
-"""Which candidate of a tie is named first."""
+"""Which candidate of a tie is named first, and what is at its bound."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -6,8 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ropefit.diagnosis import accepted
+from ropefit.diagnosis.acceptance import at_most
 from ropefit.diagnosis.equivalence import ordered
-from ropefit.effects import LostOutOfPlane, Obstacle, PointMass
+from ropefit.effects import BendingLaw, ForceField, LostOutOfPlane, Obstacle, PointMass, WallField
+from tests.concealed import rope
 
 
 def candidate(effect: Any, evidence: float, gained: float, unlikely: float = 0.0) -> Any:
@@ -48,3 +51,32 @@ def test_gains_of_frames_and_of_stretches_are_not_compared():
     bar, error = candidate(Obstacle(), 20.0, 60.0), candidate(LostOutOfPlane(), 20.5, 24.0)
     assert bar.hypothesis.effect.held_out != error.hypothesis.effect.held_out
     assert ordered(error, [bar])[0] is error
+
+
+def test_a_law_is_at_its_bound_of_either_sign_but_may_be_a_plateau():
+    setup = rope(40)
+    for effect, number, low_counts in [(ForceField(), 2, False), (WallField(), 3, True),
+                                       (BendingLaw(), 0, False)]:  # fmt: skip
+        low, high = (bound[number] for bound in effect.bounds(setup))
+        inside = np.array([q.size(setup) for q in effect.quantities])
+        for value, wanted in [(high, True), (0.995 * high, True), (0.5 * high, False),
+                              (low, low_counts), (0.5 * low, False)]:  # fmt: skip
+            values = inside.copy()
+            values[number] = value
+            one: Any = SimpleNamespace(
+                hypothesis=SimpleNamespace(effect=effect), values=values.copy,
+                fit=SimpleNamespace(point=SimpleNamespace(setup=setup)),
+            )  # fmt: skip
+            assert at_most(one) == wanted, (effect.name, value)
+
+
+def test_what_would_be_refused_is_not_named_first_in_a_tie(monkeypatch):
+    mass, error = candidate(PointMass(), 20.0, 24.0), candidate(LostOutOfPlane(), 20.5, 24.0)
+    monkeypatch.setattr(accepted, "with_special_cases", lambda best, others, without: others)
+    monkeypatch.setattr(accepted, "equivalents", lambda best, others, cost: [error])
+    without: Any = SimpleNamespace(cost=100.0)
+    for why, first in [("", error), ("held-out frames do not support it", mass)]:
+        monkeypatch.setattr(accepted, "refusal", lambda one, fit, why=why: why)
+        found = accepted.accept(mass, [mass, error], without, 20)
+        assert found.candidate is first
+        assert len(found.equivalent) == 1
