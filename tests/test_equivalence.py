@@ -9,7 +9,15 @@ import pytest
 from ropefit.diagnosis import accepted
 from ropefit.diagnosis.acceptance import at_most
 from ropefit.diagnosis.equivalence import ordered
-from ropefit.effects import BendingLaw, ForceField, LostOutOfPlane, Obstacle, PointMass, WallField
+from ropefit.effects import (
+    BendingLaw,
+    ForceField,
+    LostOutOfPlane,
+    Obstacle,
+    PointForce,
+    PointMass,
+    WallField,
+)
 from tests.concealed import rope
 
 
@@ -80,3 +88,12 @@ def test_what_would_be_refused_is_not_named_first_in_a_tie(monkeypatch):
         found = accepted.accept(mass, [mass, error], without, 20)
         assert found.candidate is first
         assert len(found.equivalent) == 1
+
+
+def test_a_special_case_is_named_as_what_contains_it_was_accepted(monkeypatch):
+    pull, mass = candidate(PointForce(), 20.0, 24.0), candidate(PointMass(), 20.5, 24.0)
+    monkeypatch.setattr(accepted, "with_special_cases", lambda best, others, without: others)
+    monkeypatch.setattr(accepted, "equivalents", lambda best, others, cost: [mass])
+    monkeypatch.setattr(accepted, "refusal", lambda one, fit: "held-out frames do not support it")
+    without: Any = SimpleNamespace(cost=100.0)
+    assert accepted.accept(pull, [pull, mass], without, 20).candidate is mass
