@@ -102,6 +102,38 @@ def test_without_a_coefficient_nothing_changes():
     assert not ContactFriction().applies(setup._replace(potentials=()))
 
 
+def test_a_rope_is_held_from_where_it_touches_down_between_frames():
+    """As one is whose recording shows all the way: from above the table down onto it and aside."""
+    way = np.linspace(0.0, 1.0, 41)[:, None]
+    moving = np.array([0.75, 0.0, 0.25]) + way * np.array([-0.05, 0.2, -0.15])
+    ends = np.stack([moving, np.zeros_like(moving)], axis=1)
+    free = torch.full((len(way), 2, 4), torch.nan, dtype=torch.float64)
+    last = {}
+    for name, every in {"all": 1, "few": 40}.items():
+        some = table(ends[::every], free[::every], 60, -0.32)
+        for mu in (0.0, ROUGH):
+            point = Equilibrium(rough(some, mu), []).at(np.empty(0))
+            assert point.solution.converged.all()
+            last[name, mu] = point.seen[-1]
+    friction_moves = np.linalg.norm(last["all", ROUGH] - last["all", 0.0], axis=-1).max()
+    missed = np.linalg.norm(last["few", ROUGH] - last["all", ROUGH], axis=-1).max()
+    assert friction_moves > 0.01
+    assert missed < 0.15 * friction_moves
+
+
+def test_only_steps_in_which_nodes_touch_down_are_taken_in_increments():
+    setup = rough(swept(), ROUGH)
+    point = Equilibrium(setup, []).at(np.empty(0))
+    assert isinstance(point, WalkedPoint)
+    assert len(point.whole.ends) == point.increments.sum() == len(point.steps)
+    kept = point.whole.ends[np.cumsum(point.increments) - 1]
+    torch.testing.assert_close(kept, setup.ends, rtol=0, atol=1e-15)
+    above = setup._replace(ends=setup.ends + torch.tensor([0.0, 0.0, 1.0]))
+    off = Equilibrium(above, []).at(np.empty(0))
+    assert isinstance(off, WalkedPoint)
+    assert (off.increments == 1).all()
+
+
 def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():
     setup = swept()
     seen = Equilibrium(rough(setup, ROUGH), []).at(np.empty(0)).seen

@@ -15,7 +15,7 @@ LEAST_SIGNIFICANCE = NORMAL_QUANTILE  # standard errors from zero: 95 %
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
-AT_LIMIT = 1e-3  # of the range of a quantity, in SI
+AT_LIMIT = 0.01  # of the range of a quantity, in SI: fits end a little short of it
 # Where the mesh explains next to nothing of what is missed, and all held-out clips gain.
 MOST_RMS_RATIO_ALIKE = 0.95
 BEYOND_SENSOR = 3.0  # times what markers and mesh explain
@@ -48,7 +48,7 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     before, after = (_error(fit, along) for fit in (current, candidate.fit))
     if effect.linear and np.abs(candidate.usual_sizes()).max() > effect.implausible:
         return "larger than anything plausible"
-    if effect.law(current.point.setup) is not None and _at_most(candidate):
+    if effect.law(current.point.setup) is not None and at_most(candidate):
         return "it fits only where its form runs to a bound"
     if candidate.significance() < LEAST_SIGNIFICANCE:
         return "its size is not significantly different from zero"
@@ -66,12 +66,18 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     return ""
 
 
-def _at_most(candidate: Candidate) -> bool:
-    """Return whether a quantity is as large as it may be."""
+def at_most(candidate: Candidate) -> bool:
+    """Return whether a quantity is as large as it may be: of either sign, if that is a direction.
+
+    Least values are forms, too: an exponent that is nearly zero is that of a plateau.
+    """
     effect, setup = candidate.hypothesis.effect, candidate.fit.point.setup
     low, high = (np.array(bound) for bound in effect.bounds(setup))
+    directed = np.array([q.unit != "1" for q in effect.quantities]) & (low == -high)
+    values = candidate.values()[: len(low)]
+    values = np.where(directed, np.abs(values), values)
     limited = np.isfinite(low) & np.isfinite(high)
-    values, low, high = (v[: len(limited)][limited] for v in (candidate.values(), low, high))
+    low, high, values = low[limited], high[limited], values[limited]
     return bool((values > high - AT_LIMIT * (high - low)).any())
 
 

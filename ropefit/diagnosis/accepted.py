@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import TIE_NATS, equivalents, ordered
-from ropefit.diagnosis.nested import with_special_cases
+from ropefit.diagnosis.nested import is_special_case, with_special_cases
 from ropefit.inference.least_squares import Fit
 
 CLOSE_EVIDENCE = 0.5  # of the best's: candidates with less do not win beside other effects either
@@ -35,13 +36,18 @@ def least_evidence(threshold: float, best: float) -> float:
 
 
 def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: int) -> Accepted:
-    """Accept the best of some candidates, or the one that is named first in a tie.
+    """Accept the best of some candidates, or the one that is named first in a tie, if that is a
+    special case of it or would be accepted by itself.
 
     without: the model without any of them; tried: how many hypotheses were scanned, for which the
     p-value is corrected (Bonferroni).
     """
     candidates = with_special_cases(best, candidates, without)
-    first, same = ordered(best, equivalents(best, candidates, without.cost))
+    tied = equivalents(best, candidates, without.cost)
+    first, same = ordered(best, tied)
+    special = is_special_case(first.hypothesis.effect, best.hypothesis.effect)
+    if first is not best and not special and refusal(first, without):
+        first, same = best, tied
     p = min(1.0, tried * float(np.exp(-min(first.evidence, 690.0))))
     close = [
         c for c in candidates if c is not first and c.evidence > CLOSE_EVIDENCE * first.evidence

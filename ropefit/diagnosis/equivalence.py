@@ -13,8 +13,36 @@ LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 
 
 def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """Return the candidate that is named first in a tie, and the others."""
-    return _measurement_first(*_simplest_first(best, same))
+    """Return the candidate that is named first in a tie, and the others.
+
+    Of physics and a measurement error the latter, unless held-out data tell them apart: evidence
+    that ties is as good as the priors of sizes and places in it, which no held-out datum knows.
+    """
+    first, others = _measurement_first(*_simplest_first(best, same))
+    better = [c for c in others if _predicts_better(c, first)]
+    if first.hypothesis.effect.kind != "measurement" or not better:
+        return first, others
+    leader = max(better, key=lambda c: c.evidence)
+    physics = [c for c in others if c.hypothesis.effect.kind != "measurement" and c is not leader]
+    named = _simplest_first(leader, physics)[0]
+    return named, [c for c in (first, *others) if c is not named]
+
+
+def _predicts_better(one: Candidate, than: Candidate) -> bool:
+    """Return whether physics as likely as a measurement error predicts held-out data better."""
+    effect, other = one.hypothesis.effect, than.hypothesis.effect
+    if effect.kind == "measurement" or effect.held_out != other.held_out:
+        return False
+    tied = than.evidence - one.evidence < TIE_NATS
+    return tied and _held_out_gain(one) - _held_out_gain(than) > TIE_NATS
+
+
+def _held_out_gain(one: Candidate) -> float:
+    """Return what held-out data gain by a candidate [nats], less what the errors of the set-up
+    that it needs are unlikely."""
+    held = np.isfinite(one.fit.prior)
+    unlikely = 0.5 * float(np.square(one.fit.point.u[held] / one.fit.prior[held]).sum())
+    return float(one.gains.sum()) - unlikely / max(1.0, one.fit.spread)
 
 
 def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> list[Candidate]:

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from ropefit import attachments as records
@@ -24,11 +23,11 @@ class ContactFriction(Effect):
     """Coulomb's `coefficient` on every plane and bar that the rope touches already. A node that has
     only just touched down is not held yet.
 
-    Between two frames a rope is dragged straight from one to the other. Sixteen increments instead
-    change the shapes of a rope swept over a table by 1.3 to 2.6 % of what friction does (12 frames,
-    coefficients of 0.6 and 0.3), far less than sizes are off. In the two recordings of another
-    simulator that were answered the coefficient came out half as large again and 2.6 times as
-    large; its relative error of a quarter is a judgement from the first.
+    Between two frames a rope is dragged straight from one to the other, in increments where nodes
+    touch down on the way (`models/increments.py`). In four recordings of another simulator that
+    tell the coefficient, all else known, the shapes are then most alike at 0.7 to 1.0 times its
+    value, as its rope swings and its friction creeps; without increments at 1.7 times and more. The
+    relative error of a quarter is a judgement from these.
     """
 
     name = "contact_friction"
@@ -43,12 +42,9 @@ class ContactFriction(Effect):
         return contacts and len(setup.whole()[0].ends) >= FEWEST
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        # Every third of the nodes that touch stands for three.
-        all_of_them = touching(setup.segments)
-        third = torch.zeros_like(all_of_them)
-        third[:: 3 * int(all_of_them.max())] = 3 * all_of_them.max()
+        nodes = touching(setup.segments)  # all of them: few touch where a rope only dips down
         rough = tuple(
-            p if p.hardness is None else p._replace(friction=values[0], rubbing=third)
+            p if p.hardness is None else p._replace(friction=values[0], rubbing=nodes)
             for p in setup.potentials
         )
         return setup._replace(potentials=rough)

@@ -65,7 +65,7 @@ class Equilibrium(Model):
         gives."""
         solution = point.solution
         if isinstance(point, WalkedPoint):
-            arrays = as_arrays(point.path, "path.")
+            arrays = as_arrays(point.path, "path.") | {"increments": point.increments}
         else:
             arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
             if _settled_loads(point.setup):  # what stands for them comes out of settling
@@ -81,7 +81,8 @@ class Equilibrium(Model):
         """Return the point at u that was kept; the model remembers what it did then."""
         setup = self.setup_at(u)
         if setup.remembers:  # settled once more, from there: what friction held is not kept
-            point: Point = walk(u, setup, None, from_arrays(States, "path.", arrays))
+            path = from_arrays(States, "path.", arrays)
+            point: Point = walk(u, setup, None, path, arrays["increments"])
         else:
             rod = _rod_of(setup)
             laws = held = conditions_of(setup, rod)

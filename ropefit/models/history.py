@@ -24,6 +24,7 @@ from ropefit.models.bends import (
     vector_change,
     vectors,
 )
+from ropefit.models.increments import in_increments, increments_of
 from ropefit.models.response import (
     STEP,
     Change,
@@ -64,13 +65,15 @@ class Step:
 class WalkedPoint(Point):
     """A `Point` of F frames of a rope that remembers, with all H frames that it has been through:
     `whole` their setup, `path` their states (q is NaN where a frame did not settle), of which
-    `shown` (F,) are those of the point."""
+    `shown` (F,) are those of the point. increments: in how many of them each frame of the recording
+    was reached, see `models.increments`."""
 
     whole: Setup
     shown: np.ndarray
     laws: Laws
     steps: list[Step]
     path: States
+    increments: np.ndarray
 
     def respond(self, changes: list[Change]) -> np.ndarray:
         """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
@@ -78,7 +81,8 @@ class WalkedPoint(Point):
             return np.zeros((0, *self.seen.shape))
         frames, count, nodes = len(self.steps), len(changes), self.whole.segments + 1
         everywhere: list[Change] = [
-            cache(lambda size, c=change: c(size).whole()[0]) for change in changes
+            cache(lambda size, c=change: in_increments(c(size).whole()[0], self.increments))
+            for change in changes
         ]
         slopes = slopes_of(self.whole, everywhere, self.path)
         rods = self.whole.rod()
@@ -143,25 +147,34 @@ def _with_friction(
     return dx + np.tensordot(force, by, 1), turns + np.tensordot(force, turning, 1)
 
 
-def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) -> WalkedPoint:
+def walk(
+    u: np.ndarray, setup: Setup, near: States | None, path: States | None,
+    parts: np.ndarray | None = None,
+) -> WalkedPoint:  # fmt: skip
     """Settle a setup with memory, frame after frame, at search variables u (P,).
 
-    near: states of its frames, path: of all that it has been through, to start from. A frame that
+    near: states of its frames, path: of all that it has been through, to start from. parts (H,):
+    in how many increments each frame is reached; None: as many as it takes. A frame that
     does not settle leaves those after it, to the end of its clip, without a known past: they are
     not settled either, and NaN in `seen`.
     """
     whole, shown = setup.whole()
-    picked = shown.numpy()
-    frames, rod = len(whole.ends), whole.rod()
-    law, begins = laws_of(whole), memory.restarts(whole.clock)
-    elastic = elements_of(whole, rod, 1)
+    picked, rod = shown.numpy(), whole.rod()
+    law, elastic = laws_of(whole), elements_of(whole, rod, 1)
     spins = float(rod.stiffness[..., 0, 2]) == 0.0 == float(rod.stiffness[..., -1, 2])
-    row = {int(t): k for k, t in enumerate(picked)}
     rough = [p for p in whole.potentials if p.friction is not None]
     if not rough and not law.drag.any():  # branches of no size, whose derivative is wanted
         every = _without_past(whole, rod, elastic, near, picked)
         if every.converged.all():
-            return _walked(u, setup, law, begins, every, spins)
+            return _walked(u, setup, law, memory.restarts(whole.clock), every, spins)
+    if parts is None and rough:
+        smooth = _without_past(whole, rod, elastic, near, picked)
+        parts = increments_of(whole, rough, smooth.x)
+    parts = np.ones(len(whole.ends), dtype=int) if parts is None else parts
+    whole, picked = in_increments(whole, parts), (np.cumsum(parts) - 1)[picked]
+    frames, rod, law = len(whole.ends), whole.rod(), laws_of(whole)
+    path = path if path is not None and len(path.x) == frames else None
+    begins, row = memory.restarts(whole.clock), {int(t): k for k, t in enumerate(picked)}
     steps: list[Step] = []
     state, grips, last = State(np.empty(0), np.empty(0)), [], None
     for t in range(frames):
@@ -199,7 +212,7 @@ def walk(u: np.ndarray, setup: Setup, near: States | None, path: States | None) 
     seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
     seen[~solution.converged] = np.nan
     path = stacked([step.solution for step in steps])
-    return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, path)
+    return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, path, parts)
 
 
 def _without_past(
@@ -240,7 +253,8 @@ def _walked(
     every.q[:] = np.concatenate([step.solution.q for step in steps])
     solution = every.frames(picked)
     seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
-    return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, every.states)
+    parts = np.ones(len(begins), dtype=int)
+    return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, every.states, parts)
 
 
 def _settle_one(

@@ -1,0 +1,68 @@
+"""Frames in between, through which a rope that rubs is led where it touches down.
+
+Friction holds a node from where it touched down. From one recorded pose to the next the ends may
+drag what has just touched down over centimetres, so that the way between is followed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ropefit.rod import memory
+from ropefit.rod.friction import push
+from ropefit.rod.setup import Motion, Potential, Setup
+
+STRIDE = 0.008  # of the length: an eighth of it changes shapes by less than a millimetre
+MOST = 12  # increments from one frame to the next
+
+
+def increments_of(whole: Setup, rough: list[Potential], x: np.ndarray) -> np.ndarray:
+    """Return (H,) in how many increments each of H frames is reached from the one before.
+
+    One, but where nodes touch down. rough: contacts with friction; x (H, N+1, 3) [m]: where the
+    rope would be without any.
+    """
+    at, frames = torch.from_numpy(x), len(x)
+    down = np.zeros(frames, dtype=bool)
+    for contact in rough:
+        touches = (push(contact, at) != 0).any(-1).numpy()
+        down[1:] |= (touches[1:] & ~touches[:-1]).any(axis=1)
+    length = float(whole.properties.length.sum())
+    way = whole.ends.diff(dim=0, prepend=whole.ends[:1]).norm(dim=-1)
+    far = np.nan_to_num(way.numpy()).max(axis=1) / (STRIDE * length)
+    down &= ~memory.restarts(whole.clock)
+    return np.where(down, np.clip(np.ceil(far), 1, MOST), 1).astype(int)
+
+
+def in_increments(whole: Setup, parts: np.ndarray) -> Setup:
+    """Return a setup with the frames in between: ends and loads straight from one to the next."""
+    if (parts == 1).all():
+        return whole
+    place = np.concatenate([t - 1 + np.arange(1, n + 1) / n for t, n in enumerate(parts)])
+    place = np.maximum(place, 0.0)
+    after = torch.from_numpy(np.ceil(place - 1e-9).astype(int))
+    before = (after - 1).clamp_min(0)
+    share = torch.from_numpy(1.0 - (after.numpy() - place))
+
+    def between(values: Tensor) -> Tensor:
+        part = share.reshape(-1, *[1] * (values.ndim - 1))
+        return values[before] + part * (values[after] - values[before])
+
+    out = whole.frames(after)
+    motion = None if whole.motion is None else Motion(*(between(v) for v in whole.motion))
+    return out._replace(
+        past=None, time=between(whole.clock), ends=between(whole.ends), motion=motion,
+        clamp=_turned(whole.clamp[before], whole.clamp[after], share),
+        load=between(whole.load) if whole.load.ndim == 3 else whole.load,
+    )  # fmt: skip
+
+
+def _turned(one: Tensor, other: Tensor, share: Tensor) -> Tensor:
+    """Return the unit quaternions (H, 2, 4) a share (H,) of the way from one to the other; NaN
+    where nothing is held."""
+    sign = torch.where((one * other).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+    part = share[:, None, None]
+    mean = (1 - part) * sign * one + part * other
+    return torch.where(part == 1, other, mean / mean.norm(dim=-1, keepdim=True))

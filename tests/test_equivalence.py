@@ -1,0 +1,99 @@
+"""Which candidate of a tie is named first, and what is at its bound."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ropefit.diagnosis import accepted
+from ropefit.diagnosis.acceptance import at_most
+from ropefit.diagnosis.equivalence import ordered
+from ropefit.effects import (
+    BendingLaw,
+    ForceField,
+    LostOutOfPlane,
+    Obstacle,
+    PointForce,
+    PointMass,
+    WallField,
+)
+from tests.concealed import rope
+
+
+def candidate(effect: Any, evidence: float, gained: float, unlikely: float = 0.0) -> Any:
+    """gained [nats] by held-out data; unlikely: sd that an error of the set-up is off zero."""
+    return SimpleNamespace(
+        hypothesis=SimpleNamespace(effect=effect),
+        evidence=evidence,
+        gains=np.full(5, gained / 5),
+        term=SimpleNamespace(prior=np.full(len(effect.names), np.inf)),
+        fit=SimpleNamespace(
+            prior=np.array([1.0, np.inf]), point=SimpleNamespace(u=np.array([unlikely, 9.0])),
+            spread=1.0,
+        ),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mass", "error", "first"),
+    [
+        ((20.0, 25.0), (20.5, 24.0), "lost_out_of_plane"),  # nothing tells them apart
+        ((20.0, 30.0), (20.5, 24.0), "point_mass"),  # held-out data do
+        ((28.0, 34.0), (20.5, 24.0), "point_mass"),  # evidence does, too
+        ((17.0, 30.0), (20.5, 24.0), "lost_out_of_plane"),  # no tie
+        ((20.0, 30.0, 3.0), (20.5, 24.0), "lost_out_of_plane"),  # beside an unlikely set-up
+        ((20.0, 24.0), (20.5, 30.0), "lost_out_of_plane"),
+    ],
+)
+def test_a_measurement_error_is_first_unless_held_out_data_tell(mass, error, first):
+    one, other = candidate(PointMass(), *mass), candidate(LostOutOfPlane(), *error)
+    for best, same in ((one, [other]), (other, [one])):
+        named, others = ordered(best, same)
+        assert named.hypothesis.effect.name == first
+        assert len(others) == 1
+        assert others[0] is not named
+
+
+def test_gains_of_frames_and_of_stretches_are_not_compared():
+    bar, error = candidate(Obstacle(), 20.0, 60.0), candidate(LostOutOfPlane(), 20.5, 24.0)
+    assert bar.hypothesis.effect.held_out != error.hypothesis.effect.held_out
+    assert ordered(error, [bar])[0] is error
+
+
+def test_a_law_is_at_its_bound_of_either_sign_but_may_be_a_plateau():
+    setup = rope(40)
+    for effect, number, low_counts in [(ForceField(), 2, False), (WallField(), 3, True),
+                                       (BendingLaw(), 0, False)]:  # fmt: skip
+        low, high = (bound[number] for bound in effect.bounds(setup))
+        inside = np.array([q.size(setup) for q in effect.quantities])
+        for value, wanted in [(high, True), (0.995 * high, True), (0.5 * high, False),
+                              (low, low_counts), (0.5 * low, False)]:  # fmt: skip
+            values = inside.copy()
+            values[number] = value
+            one: Any = SimpleNamespace(
+                hypothesis=SimpleNamespace(effect=effect), values=values.copy,
+                fit=SimpleNamespace(point=SimpleNamespace(setup=setup)),
+            )  # fmt: skip
+            assert at_most(one) == wanted, (effect.name, value)
+
+
+def test_what_would_be_refused_is_not_named_first_in_a_tie(monkeypatch):
+    mass, error = candidate(PointMass(), 20.0, 24.0), candidate(LostOutOfPlane(), 20.5, 24.0)
+    monkeypatch.setattr(accepted, "with_special_cases", lambda best, others, without: others)
+    monkeypatch.setattr(accepted, "equivalents", lambda best, others, cost: [error])
+    without: Any = SimpleNamespace(cost=100.0)
+    for why, first in [("", error), ("held-out frames do not support it", mass)]:
+        monkeypatch.setattr(accepted, "refusal", lambda one, fit, why=why: why)
+        found = accepted.accept(mass, [mass, error], without, 20)
+        assert found.candidate is first
+        assert len(found.equivalent) == 1
+
+
+def test_a_special_case_is_named_as_what_contains_it_was_accepted(monkeypatch):
+    pull, mass = candidate(PointForce(), 20.0, 24.0), candidate(PointMass(), 20.5, 24.0)
+    monkeypatch.setattr(accepted, "with_special_cases", lambda best, others, without: others)
+    monkeypatch.setattr(accepted, "equivalents", lambda best, others, cost: [mass])
+    monkeypatch.setattr(accepted, "refusal", lambda one, fit: "held-out frames do not support it")
+    without: Any = SimpleNamespace(cost=100.0)
+    assert accepted.accept(pull, [pull, mass], without, 20).candidate is mass
