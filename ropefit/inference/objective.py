@@ -10,7 +10,7 @@ from scipy import optimize
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from ropefit.inference.bins import Stations, aligned
+from ropefit.inference.bins import Stations, aligned, shared
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Whitener
 from ropefit.inference.problem import FitProblem
@@ -85,11 +85,15 @@ class Objective:
         """Return (M D, P) whitened derivatives of the prediction."""
         point, now, _ = self.at(u)
         if self._slopes is None or self._slopes[0] is not point:
-            rows = np.zeros((*now.residual.shape, len(u)))
+            rows = np.zeros((*self.stations.residual.shape, len(u)))
+            here, there = shared(now, self.stations)
+            place = np.full(len(now.frame), -1)
+            place[there] = here
             for frames, dx in point.parts(self.forward.changes(u)):
                 mine, few = now.among(frames)
-                rows[mine] = few.project(dx)
-            self._slopes = point, self.whitener(aligned(now, self.stations, rows))
+                kept = place[mine] >= 0
+                rows[place[mine][kept]] = few.project(dx)[kept]
+            self._slopes = point, self.whitener(rows)
         return self._slopes[1]
 
     def whole(self, u: np.ndarray) -> np.ndarray:
@@ -114,8 +118,9 @@ class Objective:
         """Return (P + 1, P) the derivatives of the rows, turned with them."""
 
         def turned() -> np.ndarray:
-            own = np.diag(1 / self.prior)[self.held]
-            return turned_jacobian(np.concatenate([-self.jacobian(u), own]), self.whole(u))
+            # Both with the other sign, which turns out the same and needs no copy.
+            own, z = -np.diag(1 / self.prior)[self.held], self.at(u)[2]
+            return turned_jacobian([(self.jacobian(u), -z), (own, -(u / self.prior)[self.held])])
 
         out = self.known.rows("slope", u, turned)
         self.count += 1
@@ -133,6 +138,8 @@ class Objective:
 
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
+        # Among scipy's closures are circles: what they hold stays until the collector comes.
+        asked = [self]
         if not u.size:  # nothing is free; not every scipy takes that
             self.rows(u)
             summary = np.array([0.5 * self.trace[-1], 1, 1])
@@ -140,9 +147,9 @@ class Objective:
         try:
             with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
                 result = optimize.least_squares(
-                    self.rows,
+                    lambda at: asked[0].rows(at),
                     u,
-                    self.slopes,  # type: ignore[arg-type]
+                    lambda at: asked[0].slopes(at),  # type: ignore[arg-type]
                     bounds=self.forward.bounds(),
                     x_scale="jac",
                     max_nfev=evaluations,
@@ -154,6 +161,8 @@ class Objective:
             best, cost, status = stopped.args
             summary = np.array([0.5 * cost, status, len(self.trace)])
             return {"u": best, "told": summary, "trace": np.array(self.trace)}, self.at(best)[0]
+        finally:
+            asked.clear()
         summary = np.array([result.cost, result.status, result.nfev])
         found = {"u": result.x, "told": summary, "trace": np.array(self.trace)}
         return found, self.at(result.x)[0]

@@ -92,7 +92,7 @@ class MotionPoint(Point):
                 driven = [finer(time, v[:, clip], run.fine, 1)[None] for v in path]
                 x0, v0, q0 = (v[number : number + 1] for v in begin)
                 directions = Directions(**rod, ends=driven[0], clamp=driven[1], x0=x0, v0=v0, q0=q0)
-                out += tangent(run.trajectory, directions)[0][0][:, :: run.fine]
+                out += tangent(run.trajectory, directions, run.fine)[0]
             return clip, out
 
         many = torch.get_num_threads()
