@@ -57,30 +57,21 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
     train, out = held_back(clips, len(o.frames), settings.holdout)
     train = train[: max(1, settings.most_frames * OF_MOTION // len(train[0]))]
     forward = _forward(o, span, terms, train)
-    # What a motion misses wanders for a swing or so: of its many samples, few are news.
-    noise, step = Noise(marker=LEAST_NOISE), float(np.median(np.diff(times_of(o))))
     context.progress(0.1, "least squares")
     _check(forward.at(forward.start()), train)
-    start = forward.start()
-    for seconds in HORIZONS:  # a rope far off swings out of step: first, as long as it is in step
-        few = [c[: max(SHORTEST, round(seconds / step))] for c in train]
-        short = _forward(o, span, terms, few)
-        near = fit(short, _within(span, noise, few), start, LOOK, tolerance=1e-3)
-        start = near.point.u
-        rms = float(np.sqrt((near.stations.residual**2).mean()))
-        noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
+    u, noise = _in_step(o, span, terms, train)
     context.progress(0.3, "least squares")
     problem = _within(span, noise, train)
-    found = fit(forward, problem, start, settings.evaluations, tolerance=1e-4)
+    u = fit(forward, problem, u, settings.evaluations, tolerance=1e-4).point.u
     context.progress(0.7, "error of the mesh")
-    forward = forward.corrected(found.point.u)
+    forward = forward.corrected(u)
     if finer_mesh_needed(forward, span.last - span.first):
         span = span_of(o, FINER_SEGMENTS)
         terms = terms_of(o, span, free)
         forward, problem = _forward(o, span, terms, train), _within(span, noise, train)
-        found = fit(forward, problem, found.point.u, settings.evaluations, tolerance=1e-4)
-        forward = forward.corrected(found.point.u)
-    found = fit(forward, problem, found.point.u, settings.evaluations, tolerance=1e-4)
+        u = fit(forward, problem, u, settings.evaluations, tolerance=1e-4).point.u
+        forward = forward.corrected(u)
+    found = fit(forward, problem, u, settings.evaluations, tolerance=1e-4)
     context.progress(0.8, "all clips")
     whole = _forward(o, span, terms, clips)
     point, first = whole.corrected(found.point.u).at(found.point.u), whole.at(forward.start())
@@ -98,6 +89,24 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> di
         "frames": o.frames,
         "models": {"nominal": model},
     }
+
+
+def _in_step(
+    o: Observations, span: Span, terms: list[Term], train: list[np.ndarray]
+) -> tuple[np.ndarray, Noise]:
+    """Return search variables (P,) to start from and the noise: a rope far off swings out of step,
+    so it is fitted first as long as it is in step."""
+    # What a motion misses wanders for a swing or so: of its many samples, few are news.
+    noise, step = Noise(marker=LEAST_NOISE), float(np.median(np.diff(times_of(o))))
+    u = _forward(o, span, terms, train).start()
+    for seconds in HORIZONS:
+        few = [c[: max(SHORTEST, round(seconds / step))] for c in train]
+        short = _forward(o, span, terms, few)
+        near = fit(short, _within(span, noise, few), u, LOOK, tolerance=1e-3)
+        u = near.point.u
+        rms = float(np.sqrt((near.stations.residual**2).mean()))
+        noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
+    return u, noise
 
 
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
