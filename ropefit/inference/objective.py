@@ -63,13 +63,13 @@ class Objective:
         self.trace: list[float] = []
         self.latest = np.empty(0)
         self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
-        self._slopes: tuple[bytes, np.ndarray] | None = None
+        self._slopes: np.ndarray | None = None  # of the last point
 
     def at(self, u: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
         """Return the point at u (P,), its stations, and the whitened residual (M D,)."""
         key = u.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = None  # a motion is large: one at a time
+            self._last = self._slopes = None  # a motion is large: one at a time
             point = self.known.at(u)
             bad = np.isnan(point.seen).any(axis=(1, 2)) & self.settled
             if not point.setup.possible:
@@ -85,8 +85,7 @@ class Objective:
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         """Return (M D, P) whitened derivatives of the prediction."""
         point, now, _ = self.at(u)
-        if self._slopes is None or self._slopes[0] != u.tobytes():
-            self._slopes = None
+        if self._slopes is None:
             rows = np.zeros((*self.stations.residual.shape, len(u)))
             here, there = shared(now, self.stations)
             place = np.full(len(now.frame), -1)
@@ -95,8 +94,8 @@ class Objective:
                 mine, few = now.among(frames)
                 kept = place[mine] >= 0
                 rows[place[mine][kept]] = few.project(dx)[kept]
-            self._slopes = u.tobytes(), self.whitener(rows)
-        return self._slopes[1]
+            self._slopes = self.whitener(rows)
+        return self._slopes
 
     def whole(self, u: np.ndarray) -> np.ndarray:
         """Return residual rows, those of the priors last."""
