@@ -9,6 +9,7 @@ comes a seal (seal.py), from which identity and hash are read. Nothing is ever p
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 from collections.abc import Iterator
@@ -112,7 +113,8 @@ def write(path: Path, artifact: Artifact) -> str:
 def _image(artifact: Artifact, digest: str) -> bytes:
     """Return the bytes of the file. HDF5 makes them in memory: on a full disk it may end the
     process."""
-    with h5py.File("image", "w", driver="core", backing_store=False, track_order=True) as file:
+    image = io.BytesIO()  # HDF5's own driver for memory makes a second copy
+    with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema_name"] = artifact.schema_name
         file.attrs["schema_version"] = artifact.schema_version
         file.attrs["content_sha256"] = digest
@@ -123,8 +125,7 @@ def _image(artifact: Artifact, digest: str) -> bytes:
                 leaf, data=_fixed(value), **_compression(artifact, value)
             )
             dataset.attrs.update(attributes)
-        file.flush()
-        return file.id.get_file_image()
+    return image.getvalue()
 
 
 def _group(file: h5py.File, path: str) -> h5py.Group:

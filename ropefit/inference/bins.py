@@ -164,12 +164,17 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
 def aligned(now: Stations, stations: Stations, values: np.ndarray) -> np.ndarray:
     """Return values (M', D, ...) of the stations of another match, for those of the first; else
     zero."""
-    many = int(max(now.bin.max(initial=0), stations.bin.max(initial=0))) + 1
-    key, wanted = now.frame * many + now.bin, stations.frame * many + stations.bin
-    out = np.zeros((len(wanted), *values.shape[1:]))
-    _, here, there = np.intersect1d(wanted, key, assume_unique=True, return_indices=True)
+    out = np.zeros((len(stations.frame), *values.shape[1:]))
+    here, there = shared(now, stations)
     out[here] = values[there]
     return out
+
+
+def shared(now: Stations, stations: Stations) -> tuple[np.ndarray, np.ndarray]:
+    """Return indices of the same stations among the second and the first of two matches."""
+    many = int(max(now.bin.max(initial=0), stations.bin.max(initial=0))) + 1
+    key, wanted = now.frame * many + now.bin, stations.frame * many + stations.bin
+    return np.intersect1d(wanted, key, assume_unique=True, return_indices=True)[1:]
 
 
 def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

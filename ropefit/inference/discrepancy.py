@@ -60,9 +60,9 @@ def orders(s: Stations, seen: np.ndarray) -> list[np.ndarray]:
     left, as poses at rest may be recorded in any order."""
     rows = np.unique(s.frame)
     shapes = np.nan_to_num(seen[rows]).reshape(len(rows), -1)
-    apart = np.linalg.norm(shapes[:, None] - shapes, axis=-1) if len(rows) < MOST_POSES else None
-    if apart is None:
+    if len(rows) >= MOST_POSES:
         return [rows]
+    apart = np.array([np.linalg.norm(shapes - one, axis=-1) for one in shapes])
     at = int(np.unravel_index(apart.argmax(), apart.shape)[0])  # from one of the outermost
     chain, left = [at], set(range(len(rows))) - {at}
     while left:

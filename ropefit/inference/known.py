@@ -35,9 +35,8 @@ class Known:
             self.done = None
         self.start, self.resumed = start, False
         self.count = {"square": 0, "slope": 0}
-        self.first = self._first()
 
-    def _first(self) -> Point:
+    def begin(self) -> Point:
         """Return the model where the fit begins."""
         if self.done:
             return self.forward.restored(self.start, within("first.", self.done))

@@ -21,6 +21,7 @@ RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white 
 POSITIONS = (0.0, 5e-5, 1e-4, 1.5e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)
 TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
 MISFIT = 1.25  # times the noise: more is what the model misses
+AT_ONCE = 8192  # rows that are whitened at once: their copies are small
 COST = 2.0  # nats that a further kind of noise must earn
 
 
@@ -86,9 +87,9 @@ class Noise:
 @dataclass
 class Whitener:
     """Cholesky factors (n, k, k) of the stations' covariance and their inverses, of all frames
-    with as many stations.
+    with as many stations, or of single stations where these are independent.
 
-    rows (n, k): of (M D,) values, for each of these frames.
+    rows (n, k): of (M D,) values, for each of these frames or stations.
     """
 
     rows: list[np.ndarray]
@@ -108,7 +109,10 @@ class Whitener:
         flat = values.reshape(values.shape[0] * values.shape[1], -1)
         out = np.empty_like(flat)
         for rows, inverse in zip(self.rows, self.inverses, strict=True):
-            out[rows] = inverse @ flat[rows]
+            few = max(1, AT_ONCE // rows.shape[1])
+            for k in range(0, len(rows), few):
+                part = rows[k : k + few]
+                out[part] = inverse[k : k + few] @ flat[part]
         return out[:, 0] if values.ndim == 2 else out
 
     def undo(self, z: np.ndarray) -> np.ndarray:
@@ -129,13 +133,16 @@ class Whitener:
 
 
 def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield of n frames with as many stations their rows (n, k) in (M D,), and the covariances
-    (n, k, k) [m²]."""
+    """Yield of n frames with as many stations, or of n independent stations, their rows (n, k) in
+    (M D,), and the covariances (n, k, k) [m²]."""
     dims = s.residual.shape[1]
     marker = np.full(len(s.frame), noise.repeats * noise.marker**2)
     if noise.unequal is not None:
         marker *= np.array(noise.unequal)[s.frame]
     white = s.white() + (FLOOR**2 + marker)[:, None, None] * np.eye(dims)
+    if not noise.coloured:
+        yield np.arange(white.shape[0] * dims).reshape(-1, dims), white
+        return
     ends = noise.ends.columns(s) if noise.ends is not None and any(noise.ends.sd) else None
     starts = np.flatnonzero(np.diff(s.frame, prepend=-1))
     counts = np.diff(starts, append=len(s.frame))

@@ -9,7 +9,7 @@ from scipy import optimize
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from ropefit.inference.bins import Stations, aligned
+from ropefit.inference.bins import Stations, aligned, shared
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Whitener
 from ropefit.inference.problem import FitProblem
@@ -44,7 +44,7 @@ class Objective:
         self.needed, self.count = needed, 0
         self.prior = forward.prior()
         self.held = np.isfinite(self.prior)
-        first = self.known.first
+        first = self.known.begin()
         self.settled = first.converged
         if not first.setup.possible:
             raise ArithmeticError("the start is a rope that no matter makes")
@@ -59,12 +59,13 @@ class Objective:
         self.trace: list[float] = []
         self.latest = np.empty(0)
         self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
-        self._slopes: tuple[Point, np.ndarray] | None = None
+        self._slopes: np.ndarray | None = None  # of the last point
 
     def at(self, u: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
         """Return the point at u (P,), its stations, and the whitened residual (M D,)."""
         key = u.tobytes()
         if self._last is None or self._last[0] != key:
+            self._last = self._slopes = None  # a motion is large: one at a time
             point = self.known.at(u)
             bad = np.isnan(point.seen).any(axis=(1, 2)) & self.settled
             if not point.setup.possible:
@@ -80,13 +81,17 @@ class Objective:
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         """Return (M D, P) whitened derivatives of the prediction."""
         point, now, _ = self.at(u)
-        if self._slopes is None or self._slopes[0] is not point:
-            rows = np.zeros((*now.residual.shape, len(u)))
+        if self._slopes is None:
+            rows = np.zeros((*self.stations.residual.shape, len(u)))
+            here, there = shared(now, self.stations)
+            place = np.full(len(now.frame), -1)
+            place[there] = here
             for frames, dx in point.parts(self.forward.changes(u)):
                 mine, few = now.among(frames)
-                rows[mine] = few.project(dx)
-            self._slopes = point, self.whitener(aligned(now, self.stations, rows))
-        return self._slopes[1]
+                kept = place[mine] >= 0
+                rows[place[mine][kept]] = few.project(dx)[kept]
+            self._slopes = self.whitener(rows)
+        return self._slopes
 
     def whole(self, u: np.ndarray) -> np.ndarray:
         """Return residual rows, those of the priors last."""
@@ -108,8 +113,9 @@ class Objective:
         """Return (P + 1, P) the derivatives of the rows, turned with them."""
 
         def turned() -> np.ndarray:
-            own = np.diag(1 / self.prior)[self.held]
-            return turned_jacobian(np.concatenate([-self.jacobian(u), own]), self.whole(u))
+            # Both with the other sign, which turns out the same and needs no copy.
+            own, z = -np.diag(1 / self.prior)[self.held], self.at(u)[2]
+            return turned_jacobian([(self.jacobian(u), -z), (own, -(u / self.prior)[self.held])])
 
         out = self.known.rows("slope", u, turned)
         self.count += 1
@@ -127,6 +133,8 @@ class Objective:
 
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
+        # Among scipy's closures are circles: what they hold stays until the collector comes.
+        asked = [self]
         if not u.size:  # nothing is free; not every scipy takes that
             self.rows(u)
             summary = np.array([0.5 * self.trace[-1], 1, 1])
@@ -134,9 +142,9 @@ class Objective:
         try:
             with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
                 result = optimize.least_squares(
-                    self.rows,
+                    lambda at: asked[0].rows(at),
                     u,
-                    self.slopes,  # type: ignore[arg-type]
+                    lambda at: asked[0].slopes(at),  # type: ignore[arg-type]
                     bounds=self.forward.bounds(),
                     x_scale="jac",
                     max_nfev=evaluations,
@@ -148,6 +156,8 @@ class Objective:
             best, cost, status = stopped.args
             summary = np.array([0.5 * cost, status, len(self.trace)])
             return {"u": best, "told": summary, "trace": np.array(self.trace)}, self.at(best)[0]
+        finally:
+            asked.clear()
         summary = np.array([result.cost, result.status, result.nfev])
         found = {"u": result.x, "told": summary, "trace": np.array(self.trace)}
         return found, self.at(result.x)[0]

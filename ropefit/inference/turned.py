@@ -8,6 +8,8 @@ Jacobian has P + 1 rows.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 AT_ONCE = 8192  # rows
@@ -18,14 +20,17 @@ def turned_residual(square: float, size: int) -> np.ndarray:
     return np.append(np.zeros(size), np.sqrt(square))
 
 
-def turned_jacobian(jacobian: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return (P + 1, P) the Jacobian (M, P) of a residual z (M,), turned with it."""
-    size = jacobian.shape[1] + 1
-    both = np.zeros((size, size))
-    for k in range(0, len(z), AT_ONCE):
-        few = slice(k, k + AT_ONCE)
-        rows = np.column_stack([jacobian[few], z[few]])
-        both = np.array(np.linalg.qr(np.concatenate([both, rows]), mode="r"))
+def turned_jacobian(parts: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Return (P + 1, P) the Jacobian of a residual, turned with it; both in parts (M, P), (M,)."""
+    both = np.empty(0)
+    for jacobian, z in parts:
+        size = jacobian.shape[1] + 1
+        both = both if both.size else np.zeros((size, size))
+        for k in range(0, len(z), AT_ONCE):
+            few = slice(k, k + AT_ONCE)
+            rows = np.column_stack([jacobian[few], z[few]])
+            both = np.array(np.linalg.qr(np.concatenate([both, rows]), mode="r"))
+    size = len(both)
     last = both[:, -1].copy()
     axis = np.append(np.zeros(size - 1), -np.copysign(np.linalg.norm(last), last[-1]))
     across = last - axis

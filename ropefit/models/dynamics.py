@@ -85,14 +85,14 @@ class MotionPoint(Point):
         def part(number: int) -> tuple[np.ndarray, np.ndarray]:
             clip, run = self.model.clips[number], self.runs[number]
             out = np.zeros((len(changes), len(clip), *self.seen.shape[1:]))
-            for moved, own in zip(out, sensor, strict=True):
-                moved += own[clip] if own.ndim == 3 else own
             if run.trajectory.converged[0]:
                 time = self.model.time[clip]
                 driven = [finer(time, v[:, clip], run.fine, 1)[None] for v in path]
                 x0, v0, q0 = (v[number : number + 1] for v in begin)
                 directions = Directions(**rod, ends=driven[0], clamp=driven[1], x0=x0, v0=v0, q0=q0)
-                out += tangent(run.trajectory, directions)[0][0][:, :: run.fine]
+                out = tangent(run.trajectory, directions, run.fine)[0]
+            for moved, own in zip(out, sensor, strict=True):
+                moved += own[clip] if own.ndim == 3 else own
             return clip, out
 
         many = torch.get_num_threads()
@@ -162,7 +162,12 @@ class Dynamics(Model):
         fine = replace(
             plain, base=base, every=mesh.FINER * self.every, finer=mesh.FINER * self.finer
         )
-        return replace(self, mesh_error=mesh.mesh_error(plain.at(u).seen, fine.at(u).seen))
+        error, many = np.zeros((len(self.time), self.base.segments + 1, 3)), torch.get_num_threads()
+        for k in range(0, len(self.clips), many):  # of all clips together it is large
+            few = self.clips[k : k + many]
+            coarse, finest = (replace(one, clips=few).at(u).seen for one in (plain, fine))
+            error += mesh.mesh_error(coarse, finest)
+        return replace(self, mesh_error=error)
 
     def kept(self, point: Point) -> Arrays:
         """Return nothing: a motion is simulated from its start again, and long."""

@@ -65,7 +65,7 @@ class FirstStates:
         v0 = (x1 - x0) / dt
         for step in self.steps:
             moved = Directions(**rod, ends=ends, clamp=clamp, x0=x0, v0=v0, q0=turn)
-            v0 = v0 + np.nan_to_num(x1 - tangent(step, moved)[0][:, :, 1]) / dt
+            v0 = v0 + np.nan_to_num(x1 - tangent(step, moved)[:, :, 1]) / dt
         return x0, v0, turn
 
 

@@ -114,9 +114,8 @@ def _dynamics() -> list[Call]:
     change = moving.Change(**zeros(MOVING_ROD, (1, 1), n), **of_clips)
     out = moving.Change(**zeros((*MOVING_ROD, *moving.CLIP), (0,), n, T=t))
     iterations, dx = np.zeros((0, t), np.int64), np.zeros((0, 1, t, n + 1, 3))
-    turn = np.zeros((0, 1, t, n, 3))
     return [
-        (dynamics.tangent_clips, (*problem, x, q, force, change, dx, turn)),
+        (dynamics.tangent_clips, (*problem, x, q, force, change, 1, dx)),
         (dynamics.adjoint_clips, (*problem, x, q, force, x, force, out)),
         (dynamics.simulate_clips, (*problem, 50, x, q, force, iterations, whole, whole)),
     ]

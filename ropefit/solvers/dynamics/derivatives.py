@@ -114,9 +114,9 @@ class Directions(NamedTuple):
     q0: np.ndarray | None = None
 
 
-def tangent(trajectory: Trajectory, directions: Directions) -> tuple[np.ndarray, np.ndarray]:
-    """Return forward derivatives of a converged trajectory: dx (C, P, T, N+1, 3) [m] and turns
-    (C, P, T, N, 3) [rad] of the frames about their own directors, per unit step."""
+def tangent(trajectory: Trajectory, directions: Directions, every: int = 1) -> np.ndarray:
+    """Return forward derivatives of a converged trajectory, dx (C, P, T', N+1, 3) [m] per unit
+    step, at every `every`-th of its T times from the first on."""
     problem = trajectory.problem
     clips, steps, n = trajectory.q.shape[:3]
     ropes = len(problem.rods.length)
@@ -126,9 +126,9 @@ def tangent(trajectory: Trajectory, directions: Directions) -> tuple[np.ndarray,
         given, rows = getattr(directions, name), ropes if name in OF_ROD else clips
         wide = np.broadcast_to(0.0 if given is None else given, (rows, many, *shape))
         change[name] = np.array(wide, dtype=np.float64)
-    dx, turn = np.zeros((clips, many, steps, n + 1, 3)), np.zeros((clips, many, steps, n, 3))
+    dx = np.zeros((clips, many, (steps - 1) // every + 1, n + 1, 3))
     tangent_clips(
         *problem, trajectory.v0, trajectory.x, trajectory.q, np.nan_to_num(trajectory.force),
-        Change(**change), dx, turn,
+        Change(**change), every, dx,
     )  # fmt: skip
-    return dx, turn
+    return dx

@@ -32,14 +32,14 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
             )  # fmt: skip
 
     @kernel
-    def tangent_clips(rods, of, drives, v0, xs, qs, forces, change, dx, turn):
-        """Find forward derivatives in P directions: `Change` of R ropes and C clips, (R, P, ...)
-        and (C, P, ...)."""
+    def tangent_clips(rods, of, drives, v0, xs, qs, forces, change, every, dx):
+        """Find forward derivatives in P directions, dx (C, P, T', N+1, 3) at every `every`-th time:
+        `Change` of R ropes and C clips, (R, P, ...) and (C, P, ...)."""
         assert sources != 0
         for k in range(qs.shape[0]):
             tangent_clip(
                 rod_of(rods, of[k]), drive_of(drives, k), v0[k], xs[k], qs[k], forces[k],
-                change_of(change, k, of[k]), dx[k], turn[k],
+                change_of(change, k, of[k]), every, dx[k],
             )  # fmt: skip
 
     @kernel

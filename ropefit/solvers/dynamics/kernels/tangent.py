@@ -19,21 +19,23 @@ from ropefit.solvers.dynamics.kernels.rates import (
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import set_cross
-from ropefit.solvers.kernels.jit import inlined, maker
+from ropefit.solvers.kernels.jit import copy_rows, inlined, maker
 from ropefit.solvers.kernels.rotations import rotation
 
 
 @maker
-def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
-    """Write the derivatives of one clip: dx (P, T, N+1, 3), turn (P, T, N, 3).
+def tangent_clip(rod, drive, v0, xs, qs, forces, d, every, out):
+    """Write the derivatives of the nodes of one clip, out (P, T', N+1, 3), at every `every`-th of
+    its T times.
 
     d: a `Change` with P in front.
     """
-    steps, n, many = qs.shape[0], qs.shape[1], dx.shape[0]
+    steps, n, many = qs.shape[0], qs.shape[1], out.shape[0]
     w, half = make_work(n), np.zeros((6, 6))
     v, p, strain = histories(rod, drive, xs, qs, v0, half[:3, :3])
-    dv, dp = np.zeros((many, 3, n + 1, 3)), np.zeros((many, 3, n + 1, 3))
-    ds = np.zeros((many, 3, n, 3))
+    dx, dv = np.zeros((many, 3, n + 1, 3)), np.zeros((many, 3, n + 1, 3))
+    dp, ds = np.zeros((many, 3, n + 1, 3)), np.zeros((many, 3, n, 3))
+    turn = np.zeros((n, 3))
     block, vector = np.zeros((3, 3)), np.empty(3)
     old_x, old_v, old_p = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
     old_s, dy, b = np.zeros((n, 3)), np.zeros((n + 1, 3)), np.zeros((n, 6))
@@ -45,9 +47,11 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
         now, one, two = t % 3, (t - 1) % 3, (t - 2) % 3
         for s in range(many):
             if t == 0:
-                dx[s, 0], dv[s, 0], turn[s, 0] = d.x0[s], d.v0[s], d.q0[s]
+                copy_rows(d.x0[s], dx[s, 0])
+                copy_rows(d.v0[s], dv[s, 0])
+                copy_rows(d.q0[s], turn)
             else:
-                set_nodes_past(w.rate, dx[s, t - 1], dx[s, max(t - 2, 0)], old_x)
+                set_nodes_past(w.rate, dx[s, one], dx[s, two], old_x)
                 set_nodes_past(w.rate, dv[s, one], dv[s, two], old_v)
                 set_past(c1, c2, dp[s, one], dp[s, two], old_p)
                 set_past(c1, c2, ds[s, one], ds[s, two], old_s)
@@ -57,12 +61,14 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, dx, turn):
                 _change_segments(rod, d, s, c0, old_s, dy, b, vector, w)
                 _change_bends(rod, d, s, t, c0, old_p, b, vector, block, w)
                 solve_system(w, b, half[0])
-                _respond(b, dy, turn[s, t], dx[s, t], w)
+                _respond(b, dy, turn, dx[s, now], w)
                 for k in range(n + 1):
                     for a in range(3):
-                        dv[s, now, k, a] = w.rate[k, 0] * dx[s, t, k, a] + old_x[k, a]
-            _change_darboux(rod, d, s, t, p[t], turn[s, t], dp[s, now])
-            _change_strains(rod, d, s, qs[t], strain[t], turn[s, t], dx[s, t], block, ds[s, now])
+                        dv[s, now, k, a] = w.rate[k, 0] * dx[s, now, k, a] + old_x[k, a]
+            _change_darboux(rod, d, s, t, p[t], turn, dp[s, now])
+            _change_strains(rod, d, s, qs[t], strain[t], turn, dx[s, now], block, ds[s, now])
+            if t % every == 0:
+                copy_rows(dx[s, now], out[s, t // every])
 
 
 @inlined
