@@ -19,15 +19,23 @@ from ropefit.importers import About
 from ropefit.recordings import open_recording
 from ropefit.stages.importing import import_recording, list_source
 from tests import sources
+from tests.test_mocap_exports import motive, qualisys
 
 ROS = {"clouds": "/points", "frame": "world", "end0": "tf:gripper", "end1": "/far", "axis1": "+x"}
 IMAGES = {"color": "/color", "depth": "/depth", "info": "/info", "frame": "world"}
 TUM = {"intrinsics": "200,200,80,60"}
+LEROBOT = {"frames": "4", "fov": "60", "end0": "observation.state:1,2,3"}
 Case = tuple[Callable[[Path], Path], str, str, dict[str, str]]
 
 
 def _in(name: str, make: Callable[[Path], Path]) -> Callable[[Path], Path]:
     return lambda directory: make(directory / name)
+
+
+def lerobot(folder: Path) -> Path:
+    from tests.test_lerobot import written  # skips where its libraries are missing
+
+    return written(folder, 3)
 
 
 # How to make a source, its format, which of its files is spoiled (glob), the options.
@@ -42,9 +50,15 @@ CASES: dict[str, Case] = {
     "tum depth": (_in("t", sources.tum), "tum", "t/depth/*1*.png", TUM),
     "c3d": (_in("a.c3d", sources.c3d), "c3d", "a.c3d", {}),
     "csv": (_in("a.csv", sources.wide_csv), "mocap", "a.csv", {}),
+    "motive": (_in("t.csv", motive), "mocap", "t.csv", {}),
+    "qualisys": (_in("t.tsv", lambda p: qualisys(p, True)), "mocap", "t.tsv", {}),
+    "lerobot info": (_in("l", lerobot), "lerobot", "l/meta/info.json", LEROBOT),
+    "lerobot episodes": (_in("l", lerobot), "lerobot", "l/meta/episodes/*/*.parquet", LEROBOT),
+    "lerobot table": (_in("l", lerobot), "lerobot", "l/data/*/*.parquet", LEROBOT),
+    "lerobot film": (_in("l", lerobot), "lerobot", "l/videos/*/*/*.mp4", LEROBOT),
     "clouds": (_in("c", sources.cloud_folder), "clouds", "c/scan_9.ply", {}),
 }
-SLOW = ("c3d", "ros2 metadata")  # a process each; YAML in pure Python
+SLOW = ("c3d", "ros2 metadata", "lerobot film")  # a process each; YAML in pure Python; films
 
 
 def few(name: str) -> settings:
@@ -134,7 +148,9 @@ def test_mutated_bytes(name: str) -> None:
     check()
 
 
-@pytest.mark.parametrize("name", ["tum list", "tum poses", "csv", "ros2 metadata"])
+@pytest.mark.parametrize(
+    "name", ["tum list", "tum poses", "csv", "motive", "lerobot info", "ros2 metadata"]
+)
 def test_mutated_words(name: str) -> None:
     tokens = ["nan", "inf", "-1e400", "", "..", "\0", "9" * 400, "[" * 2000, "x", "/", "\n", ","]
 

@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import ROOT
 from tests.factories import marker_recording
 
-HEAVY = ("torch", "numba", "open3d", "scipy", "cv2", "skimage", "joblib", "rosbags")
+HEAVY = ("torch", "numba", "open3d", "scipy", "cv2", "skimage", "joblib", "rosbags", "pandas")
 # Of pictures, clouds, figures and batches: no work on markers loads them.
 OF_OTHERS = (
     "open3d", "cv2", "skimage", "joblib", "rosbags", "matplotlib", "sympy", "pandas", "plotly",

@@ -142,7 +142,7 @@ def test_up_can_be_said(tmp_path: Path) -> None:
     [
         ("Millimeters", "Furlongs", "no unit known"),
         ("rope:m3", "rope:m2", "occurs twice"),
-        ("0.010000,1,9", "0.010000,what,9", "'what' among the numbers"),
+        ("0.010000,1,9", "0.010000,what,9", "column W: 'what' is not a number"),
         (",Marker", ",Bone", "no marker"),
     ],
 )
@@ -151,3 +151,35 @@ def test_exports_that_are_not_whole(old: str, new: str, words: str, tmp_path: Pa
     source.write_text(source.read_text().replace(old, new))
     with pytest.raises(BadInput, match=words):
         brought(source, "mocap")
+
+
+def test_rows_that_are_short_or_empty_are_markers_not_seen(tmp_path: Path) -> None:
+    source = two_rows(tmp_path / "take.csv")
+    rows = source.read_text().splitlines()
+    rows[3] = ",".join(rows[3].split(",")[:8])  # m3 and m4 are cut off
+    rows[4] = rows[4].rsplit(",", 3)[0] + ",NaN,null,"
+    source.write_text("\n".join([*rows[:3], *rows[3:], "", "," * 13]) + "\n")
+    recording = brought(source, "mocap")
+    assert len(recording.frames) == FRAMES
+    seen = [np.isfinite(recording.source.sight(f).points).all(axis=1) for f in range(FRAMES)]
+    assert seen[1].tolist() == [True, True, False, False]
+    assert seen[2].tolist() == [True, True, True, False]
+    assert seen[4].all()
+
+
+@pytest.mark.parametrize("at", [3, 60])
+def test_rows_that_are_too_long(at: int, tmp_path: Path) -> None:
+    source = two_rows(tmp_path / "take.csv")
+    rows = source.read_text().splitlines()
+    rows += [rows[-1]] * 60
+    source.write_text("\n".join([*rows[:at], rows[at] + ",1.0,2.0", *rows[at + 1 :]]))
+    with pytest.raises(BadInput, match=r"take\.csv: (a row has|.*saw) 16"):
+        brought(source, "mocap")
+
+
+def test_a_long_header_with_empty_lines_and_quotes(tmp_path: Path) -> None:
+    source = motive(tmp_path / "take.csv")
+    first, rest = source.read_text().split("\n", 1)
+    source.write_text(first + ',Note,"two\nlines, one cell"\n\n\n\n' + rest)
+    points_seen = brought(source, "mocap").source.sight(2).points
+    np.testing.assert_allclose(points_seen, points(2), atol=2e-6)

@@ -19,6 +19,7 @@ from ropefit.importers.video import FilmOptions, film
 from ropefit.recordings.manifest import inside
 
 LARGEST_INFO = 10_000_000  # bytes
+WHAT = "a LeRobot data set"
 EARLY = 1e-3  # s: rounding of times in a film
 
 
@@ -49,33 +50,38 @@ class Lerobot(Importer):
 
     def contents(self, source: Path) -> list[Entry]:
         info = _info(source)
-        found = [Entry("episodes", "recordings", int(info.get("total_episodes", 0)))]
-        for name, feature in info["features"].items():
-            kind = "film" if feature.get("dtype") == "video" else str(feature.get("dtype"))
-            names = _names(feature)
-            found.append(
-                Entry(name + (f" ({', '.join(names)})" if names else ""), kind, len(names))
-            )
-        return found
+        with readable(source, WHAT):
+            found = [Entry("episodes", "recordings", int(info.get("total_episodes", 0)))]
+            for name, feature in info["features"].items():
+                kind = "film" if feature.get("dtype") == "video" else str(feature.get("dtype"))
+                names = _names(feature)
+                label = name + (f" ({', '.join(names)})" if names else "")
+                found.append(Entry(label, kind, len(names)))
+            return found
 
     def read(self, source: Path, options: LerobotOptions, draft: Draft) -> None:
         info = _info(source)
-        table = _table(source, info, options.episode)
-        of = _film(source, info, options.episode, _camera(source, info, options.camera))
-        rate = float(info.get("fps") or 0)
-        if not 0 < rate < np.inf:
-            raise BadInput(f"{source}: meta/info.json has no frame rate (fps)")
-        first = round(of.start * rate)
-        count = len(table["episode_index"])
-        last = min(first + count, round((of.stop + EARLY) * rate)) if of.stop < np.inf else count
-        taken = film(of.path, options, draft, range(first, last))
-        for end, where in enumerate((options.end0, options.end1)):
-            if where is not None:
-                places = _columns(table, where)
-                for frame in taken:
-                    draft.end(frame, frame / rate, end, places[frame], None)
-        if options.end0 is None or options.end1 is None:
-            draft.note("ends without --set end0= and end1= (columns of x,y,z in metres) are free")
+        with readable(source, WHAT):
+            _read(source, info, options, draft)
+
+
+def _read(source: Path, info: dict[str, Any], options: LerobotOptions, draft: Draft) -> None:
+    table = _table(source, info, options.episode)
+    of = _film(source, info, options.episode, _camera(source, info, options.camera))
+    rate = float(info.get("fps") or 0)
+    if not 0 < rate < np.inf:
+        raise BadInput(f"{source}: meta/info.json has no frame rate (fps)")
+    first = round(of.start * rate)
+    count = len(table["episode_index"])
+    last = min(first + count, round((of.stop + EARLY) * rate)) if of.stop < np.inf else count
+    taken = film(of.path, options, draft, range(first, last))
+    for end, where in enumerate((options.end0, options.end1)):
+        if where is not None:
+            places = _columns(table, where)
+            for frame in taken:
+                draft.end(frame, frame / rate, end, places[frame], None)
+    if options.end0 is None or options.end1 is None:
+        draft.note("ends without --set end0= and end1= (columns of x,y,z in metres) are free")
 
 
 def _info(source: Path) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import warnings
 import zipfile
@@ -16,6 +15,7 @@ from ropefit.importers.base import Entry, Importer, Options, exists, readable
 from ropefit.importers.draft import Draft
 from ropefit.importers.markers import MarkerOptions, deliver
 from ropefit.importers.mocap_exports import Capture, exported
+from ropefit.importers.tables import Table
 
 MAX_BYTES = 2 << 30
 TIMES = ("time", "time (seconds)", "timestamp", "t")
@@ -73,22 +73,15 @@ def _npz(source: Path) -> Capture:
 
 
 def _csv(source: Path) -> Capture:
-    with source.open(newline="", encoding="utf-8-sig") as file:
-        sample = file.read(4096)
-        file.seek(0)
-        rows = [row for row in csv.reader(file, delimiter=_delimiter(sample)) if any(row)]
-    if len(rows) < 2:
-        raise BadInput(f"{source}: has no rows")
-    capture = exported(source, rows)
+    read = Table.of(source)
+    capture = exported(read)
     if capture is not None:
         return capture
-    header = [cell.strip() for cell in rows[0]]
+    header = read.rows[0]
     low = [cell.lower() for cell in header]
     if len(set(header)) < len(header):
         raise BadInput(f"{source}: the header names a column twice")
-    table = np.array(
-        [_numbers(source, number, row, header) for number, row in enumerate(rows[1:], 2)]
-    )
+    table = read.numbers(1, len(header))
     clock = next((table[:, low.index(name)] for name in TIMES if name in low), None)
     if {"marker", "x", "y", "z"} <= set(low):
         return _long(source, low, table, clock)
@@ -144,20 +137,3 @@ def _clock(
     if time.shape != (count,) or time.dtype.kind not in "fiu":
         raise BadInput(f"{source}: time has shape {time.shape}, not ({count},)")
     return time.astype(float)
-
-
-def _delimiter(sample: str) -> str:
-    line = sample.splitlines()[0] if sample.splitlines() else ""
-    return max(",;\t", key=line.count)
-
-
-def _numbers(source: Path, line: int, row: list[str], header: list[str]) -> list[float]:
-    if len(row) != len(header):
-        raise BadInput(f"{source}: line {line} has {len(row)} cells, the header {len(header)}")
-    values = []
-    for name, cell in zip(header, row, strict=True):
-        try:
-            values.append(float(cell) if cell.strip() else float("nan"))
-        except ValueError:
-            raise BadInput(f"{source}: line {line}, column {name}: {cell[:40]!r} is not a number")
-    return values

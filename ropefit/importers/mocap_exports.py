@@ -4,12 +4,12 @@ before the numbers, Motive's with Y up, Qualisys' in millimetres."""
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ropefit.errors import BadInput
+from ropefit.importers.tables import Table
 
 UNITS = {
     "m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001,
@@ -17,7 +17,6 @@ UNITS = {
 }  # fmt: skip
 AXIS = re.compile(r"([xyz])(?: ?[\[(](m|cm|mm)[\])])?", re.IGNORECASE)
 MOTIVE_MARKERS = {"", "marker"}  # types of columns; others are rigid bodies and bones
-LONGEST_HEADER = 40  # rows
 
 
 class Capture(NamedTuple):
@@ -33,24 +32,23 @@ class Capture(NamedTuple):
     up: str = "z"
 
 
-def exported(source: Path, rows: list[list[str]]) -> Capture | None:
+def exported(table: Table) -> Capture | None:
     """Return the markers of an export with a header of several rows; None where it is none.
 
     Raises BadInput where it is one but not whole.
     """
-    rows = [[cell.strip() for cell in row] for row in rows]
-    keys = {row[0].upper(): row[1:] for row in rows[:LONGEST_HEADER] if row}
+    keys = {row[0].upper(): row[1:] for row in table.rows}
     if "MARKER_NAMES" in keys:
-        return _qualisys(source, rows, keys)
-    for number, row in enumerate(rows[1:LONGEST_HEADER], 1):
-        columns = [c for c, cell in enumerate(row) if AXIS.fullmatch(cell)]
-        if len(columns) >= 3:
-            return _axes_below_names(source, rows, number)
+        return _qualisys(table, keys)
+    for number, row in enumerate(table.rows[1:], 1):
+        if sum(bool(AXIS.fullmatch(cell)) for cell in row) >= 3:
+            return _axes_below_names(table, number)
     return None
 
 
-def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
+def _axes_below_names(export: Table, at: int) -> Capture:
     """Return markers whose names stand in a row above X, Y, Z in row `at` (Motive, Vicon, ...)."""
+    source, rows = export.source, export.rows
     axes, above = rows[at], rows[:at]
     motive = bool(rows[0]) and rows[0][0].lower() == "format version"
     header = dict(zip(rows[0][::2], rows[0][1::2], strict=False)) if motive else {}
@@ -85,7 +83,7 @@ def _axes_below_names(source: Path, rows: list[list[str]], at: int) -> Capture:
     whole = {key: axes for key, axes in found.items() if len(axes) == 3}
     if not whole:
         raise BadInput(f"{source}: a header of several rows, but no marker with X, Y and Z in it")
-    data = _numbers(source, rows, at + 1, len(axes))
+    data = export.numbers(at + 1, len(axes))
     positions = np.stack([data[:, [a["x"], a["y"], a["z"]]] for a in whole.values()], axis=1)
     unit = header.get("Length Units", next(iter(units), "m")).lower()
     if unit not in UNITS:
@@ -108,13 +106,14 @@ def _clock(above: list[list[str]], axes: list[str], data: np.ndarray) -> np.ndar
     return None
 
 
-def _qualisys(source: Path, rows: list[list[str]], keys: dict[str, list[str]]) -> Capture:
+def _qualisys(export: Table, keys: dict[str, list[str]]) -> Capture:
     """Return the markers of a Qualisys TSV: keys, names, then numbers; 0, 0, 0 is not seen."""
+    rows = export.rows
     names = [name for name in keys["MARKER_NAMES"] if name]
     start = next((n for n, row in enumerate(rows) if _is_number(row[0])), len(rows))
     before = [cell.lower() for cell in rows[start - 1][:2]] if start else []
     lead = sum(cell in ("frame", "time") for cell in before)
-    data = _numbers(source, rows, start, lead + 3 * len(names))
+    data = export.numbers(start, lead + 3 * len(names))
     positions = data[:, lead:].reshape(len(data), len(names), 3)
     positions[(positions == 0).all(axis=2)] = np.nan
     time = None
@@ -123,23 +122,6 @@ def _qualisys(source: Path, rows: list[list[str]], keys: dict[str, list[str]]) -
     elif keys.get("FREQUENCY") and _is_number(keys["FREQUENCY"][0]):
         time = np.arange(len(data)) / float(keys["FREQUENCY"][0])
     return Capture(names, time, positions, 0.001)
-
-
-def _numbers(source: Path, rows: list[list[str]], start: int, width: int) -> np.ndarray:
-    """Return (F, width) numbers of the rows from `start` on, NaN for empty cells."""
-    table = []
-    for row in rows[start:]:
-        cells = row[:width] + [""] * (width - len(row))
-        if any(row[width:]):
-            raise BadInput(f"{source}: a row has {len(row)} cells, its header {width}")
-        try:
-            table.append([float(c) if c and c.lower() != "null" else np.nan for c in cells])
-        except ValueError:
-            bad = next(c for c in cells if c and not _is_number(c))
-            raise BadInput(f"{source}: {bad[:40]!r} among the numbers is no number")
-    if not table:
-        raise BadInput(f"{source}: a header, but no numbers below it")
-    return np.array(table)
 
 
 def _is_number(cell: str) -> bool:

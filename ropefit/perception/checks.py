@@ -71,23 +71,15 @@ def long_chords(
     ]
 
 
-def jumped(frames: list[int], positions: np.ndarray, masked: np.ndarray) -> list[str]:
-    """Return a warning on each marker of (F, M, 3) [m] that has masked points (F, M)."""
+def jumped(frames: list[int], sizes: np.ndarray) -> list[str]:
+    """Return a warning on each marker that is masked where it jumps by sizes (F, M) [m]."""
     found = []
-    for marker in np.flatnonzero(masked.any(axis=0)):
-        rows = np.flatnonzero(masked[:, marker])
-        size = np.zeros(len(rows))
-        for k, row in enumerate(rows):
-            seen = np.flatnonzero(
-                np.isfinite(positions[:, marker]).all(axis=1) & ~masked[:, marker]
-            )
-            if seen.size:
-                near = seen[np.argmin(np.abs(seen - row))]
-                size[k] = np.linalg.norm(positions[row, marker] - positions[near, marker])
-        worst = int(np.argmax(size))
+    for marker in np.flatnonzero(sizes.any(axis=0)):
+        worst = int(np.argmax(sizes[:, marker]))
         found.append(
-            f"frame {frames[rows[worst]]}: marker {marker} jumps by {size[worst] * 1e3:.0f} mm: "
-            f"masked in {_frames(len(rows))}; it is not used there, and nothing else is changed"
+            f"frame {frames[worst]}: marker {marker} jumps by {sizes[worst, marker] * 1e3:.0f} mm: "
+            f"masked in {_frames(int((sizes[:, marker] > 0).sum()))}; it is not used there, and "
+            "nothing else is changed"
         )
     return found
 

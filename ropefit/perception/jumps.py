@@ -1,32 +1,31 @@
-"""Markers that jump from frame to frame: a wrong label, a reflection. Such points are masked."""
+"""Markers that jump: a wrong label, a reflection. Such points are masked."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ropefit.gaps import unbroken
+from ropefit.perception.out_of_line import JUMP, out_of_line
 
-JUMP = 0.03  # m that a marker moves against its neighbours from frame to frame
 MOST = 0.75  # of all steps are smaller than a jump, where frames are dense enough to tell one
 
 
 def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
-    """Return (F, M) bool: points of markers (F, M, 3) [m], NaN where unseen, that jump.
+    """Return (F, M) sizes [m] of jumps of markers (F, M, 3) [m], NaN where unseen; 0 of no jump.
 
     time (F,) [s], if frames have times: nothing jumps across a gap between two clips.
 
     A point is compared with where its marker was last seen, carried on as its neighbours along the
-    rope moved since. Frames too far apart for that (poses one after the other) have no jumps. Of
-    both directions of time, that which masks fewer points of a marker in a clip counts: the first
-    frame may be the wrong one.
+    rope moved since. Of both directions of time, that which masks fewer points of a marker in a
+    clip counts: the first frame may be the wrong one. In frames too far apart for that (poses one
+    after the other) it is compared with its neighbours along the rope (`out_of_line`).
     """
-    steps = np.diff(positions, axis=0)
-    if len(steps) < 2 or positions.shape[1] < 3:
-        return np.zeros(positions.shape[:2], bool)
-    size = np.linalg.norm(steps, axis=2)
+    size = np.linalg.norm(np.diff(positions, axis=0), axis=2)
     size = size[np.isfinite(size)]
-    if not size.size or np.quantile(size, MOST) > JUMP:
-        return np.zeros(positions.shape[:2], bool)
+    if len(positions) < 3 or not size.size or np.quantile(size, MOST) > JUMP:
+        return out_of_line(positions)
+    if positions.shape[1] < 3:
+        return np.zeros(positions.shape[:2])
     parts = [np.arange(len(positions))]
     if time is not None and np.isfinite(time).all():
         parts = unbroken(time)
@@ -34,10 +33,20 @@ def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
 
 
 def _either_way(positions: np.ndarray) -> np.ndarray:
-    """Return (F, M) bool: points that jump in one clip, by that direction of time."""
+    """Return (F, M) sizes [m] of jumps in one clip, by that direction of time."""
     forward = _followed(positions)
     backward = _followed(positions[::-1])[::-1]
-    return np.where(forward.sum(axis=0) <= backward.sum(axis=0), forward, backward)
+    jumped = np.where(forward.sum(axis=0) <= backward.sum(axis=0), forward, backward)
+    good = np.isfinite(positions).all(axis=2) & ~jumped
+    sizes = np.zeros(jumped.shape)
+    for t, marker in np.argwhere(jumped):
+        rows = np.flatnonzero(good[:, marker])
+        if rows.size:
+            near = rows[np.argmin(np.abs(rows - t))]
+            sizes[t, marker] = np.linalg.norm(positions[t, marker] - positions[near, marker])
+        else:
+            sizes[t, marker] = JUMP
+    return sizes
 
 
 def _followed(positions: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from ropefit.perception.cloud import trace_cloud
 from ropefit.perception.grips import Grips
 from ropefit.perception.jumps import jumps
 from ropefit.perception.learning import Picture, best_looks
+from ropefit.perception.lost_frames import lost_frames
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
 from ropefit.perception.segment import LARGE, Looked, Segmentation
 from ropefit.perception.trace import FrameRejected, Trace
@@ -244,9 +245,12 @@ class Tracer:
         frames = self.recording.frames
         points = [self.recording.source.sight(frame) for frame in frames]
         positions = np.stack([sight.points for sight in points])  # type: ignore[arg-type]
-        masked = jumps(positions, self.recording.times(frames))
+        time = self.recording.times(frames)
+        self.warnings += lost_frames(frames, positions, time)
+        sizes = jumps(positions, time)
+        masked = sizes > 0
         self.jumped = dict(zip(frames, masked, strict=True))
-        self.warnings += checks.jumped(frames, positions, masked)
+        self.warnings += checks.jumped(frames, sizes)
         positions[masked] = np.nan
         ends, _ = self._all_ends()
         ends = ends if self.grips is None else self.grips.at_ends(ends)
