@@ -1,7 +1,7 @@
 """Blind benchmark of `ropefit diagnose` on recordings with concealed effects.
 
-    python -m benchmarks.discovery [--cases small|standard|full] [--only PATTERN] [--shard I/N]
-                                   [--out DIR] [--json FILE] [--write docs/results.md]
+    python -m benchmarks.discovery [--cases small|standard|blind|full] [--only PATTERN]
+                                   [--shard I/N] [--out DIR] [--json FILE] [--write FILE]
 
 `--only` takes the cases whose whole names match a regular expression, such as 'clean-.*'. Cases
 with an answer are kept in DIR and not run again; shards share DIR. `--make` only makes the
@@ -23,12 +23,14 @@ from benchmarks.discovery.run import diagnose, identified, kept, read_json
 from benchmarks.discovery.score import judged, rows
 from benchmarks.document import parser, publish
 
+SIZES = ["small", "standard", "blind", "full"]
+
 
 def main() -> None:
     """Make, run, score, print."""
     arguments = parser(__doc__)
     root = Path(__file__).parents[2]
-    arguments.add_argument("--cases", choices=["small", "standard", "full"], default="standard")
+    arguments.add_argument("--cases", choices=SIZES, default="standard")
     arguments.add_argument("--only", default=".*", metavar="PATTERN", help="whole names of cases")
     arguments.add_argument("--shard", default="1/1", help="I/N: every N-th case from the I-th")
     arguments.add_argument("--out", type=Path, default=Path("discovery"), help="results' folder")

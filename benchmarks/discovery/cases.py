@@ -28,6 +28,7 @@ IN_MUJOCO = (
 )  # fmt: skip
 COARSE_NODES = (8, 10, 12, 14)
 ATTEMPTS = 4
+MANY_CLEAN = 300  # of the blind set: three false alarms are 1 %
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,8 @@ class Case:
 
 
 def listed(size: str, seed: int = 5) -> list[Case]:
-    """Return the cases of a set: small, standard or full."""
+    """Return the cases of a set: small, standard, blind (standard with 300 clean ones) or full."""
+    many, size = size == "blind", "standard" if size == "blind" else size
     rng = np.random.default_rng(seed)
     cases: list[Case] = []
 
@@ -111,6 +113,8 @@ def listed(size: str, seed: int = 5) -> list[Case]:
             add("single", i + 2 * k, (name,), score, filmed=True, nominal=known)
     for i in range({"small": 0, "standard": 2}.get(size, 4)):
         add("pair", 2 * i, ("support_plane", "contact_friction"), dragged=True)
+    for i in range(clean, MANY_CLEAN if many else clean):
+        add("clean", i)
     return cases
 
 
