@@ -64,7 +64,7 @@ class Lerobot(Importer):
         of = _film(source, info, options.episode, _camera(source, info, options.camera))
         rate = float(info.get("fps") or 0)
         if not 0 < rate < np.inf:
-            raise BadInput(f"{source}: meta/info.json has no frame rate (fps)")
+            raise BadInput(f"{source}: meta/info.json tells no frames a second (fps)")
         first = round(of.start * rate)
         count = len(table["episode_index"])
         last = min(first + count, round((of.stop + EARLY) * rate)) if of.stop < np.inf else count
@@ -155,7 +155,7 @@ def _episode(source: Path, episode: int) -> dict[str, Any]:
             return {
                 name: column[mine[0]].item() for name, column in table.items() if column.ndim == 1
             }
-    raise BadInput(f"{source}: meta/episodes lists no episode {episode}")
+    raise BadInput(f"{source}: meta/episodes tells of no episode {episode}")
 
 
 def _parquet(path: Path) -> dict[str, np.ndarray]:
