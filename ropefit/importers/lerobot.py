@@ -161,7 +161,7 @@ def _episode(source: Path, episode: int) -> dict[str, Any]:
             return {
                 name: column[mine[0]].item() for name, column in table.items() if column.ndim == 1
             }
-    raise BadInput(f"{source}: meta/episodes lists no episode {episode}")
+    raise BadInput(f"{source}: meta/episodes tells of no episode {episode}")
 
 
 def _parquet(path: Path) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from ropefit.artifacts.causes import Size
 
-SMALLEST_PLAIN, LARGEST_PLAIN = 1e-3, 1e5  # numbers that are written without a power of ten
+LEAST, MOST = 1e-3, 1e5  # numbers that are written without a power of ten
 NEAR = 2  # powers of ten that numbers which are compared may lie apart to share one
 
 
@@ -26,7 +26,7 @@ def number(value: float | None, digits: int = 3, power: int | None = None) -> st
         return "0"
     exponent = int(f"{value:.{digits - 1}e}".split("e")[1])
     if power is None:
-        power = 0 if SMALLEST_PLAIN <= abs(value) < LARGEST_PLAIN else exponent
+        power = 0 if LEAST <= abs(value) < MOST else exponent
     decimals = digits - 1 - (exponent - power)
     text = f"{round(value / 10.0**power, decimals):.{max(decimals, 0)}f}"
     return (f"{text}·10{_superscript(power)}" if power else text).replace("-", "−")
@@ -35,7 +35,7 @@ def number(value: float | None, digits: int = 3, power: int | None = None) -> st
 def common_power(values: Iterable[float]) -> int | None:
     """Return the power of ten to write numbers with that are compared; None: each with its own."""
     sizes = [abs(v) for v in values if math.isfinite(v) and v != 0]
-    if not sizes or (min(sizes) >= SMALLEST_PLAIN and max(sizes) < LARGEST_PLAIN):
+    if not sizes or (min(sizes) >= LEAST and max(sizes) < MOST):
         return None
     powers = [math.floor(math.log10(v)) for v in sizes]
     return max(powers) if max(powers) - min(powers) <= NEAR else None
