@@ -91,8 +91,8 @@ def test_two_overlapping_sections_are_two_weights(two):
 def test_two_wide_sections_stay_sections():
     truth = ((0.006, 0.25, 0.3), (0.008, 0.72, 0.3))
     nominal = carrying(MassSection(), truth, 109)
-    starts = [np.array(one) for one in truth]
-    found = fitted_pair(nominal, Hypothesis(MassSection(), NO_PLACE), starts, 6.0)
+    starts = [(Hypothesis(MassSection(), NO_PLACE), np.array(one)) for one in truth]
+    found = fitted_pair(nominal, starts, 6.0)
     assert found is not None
     accepted = [Accepted(one, [], one.evidence, 0.0) for one, _ in found[0]]
     assert as_points(found[1], accepted, 6.0) == (found[1], accepted)

@@ -24,6 +24,7 @@ from ropefit.diagnosis.candidate import (
 from ropefit.diagnosis.equivalence import TIE_NATS, within_reach
 from ropefit.diagnosis.hypotheses import NARROWEST, NO_PLACE, Hypothesis
 from ropefit.diagnosis.nested import is_special_case
+from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.reassessment import without_effects
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
@@ -48,11 +49,11 @@ def best_pair(
     saved = current.cost - single.fit.cost if single else 0.0
     if found is None or found[0] < saved + 2 * threshold:
         return None
-    pair = fitted_pair(current, *found[1:], threshold)
+    pair = fitted_pair(current, found[1], threshold)
     if pair is None:
         return None
     alone = single.evidence if single else 0.0
-    return pair if _together(current, pair[1]) > alone + TIE_NATS else None
+    return pair if together(current, pair[1]) > alone + TIE_NATS else None
 
 
 def as_points(
@@ -77,10 +78,10 @@ def as_points(
         if e.locus == "point" and e.applies(setup)
     ]
     found = _scanned(base, points)
-    pair = fitted_pair(base, *found[1:], threshold) if found else None
+    pair = fitted_pair(base, found[1], threshold) if found else None
     if pair is None:
         return current, accepted
-    behind = _together(base, current) - _together(base, pair[1])
+    behind = together(base, current) - together(base, pair[1])
     share = (base.cost - pair[1].cost) / max(base.cost - current.cost, 1e-9)
     if not within_reach(behind, share):
         return current, accepted
@@ -129,19 +130,17 @@ def _units(effect: Effect) -> list[str]:
     return [quantity.unit for quantity in effect.quantities]
 
 
-def _together(base: Fit, both: Fit) -> float:
-    """Return the log evidence of two effects, the last terms, over the model without them."""
+def together(base: Fit, both: Fit, count: int = 2) -> float:
+    """Return the log evidence of so many effects, the last terms, over the model without them."""
     gain = 0.5 * (base.cost - both.cost) / max(1.0, both.spread)
-    return gain - occam_factor(both, *both.forward.terms[-2:])
+    return gain - occam_factor(both, *both.forward.terms[-count:])
 
 
-def fitted_pair(
-    current: Fit, hypothesis: Hypothesis, starts: list[np.ndarray], threshold: float
-) -> Pair | None:
-    """Return an effect fitted at two places; None unless each passes every gate beside the
-    other."""
+def fitted_pair(current: Fit, starts: list[Start], threshold: float) -> Pair | None:
+    """Return two effects, or one at two places, fitted from where they start; None unless each
+    passes every gate beside the other."""
     setup = current.forward.base
-    terms = [hypothesis.term(setup, start) for start in starts]
+    terms = [hypothesis.term(setup, values) for hypothesis, values in starts]
     model = current.forward.with_terms([*current.forward.terms, *terms], current.point.solution)
     begin = np.concatenate([current.point.u, *(np.zeros(t.size) for t in terms)])
     both = attempted(model, current.problem, begin, EVALUATIONS, tolerance=1e-5)
@@ -149,7 +148,7 @@ def fitted_pair(
         return None
     own, out = current.forward.terms, []
     parts = dict(zip(map(id, model.terms), model.split(both.point.u), strict=True))
-    for mine, other in (terms, terms[::-1]):
+    for k, (mine, other) in enumerate((terms, terms[::-1])):
         fits = []
         for now in ([*own, other], [*own, other, mine]):
             forward = current.forward.with_terms(now, both.point.solution)
@@ -158,18 +157,16 @@ def fitted_pair(
         beside, whole = fits
         if beside is None or whole is None or len(beside.z) != len(whole.z):
             return None
-        candidate = compared(hypothesis, mine, beside, whole)
+        candidate = compared(starts[k][0], mine, beside, whole)
         if candidate.evidence < threshold or refusal(candidate, beside):
             return None
         out.append((candidate, beside))
     return out, out[1][0].fit
 
 
-def _scanned(
-    current: Fit, known: list[Sensitivity]
-) -> tuple[float, Hypothesis, list[np.ndarray]] | None:
-    """Return by how much the pair of the highest evidence lowers χ², to first order, its effect and
-    its values.
+def _scanned(current: Fit, known: list[Sensitivity]) -> tuple[float, list[Start]] | None:
+    """Return by how much the pair of the highest evidence lowers χ², to first order, and where its
+    fit starts.
 
     By evidence: two tethers always lower it more than the two weights that they contain.
     """
@@ -195,9 +192,9 @@ def _scanned(
                 continue
             if gain - cost > most:
                 most = gain - cost
-                values = [
-                    np.concatenate([scales * part, hypothesis.places[place]])
+                starts: list[Start] = [
+                    (hypothesis, np.concatenate([scales * part, hypothesis.places[place]]))
                     for part, place in ((sizes[:k], p), (sizes[k:], q))
                 ]
-                best = gain, hypothesis, values
+                best = gain, starts
     return best

@@ -21,6 +21,7 @@ from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.latent_force import LatentForce
+from ropefit.diagnosis.mixed_pairs import two_instead
 from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
@@ -131,6 +132,12 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
             continue
+        left = there or latent.evidence > latent.threshold
+        if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
+            one, so_far = accepted, current
+            current, accepted = two_instead(so_far, one, limits.threshold, rules.effects)
+            if accepted is not one:
+                continue
         if best is None:
             break
         tried = len(scan.sensitivities)
@@ -141,6 +148,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         current = _with_it(best.fit, problem, scan.sensitivities)
         current, accepted = reassessed(current, accepted, limits.threshold, tried)
         current, accepted = as_points(current, accepted, limits.threshold)
+        if len(accepted) == 2 and current.forward.instantaneous:
+            current, accepted = two_instead(current, accepted, limits.threshold, rules.effects)
     assert first is not None
     assert limits is not None
     return Diagnosis(

@@ -1,0 +1,54 @@
+"""Two effects of different kinds that a search one after the other misses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.mixed_pairs import two_instead
+from ropefit.effects import PointMass, StiffSection, Tether
+from tests.concealed import recorded, rope
+from tests.test_calm import fitted
+
+MASS, STIFF = (0.003, 0.72), (1.0, 0.35, 0.2)
+NAMES = ("point_mass", "stiff_section", "tether")
+
+
+@pytest.fixture(scope="module")
+def both():
+    """The nominal fit to a rope with a weight and a stiff section."""
+    setup = rope(288)
+    for effect, values in ((PointMass(), MASS), (StiffSection(), STIFF)):
+        setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+    return fitted(recorded(setup, seed=107))
+
+
+def one_after_the_other(nominal, *starts):
+    current, accepted = nominal, []
+    for effect, start in starts:
+        found = fit_candidate(current, Hypothesis(effect, NO_PLACE), np.array(start))
+        assert found is not None
+        accepted.append(Accepted(found, [], found.evidence, 0.0))
+        current = found.fit
+    return current, accepted
+
+
+def test_two_kinds_take_the_place_of_what_stood_for_both(both):
+    current, wrong = one_after_the_other(both, (Tether(), [0.01, 0.0, 0.0, 0.0, 0.45]))
+    found, accepted = two_instead(current, wrong, 6.0, NAMES)
+    values = {a.candidate.hypothesis.name: a.candidate.values() for a in accepted}
+    assert set(values) == {"point_mass", "stiff_section"}
+    assert values["point_mass"] == pytest.approx(MASS, rel=0.15)
+    assert values["stiff_section"][1] == pytest.approx(STIFF[1], abs=0.03)
+    assert found.cost < current.cost - 20
+
+
+def test_what_is_right_stays(both):
+    right = one_after_the_other(both, (StiffSection(), STIFF), (PointMass(), MASS))
+    assert two_instead(*right, 6.0, NAMES) == right
+    clean = fitted(recorded(rope(288), seed=108))
+    assert two_instead(clean, [], 6.0, NAMES) == (clean, [])
