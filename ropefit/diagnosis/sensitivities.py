@@ -17,6 +17,7 @@ from ropefit.solvers.equilibrium.implicit import Directions, tangent
 NEAR = 1e-3  # of the length: shapes that differ by less answer alike
 NEAR_IN_MOTION = 0.1  # of what is missed, rms: the same of motions
 STRAIGHT = 1e-9  # of the rest vectors of bend elements
+AT_ONCE = 16  # changes of a rope at rest: each has a rod for every frame
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
 
 
@@ -24,7 +25,8 @@ PROBE = 0.3  # of its usual size: where an effect is tried that has no derivativ
 class Sensitivity:
     """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity, and those
     that they come from, of a rope `seen` (F, K, 3) [m]: moved (Q k, F, K, 3) [m] of the nodes, or
-    (M, D, Q k) of the stations in a motion, of which all frames of all clips are too many."""
+    (M, D, Q k) of the stations in a motion, of which all frames of all clips are too many, and of
+    markers, whose places along the rope are known."""
 
     hypothesis: Hypothesis
     values: np.ndarray
@@ -44,13 +46,14 @@ class Sensitivities:
     def of(self, hypothesis: Hypothesis, known: Sensitivity | None = None) -> Sensitivity:
         """Return the sensitivity to a hypothesis: by its loads, its tangent or finite responses, or
         from one that is known of a rope in nearly the same shapes."""
-        moving, seen = not self.fit.forward.instantaneous, self.point.seen
+        seen = self.point.seen
+        placed = self.fit.problem.data.material or not self.fit.forward.instantaneous
         if known is not None and self._alike(hypothesis, known):
             moved, seen = known.moved, known.seen
         else:
-            moved = np.nan_to_num(self._nodes(hypothesis))
-            moved = self._at_stations(moved) if moving else moved
-        rows = self.fit.whitener(moved if moving else self._at_stations(moved))
+            moved = np.nan_to_num(self._nodes(hypothesis), copy=False)
+            moved = self._at_stations(moved) if placed else moved
+        rows = self.fit.whitener(moved if placed else self._at_stations(moved))
         shape = (len(rows), len(hypothesis.places), hypothesis.size)
         return Sensitivity(hypothesis, rows.reshape(shape), moved, seen)
 
@@ -104,7 +107,11 @@ class Sensitivities:
             model = self.fit.forward.of_setup(self.setup, self.point.solution, terms)
             return model.jacobian(model.at(start))
         changes = [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
-        return self.point.respond(changes, turned) if turned else self.point.respond(changes)
+        if not self.fit.forward.instantaneous or self.setup.remembers or not changes:
+            return self.point.respond(changes)
+        more = {"turned": True} if turned else {}
+        parts = [changes[k : k + AT_ONCE] for k in range(0, len(changes), AT_ONCE)]
+        return np.concatenate([self.point.respond(part, **more) for part in parts])
 
     def _finite_responses(self, hypothesis: Hypothesis) -> np.ndarray:
         scales, out = hypothesis.scales(self.setup), []

@@ -69,7 +69,7 @@ class Equilibrium(Model):
         else:
             arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
             if _settled_loads(point.setup):  # what stands for them comes out of settling
-                arrays |= as_arrays(solution.rod, "rod.")
+                arrays["load"] = solution.rod.load.detach().numpy()
                 # The laws are the setup's.
                 held = replace(solution.conditions, friction_elements=None, axial=None)
                 arrays |= as_arrays(held, "conditions.")
@@ -87,7 +87,8 @@ class Equilibrium(Model):
             rod = _rod_of(setup)
             laws = held = conditions_of(setup, rod)
             if _settled_loads(setup):
-                rod = from_arrays(Rod, "rod.", arrays)
+                load = torch.from_numpy(arrays["load"].copy())
+                rod = (rod.each(len(load)) if load.ndim == 3 else rod)._replace(load=load)
                 held = from_arrays(Conditions, "conditions.", arrays)
                 held = replace(held, friction_elements=laws.friction_elements, axial=laws.axial)
             # The journal's own arrays stay as they were.

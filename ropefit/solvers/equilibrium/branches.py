@@ -9,6 +9,7 @@ import torch
 
 from ropefit.rod.quaternion import conjugate_product, multiply, normalise
 from ropefit.rod.rod import Rod
+from ropefit.solvers.arrays import as_numpy
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.equilibrium.solve import solve
@@ -49,16 +50,20 @@ def wound(solution: Solution, before: States) -> np.ndarray:
     clamp = solution.conditions.clamp
     if bool(torch.isnan(clamp).any()):
         return np.zeros(len(solution.q), dtype=bool)
-    return np.abs(_twist(clamp, solution.q) - _twist(clamp, before.q)) > WHOLE
+    both = as_numpy(clamp)
+    return np.abs(_twist(both, solution.q) - _twist(both, before.q)) > WHOLE
 
 
-def _twist(clamp: torch.Tensor, q: np.ndarray) -> np.ndarray:
+def _twist(clamp: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Return (F,) [rad] by which the frames turn about their tangents from clamp to clamp."""
-    every = torch.cat([clamp[:, :1], torch.from_numpy(q), clamp[:, 1:]], dim=1)
-    step = conjugate_product(every[:, :-1], every[:, 1:])
+    every = np.moveaxis(np.concatenate([clamp[:, :1], q, clamp[:, 1:]], axis=1), -1, 0)
+    a, b = every[..., :-1], every[..., 1:]
+    # Of a* b, the turn from frame to frame, the two components that tell it about the tangent.
+    whole = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    about = a[0] * b[3] - a[3] * b[0] + a[2] * b[1] - a[1] * b[2]
     # Of the two quaternions of a turn the one of the smaller angle.
-    angle = 2 * torch.atan2(step[..., 3], step[..., 0])
-    return torch.remainder(angle + np.pi, 2 * np.pi).sub(np.pi).sum(-1).numpy()
+    angle = 2 * np.arctan2(about, whole)
+    return (np.mod(angle + np.pi, 2 * np.pi) - np.pi).sum(-1)
 
 
 def _turned(solution: Solution, end: int) -> States:
