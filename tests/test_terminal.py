@@ -158,6 +158,29 @@ def test_compilation_is_said_once_a_machine(tmp_path):
     assert list(tmp_path.glob("cache/*/*.nbc"))
 
 
+LATE = """
+import sys
+from ropefit.solvers.compiling import telling
+
+assert "numba" not in sys.modules
+with telling(print):
+    import numpy as np
+    from ropefit.solvers.equilibrium.kernels.entries import source_key  # imports numba
+    import numba
+    numba.njit(lambda x: x + 1)(np.float64(3.0))
+"""
+
+
+def test_compilation_is_said_where_numba_is_imported_later():
+    from ropefit.solvers.compiling import COMPILING
+
+    done = subprocess.run(
+        [sys.executable, "-c", LATE], env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == [COMPILING]
+
+
 def test_solvers_in_all_folders_share_one_mark():
     """Each solver has its own folder of compiled code; the first of any says it for all."""
     from ropefit.solvers.compiling import PACKAGE, folder_beside
