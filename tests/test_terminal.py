@@ -131,9 +131,13 @@ from ropefit.solvers.compiling import telling
 def one(x):
     return x + 1
 
+@numba.njit
+def double(x):
+    return x * 2
+
 @numba.njit(cache=True)
 def two(x):
-    return x * 2
+    return double(x)
 
 for name in sys.argv[1:]:
     with telling(print):

@@ -48,8 +48,10 @@ def listen() -> None:
 
     class Telling(event.Listener):
         def on_start(self, event: Any) -> None:
-            if _told and not said(event.data["dispatcher"]):
-                say, _told[-1] = _told[-1], _silent
+            if not _told or _told[-1] is _silent:
+                return
+            say, _told[-1] = _told[-1], _silent  # only the first is an entry point for certain
+            if not said(event.data["dispatcher"]):
                 say(COMPILING)
 
         def on_end(self, event: Any) -> None:
