@@ -107,6 +107,13 @@ def test_untrusted_text_is_escaped():
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
 
 
+def test_ranges_of_numbers():
+    assert ranges([3, 1, 2, 7]) == "1–3, 7"
+    assert ranges(range(4, 25, 4)) == "4, 8, 12, 16, 20, 24"
+    assert ranges([*range(4, 150, 4), *range(154, 300, 4)]) == "4–148, 154–298 by 4"
+    assert ranges([]) == ""
+
+
 def test_heldout_frames_are_told():
     page = render_report(RunContents(observations(), model()))
     assert "predicts frames it was never shown to 1.3 mm; noise is 1.4 mm" in headline(page)

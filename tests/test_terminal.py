@@ -131,9 +131,13 @@ from ropefit.solvers.compiling import telling
 def one(x):
     return x + 1
 
+@numba.njit
+def double(x):
+    return x * 2
+
 @numba.njit(cache=True)
 def two(x):
-    return x * 2
+    return double(x)
 
 for name in sys.argv[1:]:
     with telling(print):
@@ -156,6 +160,29 @@ def test_compilation_is_said_once_a_machine(tmp_path):
     assert said("one", "one") == [COMPILING]
     assert said("one", "two") == []
     assert list(tmp_path.glob("cache/*/*.nbc"))
+
+
+LATE = """
+import sys
+from ropefit.solvers.compiling import telling
+
+assert "numba" not in sys.modules
+with telling(print):
+    import numpy as np
+    from ropefit.solvers.equilibrium.kernels.entries import source_key  # imports numba
+    import numba
+    numba.njit(lambda x: x + 1)(np.float64(3.0))
+"""
+
+
+def test_compilation_is_said_where_numba_is_imported_later():
+    from ropefit.solvers.compiling import COMPILING
+
+    done = subprocess.run(
+        [sys.executable, "-c", LATE], env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == [COMPILING]
 
 
 def test_solvers_in_all_folders_share_one_mark():

@@ -12,6 +12,7 @@ from ropefit.inference.least_squares import Fit, inside
 
 BLOCKS = 5
 FURTHEST_STEP = 3.0  # search variables: how far a fit to the other blocks goes
+LEAST_DRAWN = 20  # residuals whose distribution is looked at
 FAR_AWAY = 10.0  # m: how far off a motion is that cannot be simulated
 
 
@@ -43,10 +44,19 @@ def predicted(fitted: Fit, along: bool = False) -> np.ndarray:
 
 
 def held_out_pit(fitted: Fit, along: bool) -> np.ndarray:
-    """Return (M D,) the probability integral transform of each whitened residual in its block's
-    predictive distribution: uniform where noise and uncertainty are honest (Gneiting 2007)."""
+    """Return (N,) the probability integral transform of residuals in their blocks' predictive
+    distributions: uniform where noise and uncertainty are honest (Gneiting 2007).
+
+    Where neighbouring residuals are missed alike, each is whitened as a part of one independent
+    sample only: its own variance is so much less, and N so many fewer residuals are drawn.
+    """
     residual, variance = _predicted(fitted, along)
-    return ndtr(residual / np.sqrt(variance))
+    alike = max(fitted.problem.noise.repeats, 1.0)
+    place = ndtr(residual / np.sqrt(variance - 1 + 1 / alike))
+    if alike == 1:
+        return place
+    count = max(round(len(place) / alike), min(LEAST_DRAWN, len(place)))
+    return place[np.sort(np.random.default_rng(0).permutation(len(place))[:count])]
 
 
 def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:

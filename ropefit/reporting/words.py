@@ -12,6 +12,7 @@ from markupsafe import Markup
 from ropefit.artifacts.causes import Size
 
 LEAST, MOST = 1e-3, 1e5  # numbers that are written without a power of ten
+FEW, REGULAR = 8, 0.8  # numbers that are listed; share of equal steps
 NEAR = 2  # powers of ten that numbers which are compared may lie apart to share one
 
 
@@ -87,14 +88,19 @@ def listed(items: Iterable[object]) -> Markup:
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """Return '0–17, 20, 22–35'."""
+    """Return '0–17, 20, 22–35'; of regular ones, as of every fourth, '4–148, 154–298 by 4'."""
+    every = sorted(int(n) for n in numbers)
+    steps = np.diff(every)
+    usual = int(np.median(steps)) if len(every) > FEW else 1
+    by = usual if usual > 1 and (steps == usual).mean() > REGULAR else 1
     runs: list[list[int]] = []
-    for value in sorted(int(n) for n in numbers):
-        if runs and value == runs[-1][1] + 1:
+    for value in every:
+        if runs and value == runs[-1][1] + by:
             runs[-1][1] = value
         else:
             runs.append([value, value])
-    return ", ".join(str(a) if a == b else f"{a}–{b}" for a, b in runs)
+    text = ", ".join(str(a) if a == b else f"{a}–{b}" for a, b in runs)
+    return text if by == 1 else f"{text} by {by}"
 
 
 def blocks(mask: np.ndarray) -> list[tuple[int, int]]:

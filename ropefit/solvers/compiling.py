@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,29 +22,46 @@ PACKAGE = Path(__file__).parents[1]
 MARK = ".ropefit-compiling-"  # a file of this name beside numba's cache: it has been said
 
 
-def telling(say: Callable[[str], None]) -> AbstractContextManager[object]:
+_told: list[Callable[[str], None]] = []  # by whom compilation is said, the innermost last
+
+
+@contextmanager
+def telling(say: Callable[[str], None]) -> Iterator[None]:
     """Say the first compilation by numba meanwhile; loading its cache is not said.
 
-    Nothing is said where it was said before on this machine, for the same source. Costs nothing
-    where numba is not in use.
+    Nothing is said where it was said before on this machine, for the same source. numba may be
+    imported meanwhile: `kernels/jit.py` calls `listen`.
     """
-    if "numba" not in sys.modules:
-        return nullcontext()
+    if "numba" in sys.modules:
+        listen()
+    _told.append(say)
+    try:
+        yield
+    finally:
+        _told.pop()
+
+
+@cache
+def listen() -> None:
+    """Hear of numba's compilations from now on."""
     from numba.core import event
 
     class Telling(event.Listener):
-        announced = False
-
         def on_start(self, event: Any) -> None:
-            if not self.announced:
-                self.announced = True
-                if not said(event.data["dispatcher"]):
-                    say(COMPILING)
+            if not _told or _told[-1] is _silent:
+                return
+            say, _told[-1] = _told[-1], _silent  # only the first is an entry point for certain
+            if not said(event.data["dispatcher"]):
+                say(COMPILING)
 
         def on_end(self, event: Any) -> None:
             pass
 
-    return event.install_listener("numba:compile", Telling())
+    event.register("numba:compile", Telling())
+
+
+def _silent(text: str) -> None:
+    """Take the place of what has said it."""
 
 
 def said(dispatcher: Any) -> bool:

@@ -110,6 +110,8 @@ def _row(name: str, label: str, p: Parameter, along: Size | None) -> list[object
     verdict: object = Markup('<span class="verdict {}">{}</span>').format(kind, p.verdict)
     if p.trades_with:
         verdict = Markup("{} with {}").format(verdict, listed(map(symbol, p.trades_with)))
+    if along is not None:
+        verdict = Markup("nominal: {}").format(verdict)
     return [
         Markup('<span title="{}">{}</span>{}').format(name, symbol(name), label),
         value,

@@ -61,7 +61,8 @@ def _honest(d: Diagnosis) -> str:
         return ""
     inside = float(np.mean((d.pit > 0.025) & (d.pit < 0.975)))
     text = f"95 % intervals for held-out data hold {percent(inside, 3)} of them"
-    if abs(inside - 0.95) <= HONEST:
+    chance = 2 * np.sqrt(0.95 * 0.05 / len(d.pit))  # of few values
+    if abs(inside - 0.95) <= max(HONEST, chance):
         return f"{text}: the stated uncertainties are honest on this recording."
     if inside > 0.95:
         return f"{text}: the stated uncertainties are too wide for this recording."

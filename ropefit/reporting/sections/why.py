@@ -85,7 +85,9 @@ def candidates(d: Diagnosis) -> list[Row]:
         best.pop(cause.name, None)
         tied = [name for name in cause.equivalent_to if name not in {r.name for r in rows}]
         rows.append(Row(cause.name, cause.log_evidence, accepted=True, tied=bool(tied)))
-        rows += [Row(name, best.pop(name, np.nan), tied=True) for name in tied]
+        for name in tied:  # what the scan says of it is not as good as a fit
+            best.pop(name, None)
+            rows.append(Row(name, np.nan, tied=True))
     rest = sorted(best.items(), key=lambda item: -item[1])
     return rows + [Row(name, nats) for name, nats in rest]
 

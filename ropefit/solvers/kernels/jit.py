@@ -16,6 +16,10 @@ from zlib import crc32
 import numba
 from numba import njit
 
+from ropefit.solvers.compiling import listen
+
+listen()  # whoever computes meanwhile says that it is compiled
+
 FUSED = {"contract"}  # a multiplication and an addition may be one instruction
 SHARED = Path(__file__).parent
 TEMPORARY = "ropefit-numba-"  # how a cache folder begins that goes with the process
