@@ -27,6 +27,7 @@ from ropefit.effects.planar import (
 from ropefit.rod.setup import Setup
 
 FIRST_SHARPNESS, LEAST_SHARPNESS, SHARPEST = 30.0, 1e-3, 100.0  # over the length
+MOST_LOAD = 20.0  # usual loads, twice the weight: what holds the rope out altogether is touched
 EDGES = np.linspace(0.1, 0.9, 9)  # tried: quantiles of the distances of the data
 
 
@@ -42,7 +43,7 @@ class HalfSpace(ForceInSpace):
 
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         length = float(setup.properties.length.sum())
-        highest = [*largest(setup), length, SHARPEST / length]
+        highest = [*largest(setup, MOST_LOAD), length, SHARPEST / length]
         return [-v for v in highest], highest
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:

@@ -162,9 +162,9 @@ def with_profile(setup: Setup, load: Tensor, profile: Profile) -> Setup:
     return setup._replace(potentials=(*setup.potentials, energy))
 
 
-def largest(setup: Setup) -> list[float]:
-    """Return (3,) [N/m] the largest load along each axis."""
-    return [LARGEST * quantity.size(setup) for quantity in LOADS]
+def largest(setup: Setup, usual: float = LARGEST) -> list[float]:
+    """Return (3,) [N/m] the largest load along each axis, as a multiple of usual ones."""
+    return [usual * quantity.size(setup) for quantity in LOADS]
 
 
 def directions() -> np.ndarray:

@@ -102,24 +102,6 @@ def _in_step(
     return u, noise
 
 
-def _in_step(
-    o: Observations, span: Span, terms: list[Term], train: list[np.ndarray]
-) -> tuple[np.ndarray, Noise]:
-    """Return search variables (P,) to start from and the noise: a rope far off swings out of step,
-    so it is fitted first as long as it is in step."""
-    # What a motion misses wanders for a swing or so: of its many samples, few are news.
-    noise, step = Noise(marker=LEAST_NOISE), float(np.median(np.diff(times_of(o))))
-    u = _forward(o, span, terms, train).start()
-    for seconds in HORIZONS:
-        few = [c[: max(SHORTEST, round(seconds / step))] for c in train]
-        short = _forward(o, span, terms, few)
-        near = fit(short, _within(span, noise, few), u, LOOK, tolerance=1e-3)
-        u = near.point.u
-        rms = float(np.sqrt((near.stations.residual**2).mean()))
-        noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
-    return u, noise
-
-
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:
     """Return the motion of a recording as an identified rope makes it, of this recording or of
     another of the same rope in the same grips: each clip open loop from its first two frames."""
