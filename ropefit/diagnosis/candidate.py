@@ -6,25 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ropefit.diagnosis.calm import calm
+from ropefit.diagnosis.beginning import beginning
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
-from ropefit.diagnosis.scan import Projection
-from ropefit.inference.known import settled
-from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted, sensitivity
+from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted
 from ropefit.models.terms import Term
 
 SIZE_PRIOR_SD = 3.0  # usual sizes
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
-START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 EVALUATIONS = 25
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
 SLOW_ROUNDS = 4  # so often it is continued
 SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
-LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
-DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
 UNMOVED = 1e-8  # m
-INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 UNSEEN = 1e-6  # whitened change of all data by a step of one: less is rounding
 NO_VARIANCE = 1e-10  # of the largest: less is rounding
 
@@ -124,50 +118,28 @@ class Candidate:
 
 def fit_candidate(
     smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf,
-    needed: float = np.inf, evaluations: int = EVALUATIONS,
+    needed: float = np.inf, evaluations: int = EVALUATIONS, least_gain: float = 0.0,
 ) -> Candidate | None:  # fmt: skip
-    """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle.
+    """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle, or
+    gains less than `least_gain` [nats] to first order.
 
     lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
     needed: cost that makes a difference; a fit without prospect of it is stopped.
     """
-    setup, slow = smaller.forward.base, hypothesis.effect.slow
-    origin = calm(smaller) if slow else smaller
-    limits = hypothesis.term(setup, start)
-    for share in START_SHARES if hypothesis.effect.linear else (1.0,):
-        at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
-        term = hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
-        forward = smaller.forward.with_terms([*smaller.forward.terms, term], origin.point.solution)
-        begin = np.concatenate([_revived(origin), np.zeros(term.size)])
-        first = settled(forward, begin)
-        if first.converged.all() and first.setup.possible:
-            break
-    else:
+    begun = beginning(smaller, hypothesis, start, least_gain)
+    if begun is None:
         return None
-    moved = _whitened_change(smaller, first.seen)
-    if hypothesis.effect.late and _gain_along(smaller, moved) < LATE_GAIN:
-        return None
-    if origin is smaller and _distorted(smaller):
-        begin[: -term.size] = _refitted_beside(smaller, moved)
-    if slow and np.allclose(first.seen, origin.point.seen, rtol=0, atol=UNMOVED, equal_nan=True):
+    slow, seen = hypothesis.effect.slow, begun.origin.point.seen
+    if slow and np.allclose(begun.point.seen, seen, rtol=0, atol=UNMOVED, equal_nan=True):
         return None  # nothing is touched: there is no gradient
     most = SLOW_EVALUATIONS if slow else evaluations
     needed = np.inf if slow else needed  # contact has no linear steps
-    fitted = attempted(forward, smaller.problem, begin, most, tolerance=1e-5, needed=needed)
+    fitted = attempted(
+        begun.forward, smaller.problem, begun.values, most, tolerance=1e-5, needed=needed
+    )
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = _continued(smaller.cost, fitted, lowest)
-    return _comparable(hypothesis, term, smaller, fitted)
-
-
-def continued(
-    candidate: Candidate, smaller: Fit, evaluations: int, needed: float
-) -> Candidate | None:
-    """Fit a candidate on top of a model further; see `fit_candidate`."""
-    fitted = candidate.fit
-    again = attempted(
-        fitted.forward, fitted.problem, fitted.point.u, evaluations, tolerance=1e-5, needed=needed
-    )
-    return _comparable(candidate.hypothesis, candidate.term, smaller, again)
+    return _comparable(hypothesis, begun.term, smaller, fitted)
 
 
 def _comparable(
@@ -222,52 +194,6 @@ def best_of(fitted: list[Candidate | None]) -> list[Candidate]:
     for candidate in sorted((c for c in fitted if c is not None), key=lambda c: -c.evidence):
         out.setdefault(candidate.hypothesis.key, candidate)
     return list(out.values())
-
-
-def _revived(smaller: Fit) -> np.ndarray:
-    """Return (P,) where a larger model starts: at the smaller one's values.
-
-    Positive parameters without a prior that ran to where the data are insensitive to them start
-    anew: without a gradient they would stay there. (A rope that is too short becomes as soft as
-    its bounds allow.)
-    """
-    u, terms = smaller.point.u.copy(), smaller.forward.terms
-    logs = np.repeat([t.log for t in terms], [t.size for t in terms])
-    unseen = np.linalg.norm(smaller.jacobian, axis=0) < INSENSITIVE
-    u[logs & unseen & ~np.isfinite(smaller.prior)] = 0.0
-    return u
-
-
-def _distorted(smaller: Fit) -> bool:
-    """Return whether a calibration error is too large to be one: it stands for missing physics."""
-    held = np.isfinite(smaller.prior)
-    return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
-
-
-def _whitened_change(smaller: Fit, seen: np.ndarray) -> np.ndarray:
-    """Return (M D,) by how much an effect that makes the rope `seen` (F, K, 3) changes it."""
-    s = smaller.stations
-    return sensitivity((seen - smaller.point.seen)[None], s, s, smaller.whitener)[:, 0]
-
-
-def _gain_along(smaller: Fit, moved: np.ndarray) -> float:
-    """Return by how many nats an effect that moves the rope along `moved` (M D,), by whatever
-    multiple of it, would lower the misfit, to first order; the smaller model refitted."""
-    project = Projection(smaller)
-    kept = project(moved)
-    return float(0.5 * (moved @ project.z) ** 2 / max(moved @ kept, 1e-300))
-
-
-def _refitted_beside(smaller: Fit, moved: np.ndarray) -> np.ndarray:
-    """Return (P,) the best values of the smaller model, to first order, beside an effect that
-    moves its rope by `moved` (M D,): they need not stand for that effect any more."""
-    u = smaller.point.u
-    project = Projection(smaller)
-    held = np.isfinite(smaller.prior)
-    pull = np.where(held, u / smaller.prior**2, 0.0)
-    step = project.inverse @ (project.jacobian.T @ (smaller.z - moved) - pull)
-    low, high = smaller.forward.bounds()
-    return np.clip(u + step, low, high)
 
 
 def occam_factor(fitted: Fit, *terms: Term) -> float:

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ropefit.diagnosis.accepted import least_evidence
+from ropefit.diagnosis.beginning import LATE_GAIN
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, best_of, continued, fit_candidate
+from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.few_frames import on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
 from ropefit.diagnosis.scan import Score
@@ -35,19 +37,31 @@ class Fits:
 
     def add(self, choices: list[Start]) -> None:
         """Fit the first start that settles."""
-        self._keep(self._first(choices, EVALUATIONS))
+        self._keep(self._first(choices))
 
     def add_kinds(self, starts: list[list[Start]]) -> None:
-        """Fit kinds of one law, each from the best of its starts after a few evaluations."""
-        explored = best_of([self._first(choices, EXPLORING) for choices in starts])
+        """Fit kinds of one law, each from where the best of its starts ends after a few evaluations
+        on few frames."""
+        few = on_few_frames(self.current) or self.current
+        explored = best_of([self._explored(few, choices) for choices in starts])
         for candidate in explored:
-            self._keep(candidate)
-            if not (candidate.fit.converged or candidate.fit.stopped):
-                needed = self._needed(candidate.hypothesis)
-                self._keep(continued(candidate, self.current, EVALUATIONS, needed))
+            self.add([(candidate.hypothesis, candidate.values())])
 
-    def _first(self, choices: list[Start], evaluations: int) -> Candidate | None:
-        fitted = (self._fitted(start, evaluations) for start in choices)
+    def _explored(self, few: Fit, choices: list[Start]) -> Candidate | None:
+        """Return the first of a kind's starts that settles, fitted for a while to few frames."""
+        share, best = len(few.z) / len(self.current.z), self.best()
+        evidence = least_evidence(self.threshold, best.evidence if best else 0.0)
+        fitted = (
+            fit_candidate(
+                few, *start, needed=few.cost - 2 * share * evidence, evaluations=EXPLORING,
+                least_gain=share * LATE_GAIN,
+            )
+            for start in choices
+        )  # fmt: skip
+        return next((c for c in fitted if c is not None), None)
+
+    def _first(self, choices: list[Start]) -> Candidate | None:
+        fitted = (self._fitted(start) for start in choices)
         return next((c for c in fitted if c is not None), None)
 
     def _keep(self, candidate: Candidate | None) -> None:
@@ -55,17 +69,17 @@ class Fits:
             return
         better = on_right_branches(candidate.fit)
         if better is not candidate.fit:
-            again = self._fitted((candidate.hypothesis, candidate.values()), EVALUATIONS)
+            again = self._fitted((candidate.hypothesis, candidate.values()))
             candidate = again or candidate
         known = self.best_of.get(candidate.hypothesis.key)
         if known is None or candidate.evidence > known.evidence:
             self.best_of[candidate.hypothesis.key] = candidate
 
-    def _fitted(self, start: Start, evaluations: int) -> Candidate | None:
+    def _fitted(self, start: Start) -> Candidate | None:
         best = self.best()
         lowest = best.fit.cost if best else np.inf
         needed = self._needed(start[0])
-        return fit_candidate(self.current, *start, lowest, needed, evaluations)
+        return fit_candidate(self.current, *start, lowest, needed)
 
     def _needed(self, hypothesis: Hypothesis) -> float:
         """Return the cost at which a candidate begins to count: it may be accepted, or is close to
@@ -80,7 +94,7 @@ class Fits:
 
     def explained_by(self, candidate: Candidate) -> bool:
         """Return whether a candidate leaves next to nothing."""
-        return unexplained(candidate.fit) <= MAY_LEAVE * unexplained(self.current)
+        return explained(self.current, candidate.fit)
 
     def sufficient(self, candidate: Candidate) -> bool:
         """Return whether no slow fit is needed: a candidate explains all frames alike, or is an
@@ -170,6 +184,11 @@ def _leaders(scan: list[Score], threshold: float, setup: Setup) -> list[list[Sta
         if s.log_factor > FITTED_SHARE * threshold
         for sizes, place in s.starts()
     ]
+
+
+def explained(smaller: Fit, fitted: Fit) -> bool:
+    """Return whether a fit leaves next to nothing of what a smaller model leaves."""
+    return unexplained(fitted) <= MAY_LEAVE * unexplained(smaller)
 
 
 def unexplained(fitted: Fit) -> float:

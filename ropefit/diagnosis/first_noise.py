@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
-from ropefit.diagnosis.candidates import fit_candidates, unexplained
+from ropefit.diagnosis.candidates import explained, fit_candidates, unexplained
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.noise_measurement import measured_noise
 from ropefit.diagnosis.proposals import proposals
@@ -76,11 +77,16 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
         return measured, known, []
     # For the noise, the best place of each is enough.
     hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
-    candidates = fit_candidates(
-        nominal, hidden, [], scan.contact(rules), rules.least_evidence, rules.effects
-    )  # fmt: skip
+    slow, late = [], []
+    for choices in scan.contact(rules):
+        (late if choices[0][0].effect.late else slow).append(choices)
+    candidates = fit_candidates(nominal, hidden, [], slow, rules.least_evidence, rules.effects)
     candidates = [c for c in candidates if c.evidence > rules.least_evidence]
     seen = nominal.stations.residual
     moves = [seen - c.fit.stations.residual for c in candidates]
+    if not candidates or not explained(nominal, candidates[0].fit):
+        # Nor need laws of place be fitted for it: where their starts move the rope is enough.
+        starts = (first_order_move(nominal, *choices[0]) for choices in late)
+        moves += [move for move in starts if move is not None]
     noise = measured_noise(nominal, steady, moves) if moves else measured
     return noise, known, candidates

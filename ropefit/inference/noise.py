@@ -42,6 +42,11 @@ class EndNoise:
         own = np.concatenate([self.sd[0] * self.position, self.sd[1] * self.tilt], axis=-1)
         return own if s is self.stations else aligned(self.stations, s, own)
 
+    def frames(self, index: np.ndarray) -> EndNoise:
+        """Return the noise of some frames (f,) alone."""
+        rows, few = self.stations.among(index)
+        return EndNoise(few, self.position[rows], self.tilt[rows], self.sd)
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -70,6 +75,12 @@ class Noise:
     def coloured(self) -> bool:
         """Return whether it is more than white."""
         return self.correlated > 0 or (self.ends is not None and any(self.ends.sd))
+
+    def frames(self, index: np.ndarray) -> Noise:
+        """Return the noise of some frames (f,) alone."""
+        unequal = None if self.unequal is None else tuple(np.array(self.unequal)[index])
+        ends = None if self.ends is None else self.ends.frames(index)
+        return replace(self, unequal=unequal, ends=ends)
 
 
 @dataclass

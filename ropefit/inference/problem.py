@@ -27,10 +27,7 @@ class FitProblem:
 
     def frames(self, index: np.ndarray) -> FitProblem:
         """Return the problem of some of its frames."""
-        own = self.noise.unequal
-        unequal = None if own is None else tuple(np.array(own)[index])
-        noise = replace(self.noise, unequal=unequal)
-        return replace(self, data=self.data.frames(index), noise=noise)
+        return replace(self, data=self.data.frames(index), noise=self.noise.frames(index))
 
     def without(self, dropped: np.ndarray) -> FitProblem:
         """Return the problem without the data of some frames (F,) bool."""

@@ -1,0 +1,124 @@
+"""Where the fit of a candidate begins: from a start that settles, with the smaller model's values
+moved to where they need not stand for what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ropefit.diagnosis.calm import calm
+from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.scan import Projection
+from ropefit.inference.known import settled
+from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.models.model import Model
+from ropefit.models.response import Point
+from ropefit.models.terms import Term
+
+START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
+LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
+DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
+INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
+
+
+@dataclass
+class Beginning:
+    """The smaller model's fit that a candidate begins from, the larger model with the candidate's
+    term, its search variables (P,), and its point at the start."""
+
+    origin: Fit
+    term: Term
+    forward: Model
+    values: np.ndarray
+    point: Point
+
+
+def beginning(
+    smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, least_gain: float = 0.0
+) -> Beginning | None:
+    """Return where a hypothesis begins on top of a model, from `start` (k + p,) in SI; None if it
+    does not settle there, or gains less than `least_gain` [nats] to first order."""
+    begun = _settled(smaller, hypothesis, start)
+    if begun is None:
+        return None
+    moved = _whitened_change(smaller, begun.point.seen)
+    if least_gain and _gain_along(smaller, moved)[0] < least_gain:
+        return None
+    if begun.origin is smaller and _distorted(smaller):
+        begun.values[: -begun.term.size] = _refitted_beside(smaller, moved)
+    return begun
+
+
+def first_order_move(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> np.ndarray | None:
+    """Return (M, D) [m] what an effect of values `start` (k + p,) in SI does to the stations, times
+    what fits best, to first order; None if that gains too little for a fit."""
+    begun = _settled(smaller, hypothesis, start)
+    if begun is None:
+        return None
+    moved = _whitened_change(smaller, begun.point.seen)
+    gain, multiple = _gain_along(smaller, moved)
+    if gain < LATE_GAIN:
+        return None
+    return smaller.whitener.undo(multiple * moved).reshape(smaller.stations.residual.shape)
+
+
+def _settled(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Beginning | None:
+    setup = smaller.forward.base
+    origin = calm(smaller) if hypothesis.effect.slow else smaller
+    limits = hypothesis.term(setup, start)
+    for share in START_SHARES if hypothesis.effect.linear else (1.0,):
+        at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
+        term = hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
+        forward = smaller.forward.with_terms([*smaller.forward.terms, term], origin.point.solution)
+        begin = np.concatenate([_revived(origin), np.zeros(term.size)])
+        first = settled(forward, begin)
+        if first.converged.all() and first.setup.possible:
+            return Beginning(origin, term, forward, begin, first)
+    return None
+
+
+def _revived(smaller: Fit) -> np.ndarray:
+    """Return (P,) where a larger model starts: at the smaller one's values.
+
+    Positive parameters without a prior that ran to where the data are insensitive to them start
+    anew: without a gradient they would stay there. (A rope that is too short becomes as soft as
+    its bounds allow.)
+    """
+    u, terms = smaller.point.u.copy(), smaller.forward.terms
+    logs = np.repeat([t.log for t in terms], [t.size for t in terms])
+    unseen = np.linalg.norm(smaller.jacobian, axis=0) < INSENSITIVE
+    u[logs & unseen & ~np.isfinite(smaller.prior)] = 0.0
+    return u
+
+
+def _distorted(smaller: Fit) -> bool:
+    """Return whether a calibration error is too large to be one: it stands for missing physics."""
+    held = np.isfinite(smaller.prior)
+    return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
+
+
+def _whitened_change(smaller: Fit, seen: np.ndarray) -> np.ndarray:
+    """Return (M D,) by how much an effect that makes the rope `seen` (F, K, 3) changes it."""
+    s = smaller.stations
+    return sensitivity((seen - smaller.point.seen)[None], s, s, smaller.whitener)[:, 0]
+
+
+def _gain_along(smaller: Fit, moved: np.ndarray) -> tuple[float, float]:
+    """Return by how many nats an effect that moves the rope along `moved` (M D,) would lower the
+    misfit, to first order, the smaller model refitted; and by which multiple of it."""
+    project = Projection(smaller)
+    along, kept = float(moved @ project.z), max(float(moved @ project(moved)), 1e-300)
+    return 0.5 * along**2 / kept, along / kept
+
+
+def _refitted_beside(smaller: Fit, moved: np.ndarray) -> np.ndarray:
+    """Return (P,) the best values of the smaller model, to first order, beside an effect that
+    moves its rope by `moved` (M D,): they need not stand for that effect any more."""
+    u = smaller.point.u
+    project = Projection(smaller)
+    held = np.isfinite(smaller.prior)
+    pull = np.where(held, u / smaller.prior**2, 0.0)
+    step = project.inverse @ (project.jacobian.T @ (smaller.z - moved) - pull)
+    low, high = smaller.forward.bounds()
+    return np.clip(u + step, low, high)
