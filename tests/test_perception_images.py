@@ -59,6 +59,8 @@ def test_project_undoes_unproject(turn, place, depth: float, u: float) -> None:
     points = camera.unproject(pixels, at)
     np.testing.assert_allclose(camera.project(points), pixels, atol=1e-7)
     np.testing.assert_allclose(camera.local(points)[:, 2], at, rtol=1e-9)
+    beside = camera.project(pose[:3, 3][None] + pose[:3, 0])  # in the plane of the camera
+    assert not (np.abs(beside) < 1e6).all()
     along = points - pose[:3, 3]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     np.testing.assert_allclose(camera.rays(pixels), along, atol=1e-9)

@@ -25,6 +25,7 @@ from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.artifacts.exports import Export
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.fitting.settings import IdentifySettings
+from ropefit.losses.names import IN_PICTURES
 from ropefit.runs.execute import execute
 from ropefit.runs.loading import load, load_if_there
 from ropefit.runs.protocol import Context, Outcome
@@ -173,6 +174,15 @@ def control(
         objects["diagnosis"], external[Diagnosis.file_name] = load(run, Diagnosis)
     context = replace(context, external=objects)
     return execute(pipeline.CONTROL, run, chosen, context, external, force)
+
+
+def control_by(run: Path, loss: str, context: Context, force: bool = False) -> Outcome[Any]:
+    """Make control.h5 as a part of all stages: where there is no depth, by the loss in pictures."""
+    other = IN_PICTURES.get(loss)
+    if other is not None and not load(run, Observations)[0].depth_measured:
+        context.say(f"control: the recording has no depth: by {other}, as {loss} compares in space")
+        loss = other
+    return control(run, {"loss": loss}, context, force=force)
 
 
 @dataclass(frozen=True)

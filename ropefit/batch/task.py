@@ -149,7 +149,7 @@ def _diagnose(task: Task, run: Path, record: Record, fresh: list[str]) -> Summar
 def _control(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary | None:
     if not runs.controllable(load(run, Model)[0]):
         return None
-    return summaries.controlled(runs.control(run, task.settings["control"], Context()))
+    return summaries.controlled(runs.control_by(run, task.settings["control"]["loss"], Context()))
 
 
 def _report(task: Task, run: Path, record: Record, fresh: list[str]) -> Summary | None:

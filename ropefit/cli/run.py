@@ -75,7 +75,7 @@ def run(
         found = runs.diagnose(run, {}, context, nominal, calibration, force)
         data["diagnose"] = show_diagnosis(session, found)
     if runs.controllable(fitted.artifact):
-        moved = runs.control(run, {"loss": loss}, session.context("control"), force=force)
+        moved = runs.control_by(run, loss, session.context("control"), force)
         data["control"] = show_control(session, moved)
     data["report"] = show_report(session, run, [], force)
     session.result(data | {"answer": show_answer(session, run)})

@@ -11,6 +11,11 @@ from ropefit.plugins import LOSSES, names
 
 OWN = tuple(f"OBJ{number}" for number in range(1, 10))
 
+# By which losses pictures alone are compared, in place of those that need points in space.
+IN_PICTURES = {
+    "OBJ1": "OBJ2", "OBJ3": "OBJ2", "OBJ4": "OBJ5", "OBJ6": "OBJ5", "OBJ7": "OBJ8", "OBJ9": "OBJ8",
+}  # fmt: skip
+
 
 def loss_names() -> list[str]:
     """Return the names of all losses, those of installed add-ons included."""

@@ -26,9 +26,10 @@ class Camera:
         return (points - self.pose[:3, 3]) @ self.pose[:3, :3]
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Return (N, 2) [px]."""
+        """Return (N, 2) [px]; not finite where a point lies in the plane of the camera."""
         local = self.local(points)
-        return local[:, :2] / local[:, 2:] * [self.fx, self.fy] + [self.cx, self.cy]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return local[:, :2] / local[:, 2:] * [self.fx, self.fy] + [self.cx, self.cy]
 
     def unproject(self, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Return (N, 3) [m] points in the recording's frame of pixels (N, 2) at depth (N,) [m]."""

@@ -102,7 +102,7 @@ def _rope(o: Observations, f: FittedModel | None, d: Diagnosis | None) -> str:
     if o.ends_assumed:
         held = f"assumed to be {held}"
     frames = plural(len(o.frames), "frame")
-    text = f"This is a rope {about}, {held}, seen by {SENSOR[o.source]} in {frames}"
+    text = f"This is a rope {about}, {held}, seen by {_sensor(o)} in {frames}"
     return f"{text}{_stiffness(f, o.length, d.rope if d is not None and d.causes else {})}."
 
 
@@ -223,3 +223,8 @@ def _ties(c: Cause) -> str:
     others = " or ".join(name.replace("_", " ") for name in c.equivalent_to)
     name = c.name.replace("_", " ")
     return f"It may as well be: {others}. This recording cannot tell that from {name}."
+
+
+def _sensor(o: Observations) -> str:
+    camera = o.source == "rgbd" and not o.depth_measured
+    return "one camera, without depth" if camera else SENSOR[o.source]
