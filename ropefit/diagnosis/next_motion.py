@@ -67,7 +67,7 @@ def next_motion(first: Candidate, second: Candidate) -> tuple[str, float, np.nda
     """Return the motion that distinguishes two fits best, their rms distance [m] in it, and the
     shapes (2, 5, N+1, 3) [m] that they predict.
 
-    An empty name and no shapes where none settles.
+    A motion counts if every pose of both settles; an empty name and no shapes where none does.
     """
     best, name, predicted = 0.0, "", None
     if not first.fit.forward.instantaneous:  # the motions are series of poses
@@ -89,7 +89,10 @@ def next_motion(first: Candidate, second: Candidate) -> tuple[str, float, np.nda
             forward = candidate.fit.forward
             point = forward.of_setup(moved, None, forward.terms).at(candidate.fit.point.u)
             shapes.append(point.seen)
-        apart = float(np.sqrt(np.nanmean(((shapes[0] - shapes[1]) ** 2).sum(-1))))
+        both = np.stack(shapes)
+        if not np.isfinite(both).all():  # a rope may not follow every motion
+            continue
+        apart = float(np.sqrt(((both[0] - both[1]) ** 2).sum(-1).mean()))
         if apart > best:
-            best, name, predicted = apart, label, np.stack(shapes)
+            best, name, predicted = apart, label, both
     return name, best, predicted
