@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import torch
@@ -23,7 +22,6 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.sandwich import BLOCK, block_estimates
-from ropefit.inference.starts import best_start
 from ropefit.models import parameters, rest_curve
 from ropefit.models.dynamics import Dynamics, MotionPoint
 from ropefit.models.grips import grips
@@ -94,8 +92,8 @@ def _in_step(
     u = _forward(o, span, terms, train).start()
     for seconds in HORIZONS:
         few = [c[: max(SHORTEST, round(seconds / step))] for c in train]
-        short, problem = _forward(o, span, terms, few), _within(span, noise, few)
-        near = best_start([u], partial(fit, short, problem, evaluations=LOOK, tolerance=1e-3))
+        short = _forward(o, span, terms, few)
+        near = fit(short, _within(span, noise, few), u, LOOK, tolerance=1e-3)
         u = near.point.u
         rms = float(np.sqrt((near.stations.residual**2).mean()))
         noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))

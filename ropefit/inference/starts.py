@@ -1,6 +1,6 @@
 """Where a fit sets out from, by one rule for every model and every search.
 
-Starts are tried where a trial is cheap (few frames, few steps, a short horizon) and the best goes
+Starts are tried where a trial is cheap (few frames, few steps) and the best goes
 on: one that cannot be simulated drops out, of equals the first goes on. A fit that is begun anew
 replaces the one before it only where it costs less.
 """
