@@ -1,8 +1,9 @@
-"""Where the fit of a candidate begins: from a start that settles, with the smaller model's values
-moved to where they need not stand for what is missing."""
+"""Where the fit of a candidate, or of two at once, begins: from a start that settles, with the
+smaller model's values moved to where they need not stand for what is missing."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from ropefit.inference.least_squares import Fit, sensitivity
 from ropefit.models.model import Model
 from ropefit.models.response import Point
 from ropefit.models.terms import Term
+from ropefit.rod.setup import Setup
 
 START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
@@ -24,11 +26,11 @@ INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
 @dataclass
 class Beginning:
-    """The smaller model's fit that a candidate begins from, the larger model with the candidate's
-    term, its search variables (P,), and its point at the start."""
+    """The smaller model's fit that candidates begin from, the larger model with their terms, its
+    search variables (P,), and its point at the start."""
 
     origin: Fit
-    term: Term
+    terms: list[Term]
     forward: Model
     values: np.ndarray
     point: Point
@@ -39,21 +41,21 @@ def beginning(
 ) -> Beginning | None:
     """Return where a hypothesis begins on top of a model, from `start` (k + p,) in SI; None if it
     does not settle there, or gains less than `least_gain` [nats] to first order."""
-    begun = _settled(smaller, hypothesis, start)
+    begun = settled_start(smaller, [(hypothesis, start)])
     if begun is None:
         return None
     moved = _whitened_change(smaller, begun.point.seen)
     if least_gain and _gain_along(smaller, moved)[0] < least_gain:
         return None
     if begun.origin is smaller and _distorted(smaller):
-        begun.values[: -begun.term.size] = _refitted_beside(smaller, moved)
+        begun.values[: -begun.terms[0].size] = _refitted_beside(smaller, moved)
     return begun
 
 
 def first_order_move(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> np.ndarray | None:
     """Return (M, D) [m] what an effect of values `start` (k + p,) in SI does to the stations, times
     what fits best, to first order; None if that gains too little for a fit."""
-    begun = _settled(smaller, hypothesis, start)
+    begun = settled_start(smaller, [(hypothesis, start)])
     if begun is None:
         return None
     moved = _whitened_change(smaller, begun.point.seen)
@@ -63,19 +65,30 @@ def first_order_move(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) ->
     return smaller.whitener.undo(multiple * moved).reshape(smaller.stations.residual.shape)
 
 
-def _settled(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> Beginning | None:
+def settled_start(
+    smaller: Fit, starts: Sequence[tuple[Hypothesis, np.ndarray]]
+) -> Beginning | None:
+    """Return where hypotheses begin on top of a model, from their values (k + p,) in SI, with
+    smaller sizes if need be; None if they do not settle."""
     setup = smaller.forward.base
-    origin = calm(smaller) if hypothesis.effect.slow else smaller
-    limits = hypothesis.term(setup, start)
-    for share in START_SHARES if hypothesis.effect.linear else (1.0,):
-        at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
-        term = hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
-        forward = smaller.forward.with_terms([*smaller.forward.terms, term], origin.point.solution)
-        begin = np.concatenate([_revived(origin), np.zeros(term.size)])
+    origin = calm(smaller) if any(h.effect.slow for h, _ in starts) else smaller
+    for share in START_SHARES if all(h.effect.linear for h, _ in starts) else (1.0,):
+        terms = [_started(setup, hypothesis, start, share) for hypothesis, start in starts]
+        forward = smaller.forward.with_terms(
+            [*smaller.forward.terms, *terms], origin.point.solution
+        )
+        begin = np.concatenate([_revived(origin), *(np.zeros(term.size) for term in terms)])
         first = settled(forward, begin)
         if first.converged.all() and first.setup.possible:
-            return Beginning(origin, term, forward, begin, first)
+            return Beginning(origin, terms, forward, begin, first)
     return None
+
+
+def _started(setup: Setup, hypothesis: Hypothesis, start: np.ndarray, share: float) -> Term:
+    """Return a term that starts at a share of its sizes, inside its bounds."""
+    limits = hypothesis.term(setup, start)
+    at = start * np.where(np.arange(len(start)) < hypothesis.size, share, 1.0)
+    return hypothesis.term(setup, np.clip(at, limits.lower + 1e-9, limits.upper - 1e-9))
 
 
 def _revived(smaller: Fit) -> np.ndarray:

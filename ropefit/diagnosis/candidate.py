@@ -139,7 +139,7 @@ def fit_candidate(
     )
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = _continued(smaller.cost, fitted, lowest)
-    return _comparable(hypothesis, begun.term, smaller, fitted)
+    return _comparable(hypothesis, begun.terms[0], smaller, fitted)
 
 
 def _comparable(

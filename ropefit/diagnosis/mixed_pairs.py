@@ -2,7 +2,8 @@
 
 The first effect that is accepted stands for all that is missing, and the second is chosen beside
 it: neither gives way alone where only both together are wrong. A scan over all pairs of hypotheses
-and places costs no further solve; the best of them is fitted and compared with what was accepted.
+and places costs no further solve. Its order is of the first order: the leading pairs are fitted to
+few frames, and the best of these to all and compared with what was accepted.
 """
 
 from __future__ import annotations
@@ -12,8 +13,11 @@ from itertools import combinations
 import numpy as np
 
 from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.few_frames import on_few_frames
 from ropefit.diagnosis.full_scan import sensitivities
+from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.nested import is_special_case
 from ropefit.diagnosis.pairs import (
     PRIOR_SIZE,
@@ -26,10 +30,15 @@ from ropefit.diagnosis.reassessment import without_effects
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.effects import Effect
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import Fit, attempted
 
-MOST_FITTED = 2  # pairs
-LEAST_SHARE = 0.9  # of the best pair's evidence: first order is not exact
+MOST_EXPLORED = 8  # pairs fitted to few frames
+EVALUATIONS = 10  # of such a fit
+MOST_FITTED = 3  # pairs fitted to all
+LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
+MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
+
+ScannedPair = tuple[float, Start, Start]  # log evidence [nats]
 
 
 def two_instead(
@@ -47,22 +56,66 @@ def two_instead(
     now = together(base, current, len(held)) if held else 0.0
     known = sensitivities(base, [], names)
     found = scanned(base, known)
-    others = [
-        (one, other)
+    leading = [
+        (evidence, one, other)
         for evidence, one, other in found
         if evidence > max(LEAST_SHARE * max(found[0][0], now), TIE_NATS)
         and not _as_accepted(accepted, one[0].effect, other[0].effect)
     ]
-    pairs = [fitted_pair(base, [*both], threshold) for both in others[:MOST_FITTED]]
+    pairs = [fitted_pair(base, both, threshold) for both in _best_on_few_frames(base, leading)]
     settled = [pair for pair in pairs if pair is not None]
     best = max(settled, key=lambda pair: together(base, pair[1]), default=None)
     if best is None or together(base, best[1]) <= now + TIE_NATS:
         return current, accepted
-    named, whole = accepted_pair(best, len(known))
+    one, other = (candidate.hypothesis for candidate, _ in best[0])
+    alike = [_alike(found, one, other), _alike(found, other, one)]
+    named, whole = accepted_pair(best, len(known), alike)
     return whole, named
 
 
-def scanned(base: Fit, known: list[Sensitivity]) -> list[tuple[float, Start, Start]]:
+def _best_on_few_frames(base: Fit, leading: list[ScannedPair]) -> list[list[Start]]:
+    """Return where fits of pairs begin that explain few frames best, as fitted to these."""
+    few, out = on_few_frames(base) or base, []
+    for both in _distinct(leading)[:MOST_EXPLORED]:
+        begun = settled_start(few, both)
+        if begun is None:
+            continue
+        fitted = attempted(begun.forward, few.problem, begun.values, EVALUATIONS, tolerance=1e-4)
+        if fitted is None or len(fitted.z) != len(few.z):
+            continue
+        parts = fitted.forward.split(fitted.point.u)[-2:]
+        values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]
+        starts = [(h, v) for (h, _), v in zip(both, values, strict=True)]
+        out.append((together(few, fitted), starts))
+    return [starts for _, starts in sorted(out, key=lambda one: -one[0])[:MOST_FITTED]]
+
+
+def _distinct(leading: list[ScannedPair]) -> list[list[Start]]:
+    """Return pairs, but those that another one equals in which one effect stands for its like."""
+    out: list[ScannedPair] = []
+    for evidence, one, other in leading:
+        keys = {one[0].key, other[0].key}
+        if not any(
+            better - evidence < TIE_NATS and keys & {h.key for h, _ in starts}
+            for better, *starts in out
+        ):
+            out.append((evidence, one, other))
+    return [[one, other] for _, one, other in out]
+
+
+def _alike(found: list[ScannedPair], one: Hypothesis, beside: Hypothesis) -> list[Start]:
+    """Return what explains about as much as a hypothesis beside another, and where it begins."""
+    of = [
+        (evidence, *((p, q) if q[0].key == beside.key else (q, p)))
+        for evidence, p, q in found
+        if beside.key in (p[0].key, q[0].key)
+    ]
+    least = LEAST_SHARE * max(evidence for evidence, *_ in of)
+    alike = [start for evidence, start, _ in of if evidence > least and start[0].key != one.key]
+    return alike[:MOST_ALIKE]
+
+
+def scanned(base: Fit, known: list[Sensitivity]) -> list[ScannedPair]:
     """Return for every two hypotheses the log evidence of their best places [nats], to first order
     and with broad priors of their sizes, and where a fit of both begins; highest first."""
     project, setup = Projection(base), base.forward.base
@@ -82,9 +135,15 @@ def scanned(base: Fit, known: list[Sensitivity]) -> list[tuple[float, Start, Sta
         whole[..., k:, :k] = whole[..., :k, k:].swapaxes(-1, -2)
         pull = np.zeros((p, q, k + m))
         pull[..., :k], pull[..., k:] = b[mine].reshape(p, 1, k), b[other].reshape(q, m)
-        sizes = np.linalg.solve(whole + np.eye(k + m) / PRIOR_SIZE**2, pull[..., None])[..., 0]
-        cost = np.linalg.slogdet(np.eye(k + m) + PRIOR_SIZE**2 * whole)[1]
-        evidence = 0.5 * ((sizes * pull).sum(-1) - cost)
+        evidence, sizes = _evidence(whole, pull)
+        bounded = np.concatenate([[q.lower == 0 for q in s.hypothesis.effect.quantities[:n]]
+                                  for s, n in zip(two, (k, m), strict=True)])  # fmt: skip
+        beyond = bounded & (sizes < 0)
+        if beyond.any():  # a quantity at its bound, as the stiffness of a steady pull
+            pull = np.where(beyond, 0.0, pull)
+            whole = np.where(beyond[..., None] | beyond[..., None, :], 0.0, whole)
+            evidence, held = _evidence(whole, pull)
+            sizes = np.where(beyond, sizes, held)
         for s, size in zip(two, (sizes[..., 0], sizes[..., k]), strict=True):
             evidence = np.where(s.hypothesis.positive & (size < 0), -np.inf, evidence)
         best = np.unravel_index(int(np.argmax(evidence)), evidence.shape)
@@ -94,6 +153,15 @@ def scanned(base: Fit, known: list[Sensitivity]) -> list[tuple[float, Start, Sta
         ]
         out.append((float(evidence[best]), *starts))
     return sorted(out, key=lambda pair: -pair[0])
+
+
+def _evidence(whole: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the log evidences (...) [nats] and the best sizes (..., n) of effects with broad
+    priors, from their information (..., n, n) and gradient (..., n)."""
+    one = np.eye(whole.shape[-1])
+    sizes = np.linalg.solve(whole + one / PRIOR_SIZE**2, pull[..., None])[..., 0]
+    cost = np.linalg.slogdet(one + PRIOR_SIZE**2 * whole)[1]
+    return 0.5 * ((sizes * pull).sum(-1) - cost), sizes
 
 
 def _as_accepted(accepted: list[Accepted], one: Effect, other: Effect) -> bool:

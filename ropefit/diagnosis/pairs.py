@@ -7,6 +7,7 @@ a pair's score follows from what is known of its places.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.accepted import Accepted, accept
+from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import (
     EVALUATIONS,
     Candidate,
@@ -94,16 +96,21 @@ def as_points(
     ]
 
 
-def accepted_pair(pair: Pair, tried: int) -> tuple[list[Accepted], Fit]:
+def accepted_pair(
+    pair: Pair, tried: int, others: Sequence[Sequence[Start]] = ((), ())
+) -> tuple[list[Accepted], Fit]:
     """Return both candidates as accepted, with the stretches that explain as much in their place,
-    and the fit with both.
+    or what else does, and the fit with both.
 
     At most one of them gives way to a special case of it, which was fitted beside the other as it
-    is. tried: how many hypotheses were scanned.
+    is. tried: how many hypotheses were scanned; others: hypotheses to fit in place of either, and
+    from which values.
     """
     out, whole = [], pair[1]
-    for candidate, beside in pair[0]:
-        one = accept(candidate, [candidate, *_spread_out(candidate, beside)], beside, tried)
+    for (candidate, beside), starts in zip(pair[0], others, strict=True):
+        fits = [fit_candidate(beside, *start) for start in starts]
+        same = [*_spread_out(candidate, beside), *(one for one in fits if one is not None)]
+        one = accept(candidate, [candidate, *same], beside, tried)
         if one.candidate is not candidate and whole is pair[1]:
             whole = one.candidate.fit
         elif one.candidate is not candidate:
@@ -139,11 +146,11 @@ def together(base: Fit, both: Fit, count: int = 2) -> float:
 def fitted_pair(current: Fit, starts: list[Start], threshold: float) -> Pair | None:
     """Return two effects, or one at two places, fitted from where they start; None unless each
     passes every gate beside the other."""
-    setup = current.forward.base
-    terms = [hypothesis.term(setup, values) for hypothesis, values in starts]
-    model = current.forward.with_terms([*current.forward.terms, *terms], current.point.solution)
-    begin = np.concatenate([current.point.u, *(np.zeros(t.size) for t in terms)])
-    both = attempted(model, current.problem, begin, EVALUATIONS, tolerance=1e-5)
+    begun = settled_start(current, starts)
+    if begun is None:
+        return None
+    model, terms = begun.forward, begun.terms
+    both = attempted(model, current.problem, begun.values, EVALUATIONS, tolerance=1e-5)
     if both is None or not both.point.converged.all() or len(both.z) != len(current.z):
         return None
     own, out = current.forward.terms, []
