@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -116,9 +117,13 @@ def fit_candidates(
     effects that may be proposed; None: all.
     """
     fits = Fits(current, threshold)
-    for choices in _leaders(scan, threshold, current.point.setup) + quick:
+    leaders, further = _leaders(scan, threshold, current.point.setup)
+    for choices in leaders + quick:
         fits.add(choices)
     first = fits.best()
+    if further and not (first and fits.explained_by(first)):
+        fits.add_kinds(further)
+        first = fits.best()
     if (
         first
         and first.hypothesis.effect.locus == "interval"
@@ -169,21 +174,33 @@ def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:
     return sorted(every, key=lambda c: -c.evidence)
 
 
-def _leaders(scan: list[Score], threshold: float, setup: Setup) -> list[list[Start]]:
+def _leaders(
+    scan: list[Score], threshold: float, setup: Setup
+) -> tuple[list[list[Start]], list[list[Start]]]:
     """Return the starts of full fits that a scan, highest first, proposes: of the leaders, and of
-    laws wherever they rank. What is linear is tested in any case, as a law far from the linear one
-    looks like several local effects."""
+    laws wherever they rank; and those of others that rank high.
+
+    What is linear is tested in any case, as a law far from the linear one looks like several local
+    effects. And where much is missed, the first order tells little of the order of the others, nor
+    of how wide a stretch is: that a rope rests curved shows at the edges of the curved stretch.
+    """
     highest = max((s.log_factor for s in scan), default=0.0)
     least = min(threshold, LEADER_SHARE * highest)
-    first = [s for s in scan if s.log_factor > least][:MOST_LEADERS]
+    every = [s for s in scan if s.log_factor > least]
+    first, rest = every[:MOST_LEADERS], every[MOST_LEADERS:]
     laws = (s for s in scan if s.hypothesis.effect.law(setup) is not None)
     first += [s for s in laws if all(s is not f for f in first)]
-    return [
-        [(s.hypothesis, np.concatenate([sizes, place]))]
-        for s in first
-        if s.log_factor > FITTED_SHARE * threshold
-        for sizes, place in s.starts()
-    ]
+    high = max(threshold, LEADER_SHARE * highest)
+    rest = [s for s in rest if s.log_factor > high and all(s is not f for f in first)]
+    fitted = (s for s in first if s.log_factor > FITTED_SHARE * threshold)
+    leaders = [start for s in fitted for start in _from(s, s.starts())]
+    further = [start for s in rest for start in _from(s, s.widths or s.starts())]
+    high_ones = (s for s in first if s.log_factor > high)
+    return leaders, further + [start for s in high_ones for start in _from(s, s.widths)]
+
+
+def _from(score: Score, starts: Iterable[tuple[np.ndarray, np.ndarray]]) -> list[list[Start]]:
+    return [[(score.hypothesis, np.concatenate(start))] for start in starts]
 
 
 def explained(smaller: Fit, fitted: Fit) -> bool:

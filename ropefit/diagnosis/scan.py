@@ -22,6 +22,7 @@ PRIOR_SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)  # usual sizes: τ
 FREE_PRIOR_SD = 100.0  # search variables: of parameters without a prior
 SECOND_DISTANCE = 0.2  # of the rope: how far a second start is from the best place
 SECOND_FACTOR = 0.6  # of the best place's log factor: least of a second start
+WIDTH_FACTOR = 0.1  # of the same: least of a start of another width
 
 
 class Projection:
@@ -56,7 +57,8 @@ class Score:
     """A hypothesis scored against a residual: log Bayes factor, best place, and sizes there.
 
     score: T² of the best place; places (Q,): log factor at each. second: another place, far from
-    the best and nearly as good, with the sizes there.
+    the best and nearly as good, with the sizes there. widths: of stretches, the same of the best
+    place of every width.
     """
 
     hypothesis: Hypothesis
@@ -66,6 +68,7 @@ class Score:
     score: float
     places: np.ndarray
     second: tuple[np.ndarray, np.ndarray] | None = None
+    widths: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
     def starts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the sizes and places from which full fits start."""
@@ -111,7 +114,7 @@ class Scorer:
         best = int(np.argmax(places))
         sizes, score = self._sizes(z, best)
         factor = float(logsumexp(places) - np.log(len(places)))
-        second = None
+        second, widths = None, ()
         at = self.hypothesis.places
         if at.shape[1]:
             shaping = self.hypothesis.effect.shaping
@@ -120,7 +123,12 @@ class Scorer:
             other = int(np.argmax(np.where(apart, places, -np.inf)))
             if apart[other] and places[other] > SECOND_FACTOR * places[best]:
                 second = (self._sizes(z, other)[0], at[other])
-        return Score(self.hypothesis, factor, best, sizes, score, places, second)
+        if self.hypothesis.effect.locus == "interval":
+            each = (np.flatnonzero(at[:, -1] == width) for width in np.unique(at[:, -1]))
+            tops = [int(of[np.argmax(places[of])]) for of in each]
+            high = [q for q in tops if places[q] > WIDTH_FACTOR * places[best] > 0]
+            widths = tuple((self._sizes(z, q)[0], at[q]) for q in high)
+        return Score(self.hypothesis, factor, best, sizes, score, places, second, widths)
 
     def _sizes(self, z: np.ndarray, place: int) -> tuple[np.ndarray, float]:
         """Return expected sizes (k,) in SI at a place, and T² of the best-fitting ones."""
