@@ -3,20 +3,24 @@
 The first effect that is accepted stands for all that is missing, and the second is chosen beside
 it: neither gives way alone where only both together are wrong. A scan over all pairs of hypotheses
 and places costs no further solve. Its order is of the first order: the leading pairs are fitted to
-few frames, and the best of these to all and compared with what was accepted.
+few frames, and the best of these to all and compared with what was accepted. Where much is missed
+the first order leads astray: what scores highest beside each of the best single candidates, as
+fitted, is compared with them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
+from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import on_few_frames
-from ropefit.diagnosis.full_scan import sensitivities
+from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.nested import is_special_case
 from ropefit.diagnosis.pairs import (
@@ -34,6 +38,7 @@ from ropefit.inference.least_squares import Fit, attempted
 
 MOST_EXPLORED = 8  # pairs fitted to few frames
 EVALUATIONS = 10  # of such a fit
+MOST_SINGLES, MOST_SECONDS = 3, 4  # candidates, and what is put beside each
 MOST_FITTED = 3  # pairs fitted to all
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
@@ -42,12 +47,14 @@ ScannedPair = tuple[float, Start, Start]  # log evidence [nats]
 
 
 def two_instead(
-    current: Fit, accepted: list[Accepted], threshold: float, names: tuple[str, ...] | None
-) -> tuple[Fit, list[Accepted]]:
+    current: Fit, accepted: list[Accepted], threshold: float, names: tuple[str, ...] | None,
+    singles: Sequence[Candidate] = (),
+) -> tuple[Fit, list[Accepted]]:  # fmt: skip
     """Return a model with two effects of different kinds and these, in place of the accepted ones,
     where they are better together by more than a tie; else what was given.
 
-    accepted: two at most. names: of the effects that are looked for; None: all.
+    accepted: two at most. names: of the effects that are looked for; None: all. singles: fits of
+    one effect each on top of the model without any.
     """
     held = [a.candidate for a in accepted]
     base = without_effects(current, *held) if held else current
@@ -62,7 +69,8 @@ def two_instead(
         if evidence > max(LEAST_SHARE * max(found[0][0], now), TIE_NATS)
         and not _as_accepted(accepted, one[0].effect, other[0].effect)
     ]
-    pairs = [fitted_pair(base, both, threshold) for both in _best_on_few_frames(base, leading)]
+    explored = _distinct(leading)[:MOST_EXPLORED] + _beside_singles(singles, names)
+    pairs = [fitted_pair(base, both, threshold) for both in _best_on_few_frames(base, explored)]
     settled = [pair for pair in pairs if pair is not None]
     best = max(settled, key=lambda pair: together(base, pair[1]), default=None)
     if best is None or together(base, best[1]) <= now + TIE_NATS:
@@ -73,10 +81,25 @@ def two_instead(
     return whole, named
 
 
-def _best_on_few_frames(base: Fit, leading: list[ScannedPair]) -> list[list[Start]]:
+def _beside_singles(
+    singles: Sequence[Candidate], names: tuple[str, ...] | None
+) -> list[list[Start]]:
+    """Return pairs of a single candidate, of those that leave least, and what scores highest beside
+    it."""
+    out: list[list[Start]] = []
+    for one in sorted(singles, key=lambda c: c.fit.cost)[:MOST_SINGLES]:
+        start: Start = (one.hypothesis, one.values())
+        scores = Scan(one.fit, sensitivities(one.fit, [], names)).scores
+        linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
+        for score in linear[:MOST_SECONDS]:
+            out.append([start, (score.hypothesis, np.concatenate(score.starts()[0]))])
+    return out
+
+
+def _best_on_few_frames(base: Fit, pairs: list[list[Start]]) -> list[list[Start]]:
     """Return where fits of pairs begin that explain few frames best, as fitted to these."""
     few, out = on_few_frames(base) or base, []
-    for both in _distinct(leading)[:MOST_EXPLORED]:
+    for both in pairs:
         begun = settled_start(few, both)
         if begun is None:
             continue

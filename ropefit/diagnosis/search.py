@@ -15,7 +15,7 @@ from ropefit.diagnosis.acceptance import (
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import best_of
+from ropefit.diagnosis.candidate import Candidate, best_of
 from ropefit.diagnosis.candidates import completed, started_from, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.first_noise import prepared
@@ -90,6 +90,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     nominal, known, fitted = start.nominal, start.sensitivities, start.candidates
     current, accepted, refused = nominal, [], []
     first, limits, crowded, most = None, None, False, rules.most_effects
+    singles: list[Candidate] = []
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
@@ -107,6 +108,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
             started_from(fitted, scan.contact(rules)), limits.threshold, rules.effects,
         )  # fmt: skip
+        singles = singles if accepted else candidates
         known, fitted = [], []  # of the nominal model
         if far_beyond_sensor(current):
             if not candidates or far_beyond_sensor(candidates[0].fit):  # it explains too little
@@ -135,7 +137,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         left = there or latent.evidence > latent.threshold
         if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
             one, so_far = accepted, current
-            current, accepted = two_instead(so_far, one, limits.threshold, rules.effects)
+            current, accepted = two_instead(so_far, one, limits.threshold, rules.effects, singles)
             if accepted is not one:
                 continue
         if best is None:
