@@ -39,6 +39,7 @@ from ropefit.inference.least_squares import Fit, attempted
 MOST_EXPLORED = 8  # pairs fitted to few frames
 EVALUATIONS = 10  # of such a fit
 MOST_SINGLES, MOST_SECONDS = 3, 4  # candidates, and what is put beside each
+HARDLY_MORE = 1.2  # times the least cost so far: a fit without prospect of it is stopped
 MOST_FITTED = 3  # pairs fitted to all
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
@@ -92,25 +93,33 @@ def _beside_singles(
         scores = Scan(one.fit, sensitivities(one.fit, [], names)).scores
         linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
         for score in linear[:MOST_SECONDS]:
-            out.append([start, (score.hypothesis, np.concatenate(score.starts()[0]))])
+            for begin in score.widths or score.starts()[:1]:
+                out.append([start, (score.hypothesis, np.concatenate(begin))])
     return out
 
 
 def _best_on_few_frames(base: Fit, pairs: list[list[Start]]) -> list[list[Start]]:
     """Return where fits of pairs begin that explain few frames best, as fitted to these."""
-    few, out = on_few_frames(base) or base, []
+    few, out, least = on_few_frames(base) or base, [], np.inf
     for both in pairs:
         begun = settled_start(few, both)
         if begun is None:
             continue
-        fitted = attempted(begun.forward, few.problem, begun.values, EVALUATIONS, tolerance=1e-4)
-        if fitted is None or len(fitted.z) != len(few.z):
+        fitted = attempted(
+            begun.forward, few.problem, begun.values, EVALUATIONS, tolerance=1e-4,
+            needed=HARDLY_MORE * least,
+        )  # fmt: skip
+        if fitted is None or fitted.stopped or len(fitted.z) != len(few.z):
             continue
+        least = min(least, fitted.cost)
         parts = fitted.forward.split(fitted.point.u)[-2:]
         values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]
         starts = [(h, v) for (h, _), v in zip(both, values, strict=True)]
         out.append((together(few, fitted), starts))
-    return [starts for _, starts in sorted(out, key=lambda one: -one[0])[:MOST_FITTED]]
+    best = {}
+    for _, starts in sorted(out, key=lambda one: -one[0]):
+        best.setdefault(frozenset(h.key for h, _ in starts), starts)
+    return list(best.values())[:MOST_FITTED]
 
 
 def _distinct(leading: list[ScannedPair]) -> list[list[Start]]:
