@@ -199,3 +199,26 @@ def test_friction_is_found_where_a_rope_lies():
         "contact_friction",
     ]
     assert kept.cost == drag.fit.cost
+
+
+def test_closed_derivatives_of_friction_are_those_of_its_energy():
+    """Of nodes that stick, slide, have left the table, or have only just touched down."""
+    plane = rough(swept(), ROUGH).potentials[0]
+    x = torch.tensor(
+        [[0.1, 0.0, -0.1502], [0.2, 0.01, -0.1503], [0.3, 0.0, -0.14], [0.4, 0.0, -0.1502]],
+        dtype=torch.float64,
+    )
+    place = x + torch.tensor([[2e-6, -1e-6, 1e-4], [0.003, 0.002, 0.0], [0.01, 0.0, 0.0],
+                              [0.01, 0.0, 0.0]], dtype=torch.float64)  # fmt: skip
+    contact = plane._replace(rubbing=torch.ones(4, dtype=torch.float64))
+    one = friction.potential(contact, Grip(place, torch.tensor([True, True, True, False])))
+    assert one.derivatives is not None
+    slope, rows = one.derivatives(x)
+    at = x.clone().requires_grad_()
+    wanted = torch.autograd.grad(one.energy(at).sum(), at, create_graph=True)[0]
+    np.testing.assert_allclose(slope, wanted.detach(), rtol=1e-9, atol=1e-12)
+    for a in range(3):
+        row = torch.autograd.grad(wanted[:, a].sum(), at, retain_graph=True)[0]
+        np.testing.assert_allclose(rows[:, a], row, rtol=1e-9, atol=1e-9)
+    assert (slope[:2].norm(dim=1) > 0).all()
+    assert (slope[2:] == 0).all()
