@@ -134,6 +134,28 @@ def test_only_steps_in_which_nodes_touch_down_are_taken_in_increments():
     assert (off.increments == 1).all()
 
 
+def test_a_walk_does_not_depend_on_what_was_tried_before():
+    """Else a fit, which begins each step where the last one ended, has an objective with jumps."""
+    setup, free = rough(swept(40, 8), ROUGH), np.full(1, np.inf)
+
+    def lifted(setup: Setup, v: torch.Tensor) -> Setup:  # an end: it touches down later
+        by = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
+        return setup._replace(ends=setup.ends + v[0] * by * setup.ends[:, :1, 1:2].abs())
+
+    one = np.ones(1)
+    term = Term("lift", ("lift",), ("1",), lifted, 0 * one, one, -free, free, free)
+    forward = Equilibrium(setup, [term])
+    first, there, again = (forward.at(v * one) for v in (0.0, 3.0, 0.0))
+    assert isinstance(first, WalkedPoint)
+    assert isinstance(there, WalkedPoint)
+    assert np.abs(there.seen - first.seen).max() > 0.01
+    np.testing.assert_allclose(again.seen, first.seen, atol=1e-8)
+    np.testing.assert_array_equal(there.increments, first.increments)
+    anew = Equilibrium(setup, [term]).at(3.0 * one)
+    assert isinstance(anew, WalkedPoint)
+    assert (anew.increments != first.increments).any()  # of another model they are its own
+
+
 def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():
     setup = swept()
     seen = Equilibrium(rough(setup, ROUGH), []).at(np.empty(0)).seen
