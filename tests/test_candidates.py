@@ -12,6 +12,7 @@ from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import PointMass, SoftSection, StiffSection
 from ropefit.inference.noise import Noise
+from ropefit.models.terms import Term
 from tests.concealed import nominal_fit, recorded, with_effect
 
 
@@ -61,3 +62,23 @@ def test_what_nothing_determines_is_not_counted(rounding):
     one.rounding = rounding
     assert exact > 1.0
     assert one.significance() == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "beyond"), [(0.9, False), (1.15, False), (1.25, True), (-0.15, False), (-0.25, True)]
+)
+def test_what_the_data_want_beyond_a_bound(wanted: float, beyond: bool):
+    """A share of which the data tell 0.1 (one sigma), beside a parameter of the rope's."""
+    term = Term(
+        "lost", ("share",), ("1",), lambda setup, _: setup, np.zeros(1), np.full(1, 0.5),
+        np.zeros(1), np.ones(1), np.full(1, np.inf),
+    )  # fmt: skip
+    held = np.clip(wanted, 0.0, 1.0)
+    jacobian = np.array([[2.0, 0.0], [3.0, 0.0], [0.0, 0.5 / 0.1]])  # searched in halves
+    fit = SimpleNamespace(
+        jacobian=jacobian, z=jacobian @ [0.0, (wanted - held) / 0.5], spread=1.0,
+        prior=np.array([np.inf, np.inf]), point=SimpleNamespace(u=np.array([7.0, held / 0.5])),
+        forward=SimpleNamespace(terms=[None, term], split=lambda u: [u[:1], u[1:]]),
+    )  # fmt: skip
+    one = Candidate(None, term, fit, 0.0, np.zeros(0))  # type: ignore[arg-type]
+    assert one.wants_beyond_bounds() == beyond

@@ -21,11 +21,14 @@ from ropefit.effects import (
 from tests.concealed import rope
 
 
-def candidate(effect: Any, evidence: float, gained: float, unlikely: float = 0.0) -> Any:
+def candidate(
+    effect: Any, evidence: float, gained: float, unlikely: float = 0.0, beyond: bool = False
+) -> Any:
     """gained [nats] by held-out data; unlikely: sd that an error of the set-up is off zero."""
     return SimpleNamespace(
         hypothesis=SimpleNamespace(effect=effect),
         evidence=evidence,
+        wants_beyond_bounds=lambda: beyond,
         gains=np.full(5, gained / 5),
         term=SimpleNamespace(prior=np.full(len(effect.names), np.inf)),
         fit=SimpleNamespace(
@@ -53,6 +56,19 @@ def test_a_measurement_error_is_first_unless_held_out_data_tell(mass, error, fir
         assert named.hypothesis.effect.name == first
         assert len(others) == 1
         assert others[0] is not named
+
+
+@pytest.mark.parametrize(
+    ("evidence", "first"), [(20.5, "point_mass"), (22.9, "point_mass"), (23.1, "lost_out_of_plane")]
+)
+def test_what_wants_more_than_is_possible_is_not_first_of_a_tie(evidence, first):
+    mass, error = (
+        candidate(PointMass(), 20.0, 24.0),
+        candidate(LostOutOfPlane(), evidence, 24.0, beyond=True),
+    )
+    named, others = ordered(error, [mass])
+    assert named.hypothesis.effect.name == first
+    assert len(others) == 1
 
 
 def test_gains_of_frames_and_of_stretches_are_not_compared():

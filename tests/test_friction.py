@@ -134,6 +134,28 @@ def test_only_steps_in_which_nodes_touch_down_are_taken_in_increments():
     assert (off.increments == 1).all()
 
 
+def test_a_walk_does_not_depend_on_what_was_tried_before():
+    """Else a fit, which begins each step where the last one ended, has an objective with jumps."""
+    setup, free = rough(swept(40, 8), ROUGH), np.full(1, np.inf)
+
+    def lifted(setup: Setup, v: torch.Tensor) -> Setup:  # an end: it touches down later
+        by = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
+        return setup._replace(ends=setup.ends + v[0] * by * setup.ends[:, :1, 1:2].abs())
+
+    one = np.ones(1)
+    term = Term("lift", ("lift",), ("1",), lifted, 0 * one, one, -free, free, free)
+    forward = Equilibrium(setup, [term])
+    first, there, again = (forward.at(v * one) for v in (0.0, 3.0, 0.0))
+    assert isinstance(first, WalkedPoint)
+    assert isinstance(there, WalkedPoint)
+    assert np.abs(there.seen - first.seen).max() > 0.01
+    np.testing.assert_allclose(again.seen, first.seen, atol=1e-8)
+    np.testing.assert_array_equal(there.increments, first.increments)
+    anew = Equilibrium(setup, [term]).at(3.0 * one)
+    assert isinstance(anew, WalkedPoint)
+    assert (anew.increments != first.increments).any()  # of another model they are its own
+
+
 def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():
     setup = swept()
     seen = Equilibrium(rough(setup, ROUGH), []).at(np.empty(0)).seen
@@ -199,3 +221,26 @@ def test_friction_is_found_where_a_rope_lies():
         "contact_friction",
     ]
     assert kept.cost == drag.fit.cost
+
+
+def test_closed_derivatives_of_friction_are_those_of_its_energy():
+    """Of nodes that stick, slide, have left the table, or have only just touched down."""
+    plane = rough(swept(), ROUGH).potentials[0]
+    x = torch.tensor(
+        [[0.1, 0.0, -0.1502], [0.2, 0.01, -0.1503], [0.3, 0.0, -0.14], [0.4, 0.0, -0.1502]],
+        dtype=torch.float64,
+    )
+    place = x + torch.tensor([[2e-6, -1e-6, 1e-4], [0.003, 0.002, 0.0], [0.01, 0.0, 0.0],
+                              [0.01, 0.0, 0.0]], dtype=torch.float64)  # fmt: skip
+    contact = plane._replace(rubbing=torch.ones(4, dtype=torch.float64))
+    one = friction.potential(contact, Grip(place, torch.tensor([True, True, True, False])))
+    assert one.derivatives is not None
+    slope, rows = one.derivatives(x)
+    at = x.clone().requires_grad_()
+    wanted = torch.autograd.grad(one.energy(at).sum(), at, create_graph=True)[0]
+    np.testing.assert_allclose(slope, wanted.detach(), rtol=1e-9, atol=1e-12)
+    for a in range(3):
+        row = torch.autograd.grad(wanted[:, a].sum(), at, retain_graph=True)[0]
+        np.testing.assert_allclose(rows[:, a], row, rtol=1e-9, atol=1e-9)
+    assert (slope[:2].norm(dim=1) > 0).all()
+    assert (slope[2:] == 0).all()

@@ -96,6 +96,20 @@ class Candidate:
         along = slope * values / max(size, 1e-300)
         return size, float(np.sqrt(max(along @ self.covariance()[:k, :k] @ along, 0.0)))
 
+    def wants_beyond_bounds(self) -> bool:
+        """Return whether the data want one of its values significantly beyond its bounds, to first
+        order: what is possible does not explain them to the full."""
+        found, mine = self.fit, self._mine(np.arange(len(self.fit.point.u)))
+        held = np.isfinite(found.prior)
+        weight = np.where(held, 1 / found.prior**2, 0.0)
+        information = found.jacobian.T @ found.jacobian / found.spread + np.diag(weight)
+        pull = found.jacobian.T @ found.z / found.spread - weight * found.point.u
+        inverse = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
+        wanted, sd = (inverse @ pull)[mine], np.sqrt(np.maximum(np.diag(inverse)[mine], 0.0))
+        u = self._mine(found.point.u)
+        low, high = self.term.search(self.term.lower), self.term.search(self.term.upper)
+        return bool(np.any(np.maximum(u + wanted - high, low - u - wanted) > NORMAL_QUANTILE * sd))
+
     def _raw(self) -> np.ndarray:
         """Return (k + p,) values in SI as they were fitted."""
         return self.term.value(self._mine(self.fit.point.u))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ropefit.diagnosis.accepted import least_evidence
+from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
 from ropefit.diagnosis.beginning import LATE_GAIN
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate
@@ -42,11 +42,15 @@ class Fits:
 
     def add_kinds(self, starts: list[list[Start]]) -> None:
         """Fit kinds of one law, each from where the best of its starts ends after a few evaluations
-        on few frames."""
+        on few frames. Where one explains all frames, only those that came close to it there."""
         few = on_few_frames(self.current) or self.current
         explored = best_of([self._explored(few, choices) for choices in starts])
         for candidate in explored:
-            self.add([(candidate.hypothesis, candidate.values())])
+            best, close = self.best(), CLOSE_EVIDENCE * explored[0].evidence
+            if best and self.sufficient(best) and candidate.evidence < close:
+                break
+            if not candidate.fit.stopped:
+                self.add([(candidate.hypothesis, candidate.values())])
 
     def _explored(self, few: Fit, choices: list[Start]) -> Candidate | None:
         """Return the first of a kind's starts that settles, fitted for a while to few frames."""

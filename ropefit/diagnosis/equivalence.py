@@ -17,7 +17,14 @@ def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Can
 
     Of physics and a measurement error the latter, unless held-out data tell them apart: evidence
     that ties is as good as the priors of sizes and places in it, which no held-out datum knows.
+    What would explain the data only with values that are not possible comes last.
     """
+    beyond = [c for c in (best, *same) if c.wants_beyond_bounds()]
+    possible = [c for c in (best, *same) if c not in beyond]
+    leader = max(possible, key=lambda c: c.evidence, default=best)
+    if beyond and possible and best.evidence - leader.evidence < TIE_NATS:
+        first, others = ordered(leader, [c for c in possible if c is not leader])
+        return first, [*others, *beyond]
     first, others = _measurement_first(*_simplest_first(best, same))
     better = [c for c in others if _predicts_better(c, first)]
     if first.hypothesis.effect.kind != "measurement" or not better:

@@ -69,7 +69,7 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
             nominal = moving.fit
     steady = sensitivities(nominal, [], rules.effects)
     known = steady if nominal is at_rest else []
-    measured = measured_noise(nominal, steady, [])
+    measured, cost = measured_noise(nominal, steady, [])
     if not measured.coloured:
         return measured, known, []
     scan = Scan(nominal, steady)
@@ -84,9 +84,14 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
     candidates = [c for c in candidates if c.evidence > rules.least_evidence]
     seen = nominal.stations.residual
     moves = [seen - c.fit.stations.residual for c in candidates]
+    if moves:
+        measured, cost = measured_noise(nominal, steady, moves)
     if not candidates or not explained(nominal, candidates[0].fit):
         # Nor need laws of place be fitted for it: where their starts move the rope is enough.
         starts = (first_order_move(nominal, *choices[0]) for choices in late)
-        moves += [move for move in starts if move is not None]
-    noise = measured_noise(nominal, steady, moves) if moves else measured
-    return noise, known, candidates
+        further = [move for move in starts if move is not None]
+        if further:
+            # Started where most of the misfit points to, they gain by noise of the ends, too.
+            beside, left = measured_noise(nominal, steady, moves + further)
+            measured = beside if left < cost - rules.least_evidence else measured
+    return measured, known, candidates

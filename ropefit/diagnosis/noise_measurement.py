@@ -15,7 +15,7 @@ import torch
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.inference.bins import Stations
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.noise import EndNoise, Noise, estimate
+from ropefit.inference.noise import EndNoise, Noise, likeliest
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 EFFECT_PRIOR_SD = 10.0  # usual sizes
@@ -27,8 +27,11 @@ UNUSUAL_RATIO = 2.0  # of a frame's mean square to the median one
 USUAL_SHARE = 0.75  # at least, of the frames are usual
 
 
-def measured_noise(fitted: Fit, sensitivities: list[Sensitivity], moves: list[np.ndarray]) -> Noise:
-    """Return white and correlated noise of the stations of a nominal fit, and that of its ends.
+def measured_noise(
+    fitted: Fit, sensitivities: list[Sensitivity], moves: list[np.ndarray]
+) -> tuple[Noise, float]:
+    """Return white and correlated noise of the stations of a nominal fit, and that of its ends;
+    with its negative log likelihood [nats].
 
     moves: (M, D) [m] each, what further effects may have done to the stations.
     """
@@ -44,7 +47,7 @@ def measured_noise(fitted: Fit, sensitivities: list[Sensitivity], moves: list[np
     mine = _usual_frames(every, residual)
     few = Stations(*(getattr(every, name)[mine] for name in Stations.__dataclass_fields__))
     rows = np.repeat(mine, fitted.stations.residual.shape[1])
-    return estimate(few, replace(fitted.problem.noise, ends=end_noise(fitted)), design[rows])
+    return likeliest(few, replace(fitted.problem.noise, ends=end_noise(fitted)), design[rows])
 
 
 def end_noise(fitted: Fit) -> EndNoise:

@@ -15,7 +15,7 @@ class LostOutOfPlane(Effect):
 
     name = "lost_out_of_plane"
     kind = "measurement"
-    quantities = (Quantity("share", "1", 0.5, 0.0, 1.2),)
+    quantities = (Quantity("share", "1", 0.5, 0.0, 1.0),)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         seen = setup.seen

@@ -171,6 +171,12 @@ def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noi
     out, so that it is not taken for noise, nor noise for it (restricted maximum likelihood).
     Without it, whatever the model misses counts as noise: intervals become wider, never narrower.
     """
+    return likeliest(s, known, design)[0]
+
+
+def likeliest(s: Stations, known: Noise, design: np.ndarray | None = None) -> tuple[Noise, float]:
+    """Return the same, and its negative log likelihood [nats] but for a constant, with what each
+    kind of noise costs: comparable between designs for the same stations."""
     flat = s.residual.reshape(-1)
     design = np.zeros((len(flat), 0)) if design is None else design
     own = np.diagonal(s.white(), axis1=1, axis2=2) + FLOOR**2 + known.marker**2
@@ -204,7 +210,7 @@ def estimate(s: Stations, known: Noise, design: np.ndarray | None = None) -> Noi
     for _ in range(2 if known.ends else 1):
         for choices in (_positions, _tilts, _correlated):
             best = min(choices(best, typical), key=worth)
-    return best
+    return best, worth(best)
 
 
 def _positions(noise: Noise, typical: float) -> list[Noise]:

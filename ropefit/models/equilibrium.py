@@ -28,15 +28,17 @@ DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the ro
 @dataclass
 class Equilibrium(Model):
     """Frames at rest. Remembers its last states, and those of the frames in between that a rope
-    with memory has been through."""
+    with memory has been through, always in the same increments: with others, at another step of a
+    fit, what is fitted would have jumps."""
 
     path: States | None = field(default=None, repr=False, init=False)
+    increments: np.ndarray | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
 
     def starting_from(self, states: States) -> Equilibrium:
         """Return the same model, which goes on from other states of its frames."""
         out = Equilibrium(self.base, self.terms, states)
-        out.path, out.reached = self.path, self.reached
+        out.path, out.increments, out.reached = self.path, self.increments, self.reached
         return out
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
@@ -48,7 +50,8 @@ class Equilibrium(Model):
         setup = self.setup_at(u)
         start = start or self.last
         if setup.remembers:
-            point = walk(u, setup, start, self.path if start is self.last else None)
+            path = self.path if start is self.last else None
+            point = walk(u, setup, start, path, self.increments)
         else:
             deepest = DEEPEST if self.reached else np.inf
             point = _point(u, setup, _settled(setup, start, deepest))
@@ -58,7 +61,9 @@ class Equilibrium(Model):
     def _remember(self, point: Point) -> None:
         if point.solution.converged.all():
             self.last, self.reached = point.solution, True
-            self.path = point.path if isinstance(point, WalkedPoint) else None
+            walked = point if isinstance(point, WalkedPoint) else None
+            self.path = walked and walked.path
+            self.increments = walked and walked.increments
 
     def kept(self, point: Point) -> Arrays:
         """Return what of the point settled last, and of this model's memory, only settling

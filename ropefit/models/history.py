@@ -201,7 +201,9 @@ def walk(
         if lost:
             solution = unsettled(one, held, steps[-1].solution.states)
         else:
-            solution = _settle_one(one, held, (*whole.potentials, *rubbing), [known, last], toward)
+            # Friction has many equilibria: the one that the rope is dragged to on its way.
+            starts = [last, known] if rough and not first else [known, last]
+            solution = _settle_one(one, held, (*whole.potentials, *rubbing), starts, toward)
         steps.append(Step(solution, state, grips, first))
         lost = not solution.converged[0]
         if not lost:

@@ -27,6 +27,8 @@ class Grip(NamedTuple):
 
 def push(contact: Potential, x: Tensor) -> Tensor:
     """Return (..., 3) the normal force [N] of one whole node at x (..., 3) [m]."""
+    if contact.derivatives is not None and not x.requires_grad:
+        return -contact.derivatives(x)[0]
     with torch.enable_grad():
         at = x if x.requires_grad else x.detach().requires_grad_()
         slope = torch.autograd.grad(contact.energy(at).sum(), at, create_graph=x.requires_grad)[0]
@@ -71,7 +73,19 @@ def potential(contact: Potential, grip: Grip) -> Potential:
         value = hardness * torch.where(length > reach, beyond, inside)
         return torch.where(grip.touched, value, 0.0)
 
-    return Potential(energy, contact.rubbing, cornered=True)
+    def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
+        pushed = push(contact, x)
+        offset, reach = _offset(grip, x, pushed, contact)
+        length = torch.sqrt((offset**2).sum(-1) + TINY)
+        slides = length > reach
+        held = hardness * grip.touched * torch.where(slides, reach / length, 1.0)
+        way = torch.where(slides, 1 / length, 0.0)[..., None] * offset
+        across = torch.eye(3, dtype=x.dtype) - way[..., :, None] * way[..., None, :]
+        normal = pushed / torch.sqrt((pushed**2).sum(-1) + TINY)[..., None]
+        across = across - normal[..., :, None] * normal[..., None, :]
+        return held[..., None] * offset, held[..., None, None] * across
+
+    return Potential(energy, contact.rubbing, derivatives=derivatives, cornered=True)
 
 
 def slopes(contact: Potential, grip: Grip, x: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,55 @@
+"""What laws of place do to the first measurement of the noise: only what noise does not explain."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.diagnosis import first_noise
+from ropefit.diagnosis.rules import RULES
+from ropefit.effects import ForceField
+from tests.concealed import nominal_fit, recorded, rope
+
+FRAMES = 24
+FEW = replace(RULES, effects=("force_field", "point_mass", "distributed_load"))
+FIELD = torch.tensor([0.3, 1.5, 2.0, 0.1, 0.2, -0.35], dtype=torch.float64)
+
+
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, Any]]:
+    """Return what is measured: how many moves beside the nominal model, and the noise then."""
+    every, measure = [], first_noise.measured_noise
+
+    def noted(fitted: Any, known: Any, moves: Any) -> Any:
+        found = measure(fitted, known, moves)
+        every.append((len(moves), found[0]))
+        return found
+
+    monkeypatch.setattr(first_noise, "measured_noise", noted)
+    return every
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_of_the_ends_is_no_force_in_space(measured: list[tuple[int, Any]], seed: int):
+    setup, rng = rope(48, FRAMES), np.random.default_rng(seed)
+    told = setup.ends.numpy()
+    shaken = setup._replace(ends=torch.from_numpy(told + rng.normal(0, 2e-4, told.shape)))
+    nominal = nominal_fit(recorded(shaken, seed=seed, points=120), 24)
+    noise = first_noise.first_noise(nominal, FEW)[0]
+    (none, first), (some, _) = measured
+    assert none == 0
+    assert some > 0  # laws of place, not fitted, gain by that noise
+    assert noise is first
+    assert noise.ends is not None
+    assert noise.ends.sd[0] == pytest.approx(2e-4, rel=0.3)
+
+
+def test_a_force_in_space_is_no_noise(measured: list[tuple[int, Any]]):
+    data = recorded(ForceField().apply(rope(48, FRAMES), FIELD), seed=11, points=120)
+    noise = first_noise.first_noise(nominal_fit(data, 24), FEW)[0]
+    (_, alone), (some, beside) = measured
+    assert some > 0
+    assert noise is beside
+    assert noise.correlated < 0.5 * alone.correlated
