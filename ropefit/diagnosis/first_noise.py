@@ -86,7 +86,8 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
     moves = [seen - c.fit.stations.residual for c in candidates]
     if not candidates or not explained(nominal, candidates[0].fit):
         # Nor need laws of place be fitted for it: where their starts move the rope is enough.
-        starts = (first_order_move(nominal, *choices[0]) for choices in late)
-        moves += [move for move in starts if move is not None]
+        for choices in late:
+            tried = (first_order_move(nominal, *start) for start in choices)
+            moves += [move for move in tried if move is not None][:1]
     noise = measured_noise(nominal, steady, moves) if moves else measured
     return noise, known, candidates
