@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discovery import made, make, motions
+from benchmarks.discovery import made, make
 from benchmarks.discovery.concealed import PHYSICS
 from benchmarks.discovery.concealment import Concealed
 from benchmarks.discovery.law_causes import DRAWN, STRETCH, Drawn
@@ -46,6 +46,8 @@ def recording(kind: str, seed: int, folder: Path, truth_file: Path) -> dict[str,
     if truth_file.exists():
         return read_json(truth_file)
     if kind == IN_MOTION:
+        from benchmarks.discovery import motions
+
         _, concealed = motions.make(folder, seed, "laws")
         assert concealed is not None
         truth = {"form": "^n", "constants": {"n": concealed.size}}
@@ -76,6 +78,12 @@ def recording(kind: str, seed: int, folder: Path, truth_file: Path) -> dict[str,
             truth |= {"form": law.form, "constants": law.constants(size), "size": size}
         return _kept(truth_file, truth | {"kind": kind})
     raise RuntimeError(f"{kind}: no recording could be made from seed {seed}")
+
+
+def _diagnosed_in_motion(folder: Path, run: Path) -> dict[str, Any]:
+    from benchmarks.discovery import motions  # needs MuJoCo
+
+    return motions.diagnosed(folder, run)
 
 
 def _kept(file: Path, truth: dict[str, Any]) -> dict[str, Any]:
@@ -185,7 +193,7 @@ def main() -> None:
             continue
         truth = recording(kind, 1000 * options.seed + k, out / name, out / "truth" / f"{name}.json")
         run = out / "runs" / name
-        how = motions.diagnosed if kind == IN_MOTION else diagnose
+        how = _diagnosed_in_motion if kind == IN_MOTION else diagnose
         result = kept(file, lambda f=out / name, r=run, how=how: how(f, r))
         if result["answer"] is None:
             print(name, "failed:", result["error"], flush=True)
