@@ -6,41 +6,49 @@ a product with them. So thousands of fields are compared at the cost of none of 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ropefit.diagnosis.scan import Projection
-from ropefit.diagnosis.sensitivities import loads_to_nodes
 from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
+MOST_FRAMES = 16
 NOTHING = 1e-12  # whitened change, squared: a force that changes no more explains nothing
 
 
 class ForcesOnNodes:
-    """Forces on nodes (L,) of a fitted rope at rest; places (F, L, 3) [m]: where the data have
-    these nodes. A force of place acts on the rope where it is, not where a fit has it."""
+    """Forces on nodes (L,) of a fitted rope at rest in F of its frames, evenly spaced; places
+    (F, L, 3) [m]: where the data have these nodes. A force of place acts on the rope where it is,
+    not where a fit has it."""
 
     def __init__(self, fitted: Fit, nodes: tuple[int, ...]) -> None:
         s, point = fitted.stations, fitted.point
         frames, every = point.seen.shape[:2]
-        load = np.zeros((frames, len(nodes), 3, every, 3))
+        used = np.unique(np.linspace(0, frames - 1, min(frames, MOST_FRAMES)).round().astype(int))
+        load = np.zeros((len(used), len(nodes), 3, every, 3))
         for k, node in enumerate(nodes):
             load[:, k, range(3), node, range(3)] = 1.0
-        moved = np.nan_to_num(loads_to_nodes(point, load.reshape(frames, -1, every, 3)))
-        columns = sensitivity(moved, s, s, fitted.whitener)
+        load = load.reshape(len(used), -1, every, 3)
+        moved = np.zeros((load.shape[1], frames, every, 3))
+        dx, _ = tangent(point.solution.frames(used), Directions(load=load))
+        moved[:, used] = np.moveaxis(np.nan_to_num(dx), 1, 0)
         of = np.repeat(s.frame, s.residual.shape[1])
-        self._rows = [of == t for t in range(frames)]
-        self._columns = [columns[mine] for mine in self._rows]
-        self._project = Projection(fitted)
-        arc = point.setup.arc.detach().numpy()
-        at = np.array(nodes)
-        self.places = np.nan_to_num(point.solution.x[:, at])
-        for t in np.unique(s.frame):
-            mine = np.flatnonzero(s.frame == t)
-            mine = mine[np.argsort(s.share[mine])]
-            for axis in range(3):
-                self.places[t, :, axis] += np.interp(
-                    arc[at] / arc[-1], s.share[mine], s.offset[mine, axis]
-                )
+        mine = np.isin(of, used)
+        columns = sensitivity(moved, s, s, fitted.whitener)[mine]
+        self._rows = [of[mine] == t for t in used]
+        self._columns = [columns[rows] for rows in self._rows]
+        few = replace(fitted, jacobian=fitted.jacobian[mine], z=fitted.z[mine])
+        self._project = Projection(few)
+        share = (point.setup.arc.detach().numpy() / float(point.setup.arc[-1]))[list(nodes)]
+        self.places = np.nan_to_num(point.solution.x[np.ix_(used, np.array(nodes))])
+        for place, t in zip(self.places, used, strict=True):
+            at = np.flatnonzero(s.frame == t)
+            if len(at):
+                at = at[np.argsort(s.share[at])]
+                offset = [np.interp(share, s.share[at], v) for v in s.offset[at].T]
+                place += np.stack(offset, axis=-1)
 
     def gains(self, forces: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
         """Return (Q,) by how many nats each of forces (Q, F, L, 3) [N] would lower the misfit, and

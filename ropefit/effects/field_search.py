@@ -16,7 +16,7 @@ from ropefit.effects.misfit import Misfit
 
 AT_ONCE = 128  # shapes that are scored: each has a response of all stations
 REFINED = 6  # shapes, the best that differ
-ROUNDS, TRIALS = 5, 48  # of each, drawn about the best so far
+ROUNDS, TRIALS = 5, 32  # of each, drawn about the best so far
 NARROWER = 0.6  # from round to round
 SHARES = (1.0, 0.4, 0.15)  # of the best multiple, until every frame settles
 

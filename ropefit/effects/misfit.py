@@ -22,8 +22,9 @@ class Push(NamedTuple):
 
 
 class Forces(Protocol):
-    """Forces on L nodes of the rope: what they would explain of what a fit leaves, to first order,
-    its own parameters refitted. places (F, L, 3) [m]: where the data have these nodes."""
+    """Forces on L nodes of the rope in F frames: what they would explain of what a fit leaves, to
+    first order, its own parameters refitted. places (F, L, 3) [m]: where the data have these
+    nodes."""
 
     places: np.ndarray
 
