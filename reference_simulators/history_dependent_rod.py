@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from reference_simulators import inner_friction
 from reference_simulators.kirchhoff_rod import CLAMPED, Ends, RodProblem, follow
 from reference_simulators.rod_equations import Array, Inside, Rod, curvatures, rotation
 
@@ -23,13 +24,15 @@ class Law:
     """An inelastic bending rigidity [N m²] beside the rope's own.
 
     slip [1/m]: the largest elastic curvature; time [s]: its relaxation time (infinite: no creep).
-    fresh: without moment when straight, else in the first frame.
+    fresh: without moment when straight, else in the first frame. dahl: it does not slip at once
+    but by Dahl's law (1968), of which `slip` is the range, from no moment in the first frame.
     """
 
     rigidity: float
     slip: float
     time: float
     fresh: bool
+    dahl: bool = False
 
 
 def shapes(problem: RodProblem, law: Law, states: Array, interval: float) -> Array:
@@ -76,6 +79,11 @@ def _settled(
 
     What flows within the step is a softer spring.
     """
+    if law.dahl:
+        inside = Inside(law.rigidity, before, law.slip, before - inelastic)
+        rod = replace(problem.rod, inside=inside)
+        y = follow(lambda _: replace(problem, rod=rod, held=ends, gauge=False), y)
+        return y, _curvature(problem, rod, y)
     half = 0.5 * step / law.time
     # e = k - inelastic follows (1 + half) e = (1 - half) e_before + k - k_before.
     rigidity = law.rigidity / (1 + half)
@@ -97,6 +105,8 @@ def _curvature(problem: RodProblem, rod: Rod, y: Array) -> Array:
 
 def _moved(law: Law, inelastic: Array, before: Array, now: Array, step: float) -> Array:
     """Return the inelastic curvature once the curvature is `now`."""
+    if law.dahl:
+        return now - inner_friction.strained(now - before, law.slip, before - inelastic)
     half = 0.5 * step / law.time
     held = ((1 - half) * (before - inelastic) + now - before) / (1 + half)
     size = np.linalg.norm(held, axis=1, keepdims=True)

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_simulators import inner_friction
+
 Array = NDArray[np.float64]
 SIZE = 13
 
@@ -94,11 +96,16 @@ class Point:
 @dataclass(frozen=True)
 class Inside:
     """A bending rigidity [N m²] in every element beside the rope's own, without moment at curvature
-    centre (N, 2) [1/m], whose moment no longer grows beyond `slip` [1/m]."""
+    centre (N, 2) [1/m], whose moment no longer grows beyond `slip` [1/m].
+
+    With `strain` (N, 2) [1/m] it is Dahl's friction: from that elastic curvature at the centre, the
+    elastic curvature e changes along a straight way k by de = dk - e |dk| / slip.
+    """
 
     rigidity: float
     centre: Array
     slip: float
+    strain: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -261,24 +268,16 @@ def curvatures(rod: Rod, middle: Array, body: Array) -> tuple[Array, Array]:
         slope[..., :2, :2] = ratio[..., None] * np.eye(2) + (rate - ratio)[..., None] * outer
     if rod.inside is None:
         return u, slope
-    # With d = k - centre: (own + rigidity) d, or own d + rigidity slip d/|d| where that is more.
-    own, more, slip = 1 / flexibility[..., :2], rod.inside.rigidity, rod.inside.slip
-    centre = rod.inside.centre
-    left = body[..., :2] - own * (centre - rest[..., :2])
-    size = np.sqrt((left * left).sum(-1))[..., None]
-    slides = size > (own + more) * slip
-    way = left / np.maximum(size, 1e-300)
-    d = np.where(slides, (size - more * slip) / own * way, left / (own + more))
-    outer = way[..., :, None] * way[..., None, :]
-    across = np.where(slides, (size - more * slip) / (own * np.maximum(size, 1e-300)), 0.0)
-    bend_slope = np.where(
-        slides[..., None],
-        outer / own[..., None] + across[..., None] * (np.eye(2) - outer),
-        np.eye(2) / (own + more)[..., None],
+    own, inside = 1 / flexibility[..., :1], rod.inside  # the same about both axes
+    left = body[..., :2] - own * (inside.centre - rest[..., :2])
+    u, slope = u.copy(), slope.copy()
+    friction = (left, own, inside.rigidity, inside.slip)
+    d, slope[..., :2, :2] = (
+        inner_friction.prandtl(*friction)
+        if inside.strain is None
+        else inner_friction.dahl(*friction, inside.strain)
     )
-    u = np.concatenate([centre + d, u[..., 2:]], axis=-1)
-    slope = slope.copy()
-    slope[..., :2, :2] = bend_slope
+    u[..., :2] = inside.centre + d
     return u, slope
 
 

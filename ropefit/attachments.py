@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 Vector = tuple[float, float, float]
 
@@ -74,10 +75,12 @@ class EndTwist:
 @dataclass(frozen=True)
 class BendingFriction:
     """Friction that resists every change of bending: at most `moment` [N m], built up over a change
-    of curvature by `range` [1/m]; none in a pose that is given."""
+    of curvature by `range` [1/m] from none in a pose that is given: in proportion to it (Prandtl),
+    or as 1 - exp(-change / range) and after a reversal over twice that (Dahl)."""
 
     moment: float
     range: float
+    law: Literal["Prandtl", "Dahl"] = "Prandtl"
 
 
 Effect = PointMass | Plane | Sphere | Cylinder | Tether | EndTwist | BendingFriction

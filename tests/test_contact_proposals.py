@@ -29,7 +29,7 @@ def of(point: Point) -> Misfit:
     none = np.empty((0, 3))
     return Misfit(
         point.setup, point.seen, np.empty(0, int), none, none, 0.0, np.zeros(len(point.seen)),
-        frozenset(),
+        frozenset(), list, forces=lambda _: pytest.fail("contact tries no fields"),
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import tomllib
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -13,8 +14,12 @@ from scipy.spatial import cKDTree
 
 from benchmarks.discovery import falsified, report, score
 from benchmarks.discovery.cases import listed
+from benchmarks.discovery.law_causes import DRAWN
+from benchmarks.discovery.laws import LAWS, kinds
 from benchmarks.discovery.made import Made, write
 from benchmarks.discovery.make import make
+from benchmarks.discovery.motion_causes import drag_power
+from benchmarks.discovery.setting import draw
 from ropefit.adapters.rope_setup import data_in_space
 from ropefit.artifacts import Observations, read
 from ropefit.recordings.ply import read_ply
@@ -226,3 +231,26 @@ def test_only_visible_falsehoods_are_asked_for(sets, score, expected):
     answer = {"effects": effects, "verdict": "found" if effects else "unknown"}
     assert falsified.outcome({"weight_error"}, score, answer) == expected
     assert falsified.outcome({"weight_error"}, score, None) == ["all"]
+
+
+def test_sixty_recordings_hold_every_law_and_as_much_else():
+    found = Counter(kinds(60))
+    assert found["clean"] == 15
+    for law in ("bending_law", "axial_law", "force_field", "follower_force", "bending_hysteresis",
+                "drag_law"):  # fmt: skip
+        assert found[law] == 5, law
+    assert sum(n for kind, n in found.items() if kind not in LAWS) == 30
+
+
+def test_dahls_friction_and_a_power_of_drag_are_drawn_as_told(tmp_path):
+    setting = draw(True, np.random.default_rng(3), back=True)
+    one = DRAWN["bending_hysteresis"](setting, np.random.default_rng(4))
+    law = one.concealed.change(setting.world, 1e-3).law
+    assert law is not None
+    assert law.dahl
+    assert law.rigidity * law.slip == pytest.approx(1e-3)
+    assert one.constants(1e-3) == {"M0": 1e-3}
+    _, _, drag = drag_power(setting, np.random.default_rng(4))
+    assert drag is not None
+    assert drag.names == ("drag_law",)
+    assert 1.2 <= drag.drag == drag.size <= 2.0

@@ -12,6 +12,7 @@ from ropefit.diagnosis.equivalence import ordered
 from ropefit.effects import (
     BendingLaw,
     ForceField,
+    HalfSpace,
     LostOutOfPlane,
     Obstacle,
     PointForce,
@@ -79,8 +80,10 @@ def test_gains_of_frames_and_of_stretches_are_not_compared():
 
 def test_a_law_is_at_its_bound_of_either_sign_but_may_be_a_plateau():
     setup = rope(40)
-    for effect, number, low_counts in [(ForceField(), 2, False), (WallField(), 3, True),
-                                       (BendingLaw(), 0, False)]:  # fmt: skip
+    for effect, number, low_counts in [
+        (ForceField(), 2, False), (WallField(), 3, True), (HalfSpace(), 3, True),
+        (BendingLaw(), 0, False),
+    ]:  # fmt: skip
         low, high = (bound[number] for bound in effect.bounds(setup))
         inside = np.array([q.size(setup) for q in effect.quantities])
         for value, wanted in [(high, True), (0.995 * high, True), (0.5 * high, False),
@@ -92,6 +95,18 @@ def test_a_law_is_at_its_bound_of_either_sign_but_may_be_a_plateau():
                 fit=SimpleNamespace(point=SimpleNamespace(setup=setup)),
             )  # fmt: skip
             assert at_most(one) == wanted, (effect.name, value)
+
+
+def test_an_edge_that_is_sharper_than_data_show_is_at_no_bound():
+    setup, effect = rope(40), HalfSpace()
+    high = effect.bounds(setup)[1]
+    for values, wanted in [([0.01, 0.0, 0.0, 0.1, high[4]], False),
+                           ([0.01, 0.0, 0.0, high[3], high[4]], True)]:  # fmt: skip
+        one: Any = SimpleNamespace(
+            hypothesis=SimpleNamespace(effect=effect), values=lambda v=values: np.array(v),
+            fit=SimpleNamespace(point=SimpleNamespace(setup=setup)),
+        )  # fmt: skip
+        assert at_most(one) == wanted
 
 
 def test_what_would_be_refused_is_not_named_first_in_a_tie(monkeypatch):

@@ -21,7 +21,7 @@ from ropefit.attachments import (
     Sphere,
     Tether,
 )
-from ropefit.effects import BendingHysteresis
+from ropefit.effects.friction_law import dahl, prandtl, with_friction
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.exporters import export, exporters
 from ropefit.exporters.layout import lay_out
@@ -268,21 +268,23 @@ def dahl_moments(turns: np.ndarray, largest: float, decay: float) -> np.ndarray:
 def lost_here(turns: np.ndarray, friction: BendingFriction) -> np.ndarray:
     """The same loss (J,) [J] at the inner nodes of a rope of ropefit, which all turn alike."""
     values = torch.tensor([friction.moment, friction.range], dtype=torch.float64)
-    setup = BendingHysteresis().apply(concealed.rope(10, 1), values)
+    elements = {"Prandtl": prandtl, "Dahl": dahl}[friction.law](*values)
+    setup = with_friction(concealed.rope(10, 1), elements)
     time = torch.arange(len(turns), dtype=torch.float64)
     law = memory.laws(setup.memory, setup.rod(), setup.properties.bend, time)
     vector = np.zeros((len(turns), 11, 2))
     vector[..., 0] = np.sin(turns / 2)[:, None]
-    state, force = memory.unloaded(vector[0], 1), np.zeros((len(turns), 9))
+    state, force = memory.unloaded(vector[0], len(elements)), np.zeros((len(turns), 9))
     for t in range(len(turns)):
         state = memory.after(law, t, t == 0, state, vector[t])
-        force[t] = (law.drag[..., None] * state.strain)[0, 1:-1, 0]
+        force[t] = (law.drag[..., None] * state.strain).sum(0)[1:-1, 0]
     return np.array([lost_in_a_cycle(vector[:, 0, 0], column) for column in force.T])
 
 
+@pytest.mark.parametrize("law", ["Prandtl", "Dahl"])
 @pytest.mark.parametrize("amplitude", [2.0, 4.0])  # of the curvature, in ranges
-def test_bending_friction_in_newton_loses_what_it_does_here(amplitude: float) -> None:
-    friction = BendingFriction(2e-4, 1.5)
+def test_bending_friction_in_newton_loses_what_it_does_here(amplitude: float, law) -> None:
+    friction = BendingFriction(2e-4, 1.5, law)
     rope = describe("pinned", 1e-3, 11, effects=(friction,))
     result = export(rope, "newton")
     numbers = {
@@ -303,7 +305,8 @@ def test_bending_friction_in_newton_loses_what_it_does_here(amplitude: float) ->
     usd = result.files["rope.usda"]
     (line,) = [row for row in usd.splitlines() if "isaaclab:cable:dahlDecay" in row]
     decay = ast.literal_eval(line.split(" = ")[1])
-    np.testing.assert_allclose(decay, friction.range * 0.1, rtol=1e-6)
+    ranges = {"Prandtl": 1, "Dahl": 1.9}[law]
+    np.testing.assert_allclose(decay, ranges * friction.range * 0.1, rtol=1e-6)
     for target in ("mujoco", "mujoco3", "pyelastica"):
         assert any("friction" in sentence for sentence in export(rope, target).not_expressed)
 

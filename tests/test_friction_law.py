@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.rope_description import law_constants
+from ropefit.artifacts.causes import Law, Size
+from ropefit.attachments import BendingFriction
 from ropefit.diagnosis.forms import described
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import search
@@ -17,6 +20,7 @@ from tests.test_exporters import dahl_moments
 from tests.test_memory import there_and_back
 
 MOMENT, RANGE = 4e-4, 1.5  # N m, 1/m
+TOLD = {"M0": MOMENT, "k0": RANGE}
 RULES = Rules(effects=("bending_hysteresis", "point_mass", "bending_law"))
 
 
@@ -36,7 +40,7 @@ def test_the_curves_are_the_formulas():
     for f in law.forms:
         v = np.array([MOMENT, RANGE])
         told = {c.name: c.value for c in f.constants(setup, v)}
-        assert told == {"M0": MOMENT, "k0": RANGE}
+        assert told == TOLD
 
 
 def test_a_full_loop_is_dahls_over_twice_the_range():
@@ -75,3 +79,17 @@ def test_the_form_is_told(monkeypatch, elements, name):
     for c, (low, high), true in zip(mine.constants, mine.intervals, (MOMENT, RANGE), strict=True):
         assert low < true < high, c.name
         assert high - low < 0.5 * true
+
+
+def test_dahl_goes_to_newton_with_its_own_constants():
+    beside = BendingHysteresis().exported_form("Dahl: M = M0 (1 - e^(-dk/k0))", TOLD, ())
+    assert beside is not None
+    (friction,) = beside.beside
+    assert friction == BendingFriction(MOMENT, RANGE, "Dahl")
+    assert BendingHysteresis().exported_form("Prandtl: M = M0 min(dk/k0, 1)", TOLD, ()) is None
+    told = {
+        "M0": Size(value=2e-3, unit="m^2", ci95=(1e-3, 3e-3)),
+        "k0": Size(value=RANGE, unit="1/m", ci95=(1.0, 2.0)),
+    }
+    law = Law(form="Dahl", forms=["Dahl"], parameters=told)
+    assert law_constants(law, 0.5) == {"M0": 1e-3, "k0": RANGE}  # over a weight of 0.5 N/m

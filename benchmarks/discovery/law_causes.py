@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from benchmarks.discovery.concealed_errors import follower_force
 from benchmarks.discovery.concealment import Concealed, with_field
 from benchmarks.discovery.setting import Setting, World
+from reference_simulators.history_dependent_rod import Law
 from reference_simulators.rod_equations import Array, Field
 
 STRETCH = (0.15, 0.3)  # strain under its own weight, of a rope whose stretch follows a law
@@ -164,7 +165,25 @@ def follower(setting: Setting, rng: np.random.Generator) -> Drawn:
     return Drawn(follower_force(setting, rng), "", lambda _: {})
 
 
+def hysteresis(setting: Setting, rng: np.random.Generator) -> Drawn:
+    """Draw friction inside the rope by Dahl's law. Size: the largest moment [N m].
+
+    Its range is no constant that is judged: what Dahl's law has alike on the first way and after a
+    reversal, ropefit's form has twice as long after a reversal.
+    """
+    rod, span = setting.rod, float(rng.uniform(0.5, 2.0)) / setting.rod.length
+    unit = rod.density * 9.81 * rod.length**2
+
+    def change(world: World, size: float) -> World:
+        return replace(world, law=Law(size / span, span, np.inf, fresh=False, dahl=True))
+
+    concealed = Concealed(
+        "bending_hysteresis", "physics", change, 1e-4 * unit, 1e-2 * unit, "moment", "N m"
+    )
+    return Drawn(concealed, "Dahl", lambda size: {"M0": size})
+
+
 DRAWN = {
     "bending_law": bending, "axial_law": axial, "force_field": force_field,
-    "follower_force": follower,
+    "follower_force": follower, "bending_hysteresis": hysteresis,
 }  # fmt: skip

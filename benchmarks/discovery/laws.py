@@ -1,10 +1,11 @@
-"""Blind recordings with laws of random form, made by the rod equations: what is found of them?
+"""Blind recordings with laws of random form, of simulators that are not ropefit's: what is found?
 
 python -m benchmarks.discovery.laws [--seed S] [--count N] [--shard I/N] [--out DIR] [--score-only]
 [--only PATTERN] [--write docs/laws.md]
 
-Of four recordings two have a law, one a known effect, one nothing. Each is made, diagnosed by the
-command line and judged; what is finished is kept in DIR.
+Of four recordings two have a law, one a known effect, one nothing. All are of the rod equations at
+rest, but those of drag: of MuJoCo's rope, shaken. Each is made, diagnosed by the command line and
+judged; what is finished is kept in DIR.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from benchmarks.discovery.setting import Setting
 from benchmarks.document import write_section
 from reference_simulators.collocation import NotConverged
 
-LAWS = tuple(DRAWN)
+IN_MOTION = "drag_law"
+LAWS = (*DRAWN, IN_MOTION)
 SCORES = {"axial_law": (12.0, 20.0, 40.0)}  # with any linear stretch; larger ones are implausible
 USUAL_SCORES = (30.0, 60.0, 120.0)
 LINEAR = {"axial_law": "axial_extensibility"}  # an effect that a law corrects: named beside it
@@ -43,6 +45,13 @@ def recording(kind: str, seed: int, folder: Path, truth_file: Path) -> dict[str,
     """Make one recording; return its truth."""
     if truth_file.exists():
         return read_json(truth_file)
+    if kind == IN_MOTION:
+        from benchmarks.discovery import motions
+
+        _, concealed = motions.make(folder, seed, "laws")
+        assert concealed is not None
+        truth = {"form": "^n", "constants": {"n": concealed.size}}
+        return _kept(truth_file, truth | {"kind": kind})
     for attempt in range(6):
         rng = np.random.default_rng([seed, attempt])
         told: list[Drawn] = []
@@ -67,10 +76,21 @@ def recording(kind: str, seed: int, folder: Path, truth_file: Path) -> dict[str,
             size = found.sized[0].size
             law = told[-1]
             truth |= {"form": law.form, "constants": law.constants(size), "size": size}
-        truth |= {"kind": kind}
-        truth_file.write_text(json.dumps(truth, indent=1) + "\n")
-        return truth
+        return _kept(truth_file, truth | {"kind": kind})
     raise RuntimeError(f"{kind}: no recording could be made from seed {seed}")
+
+
+def _diagnosed_in_motion(folder: Path, run: Path) -> dict[str, Any]:
+    from benchmarks.discovery import motions  # needs MuJoCo
+
+    return motions.diagnosed(folder, run)
+
+
+def _kept(file: Path, truth: dict[str, Any]) -> dict[str, Any]:
+    """Write a truth; return it."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(truth, indent=1) + "\n")
+    return truth
 
 
 def judged(truth: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
@@ -115,7 +135,7 @@ def table(judgements: list[dict[str, Any]], asked: int, command: str) -> str:
     """Return the table of docs/laws.md: of so many recordings that were asked for."""
     lines = [
         f"{len(judgements)} of {asked} recordings by the rod equations, scores 30 to 120 (of",
-        "`axial_law` 12 to 40, with any linear stretch); by",
+        "`axial_law` 12 to 40, with any linear stretch), and of drag by MuJoCo's rope, shaken; by",
         f"`python -m benchmarks.discovery.laws {command}`. *Form*: the true one"
         " is among those that",
         "remain; *named*: it alone remains; *constants*: exponents and lengths of the best form,"
@@ -173,7 +193,8 @@ def main() -> None:
             continue
         truth = recording(kind, 1000 * options.seed + k, out / name, out / "truth" / f"{name}.json")
         run = out / "runs" / name
-        result = kept(file, lambda f=out / name, r=run: diagnose(f, r))
+        how = _diagnosed_in_motion if kind == IN_MOTION else diagnose
+        result = kept(file, lambda f=out / name, r=run, how=how: how(f, r))
         if result["answer"] is None:
             print(name, "failed:", result["error"], flush=True)
             continue

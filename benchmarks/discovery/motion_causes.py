@@ -97,6 +97,12 @@ def drag(s: Setting, rng: np.random.Generator) -> Drawn:
     return s.world, Told(), Concealed(("drag_law",), "n", power, drag=power)
 
 
+def drag_power(s: Setting, rng: np.random.Generator) -> Drawn:
+    """Draw an exponent of 1.2 to 2; nearer to 1 no law is to be seen."""
+    power = float(rng.uniform(1.2, 2.0))
+    return s.world, Told(), Concealed(("drag_law",), "n", power, drag=power)
+
+
 def tether(s: Setting, rng: np.random.Generator) -> Drawn:
     weight = 9.81 * s.rod.density * s.rod.length
     at = s.rod.length * float(rng.uniform(0.3, 0.7))
@@ -147,4 +153,5 @@ CAUSES: dict[str, tuple[Cause, ...]] = {
     ),
     "forces": (nothing, drag, tether, drag),
     "contact": (nothing, table, bar, table),
+    "laws": (drag_power,),
 }  # fmt: skip

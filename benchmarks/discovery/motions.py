@@ -1,7 +1,7 @@
 """Blind benchmark of `ropefit diagnose` in motion: MuJoCo's rope, shaken, with one thing concealed.
 
-    python -m benchmarks.discovery.motions [--cases standard|forces|contact] [--seeds FIRST:LAST]
-                                           [--out DIR] [--json FILE] [--write docs/results.md]
+    python -m benchmarks.discovery.motions [--cases standard|forces|contact|laws]
+        [--seeds FIRST:LAST] [--out DIR] [--json FILE] [--write docs/results.md]
 
 Every seed draws a rope, its motion and what is concealed (`CAUSES` in turn, among them nothing).
 With `--cases forces` the medium's drag grows as a power of the speed, or a tether pulls the rope;
@@ -126,18 +126,20 @@ def _write(
     )
 
 
+def diagnosed(recording: Path, run: Path) -> dict[str, Any]:
+    """Run the three stages on a recording in motion."""
+    return stages(
+        ("preprocess", recording, "--run", run),
+        ("identify", "--solver", "dynamics", "--holdout", "0", "--run", run),
+        ("diagnose", "--most-frames", MOST_FRAMES, "--run", run),
+    )
+
+
 def one(seed: int, out: Path, cases: str) -> dict[str, Any]:
     """Make, run and judge a seed."""
     recording, run = out / f"recording-{seed}", out / f"run-{seed}"
     kind, concealed = make(recording, seed, cases)
-    done = kept(
-        out / f"{seed}.json",
-        lambda: stages(
-            ("preprocess", recording, "--run", run),
-            ("identify", "--solver", "dynamics", "--holdout", "0", "--run", run),
-            ("diagnose", "--most-frames", MOST_FRAMES, "--run", run),
-        ),
-    )
+    done = kept(out / f"{seed}.json", lambda: diagnosed(recording, run))
     return {"seed": seed, "cause": kind, **judge(concealed, done["answer"]), **done}
 
 

@@ -14,6 +14,7 @@ from ropefit.adapters.restore import effect_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
+from ropefit.artifacts.causes import Law
 from ropefit.effects.place import nearest_node
 from ropefit.errors import NotConverged
 from ropefit.exporters import RopeDescription
@@ -22,6 +23,7 @@ from ropefit.models.parameters import AT_REST, PARAMETERS
 from ropefit.rod.setup import Setup
 
 POSES = 6
+PER_WEIGHT = "m^2"  # unit of a moment over the rope's weight per length
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,10 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
         effect, given = effect_of(cause), torch.tensor(cause.values)
         named = dict(zip(cause.value_names, cause.values.tolist(), strict=True))
         changed = effect.apply(whole, given)
-        how = effect.exported(named, changed, nodes, beside)
+        how = None
+        if cause.law is not None and cause.law.form:
+            how = effect.exported_form(cause.law.form, law_constants(cause.law, factor), beside)
+        how = how or effect.exported(named, changed, nodes, beside)
         if how.settles and changed.remembers:
             notes.append(f"{cause.name}: export does not express path dependence")
             continue
@@ -81,6 +86,15 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
         raise NotConverged("the rope reaches no equilibrium in some poses; export fewer frames")
     rope = _description(o, setup, whole, point.solution.x, beside)
     return Described(rope, o.frames[used], notes)
+
+
+def law_constants(law: Law, factor: float) -> dict[str, float]:
+    """Return a law's constants by name in SI; factor [N/m]: the weight per length over which
+    moments are told where the mass is not known."""
+    return {
+        name: size.value * (factor if size.unit == PER_WEIGHT else 1.0)
+        for name, size in law.parameters.items()
+    }
 
 
 def _dampings(values: dict[str, float], density: float) -> list[str]:

@@ -16,7 +16,7 @@ def write_recording(spec: SimulationSpec, x: np.ndarray, setup: Setup, directory
     """Write centrelines x (F, K, 3) [m] and a setup's ends as the recording that a sensor would
     give."""
     rng = np.random.default_rng(spec.sensor.seed)
-    s, rope = spec.sensor, spec.rope
+    s, rope = spec.sensor, spec.matter
     viewpoint = np.array(s.viewpoint) if s.viewpoint else _viewpoint(spec, x)
     about = About(spec.name, spec.gravity, rope.length, rope.diameter, rope.mass)
     writer = RecordingWriter(directory, about)
@@ -38,7 +38,7 @@ def _viewpoint(spec: SimulationSpec, x: np.ndarray) -> np.ndarray:
     flat = x.reshape(-1, 3)
     centre = (flat.min(axis=0) + flat.max(axis=0)) / 2
     across = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2][-1]
-    return centre - 1.5 * spec.rope.length * across
+    return centre - 1.5 * spec.matter.length * across
 
 
 def _write_ends(
@@ -78,11 +78,11 @@ def _surface(
     eye -= (eye * ahead).sum(axis=1, keepdims=True) * ahead
     eye /= np.linalg.norm(eye, axis=1, keepdims=True)
     side = rng.uniform(-1, 1, (len(arc), 1))
-    radius = spec.rope.diameter / 2
+    radius = spec.matter.diameter / 2
     tube = radius * (side * np.cross(ahead, eye) + np.sqrt(1 - side**2) * eye)
     points = centre + tube + rng.normal(0, s.noise, tube.shape)
     stray = rng.random(len(points)) < s.outliers
-    points[stray] += rng.normal(0, 0.03 * spec.rope.length, (int(stray.sum()), 3))
+    points[stray] += rng.normal(0, 0.03 * spec.matter.length, (int(stray.sum()), 3))
     return points
 
 
@@ -94,7 +94,7 @@ def _markers(
     found = []
     for line in x:
         own = polyline_arc(line)
-        points = resample(line, own, arc * own[-1] / spec.rope.length)
+        points = resample(line, own, arc * own[-1] / spec.matter.length)
         points = points + rng.normal(0, spec.sensor.noise, points.shape)
         points[hidden] = np.nan
         found.append(points)

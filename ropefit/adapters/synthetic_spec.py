@@ -47,9 +47,11 @@ class MotionSpec(_Table):
 
 
 class ModelSpec(_Table):
-    """The paper's model: solver, weights, steps x iterations."""
+    """The paper's model: solver, weights, steps x iterations; or the rope of a run, with the laws
+    and causes that were found. run: its folder, from where the description is."""
 
     solver: Literal["jacobi", "thomas"] = "thomas"
+    run: str = ""
     eta: dict[str, float] = Field(default_factory=dict)
     steps: int = Field(default=50, ge=1, le=1000)
     iterations: int = Field(default=20, ge=1, le=100_000)
@@ -63,6 +65,8 @@ class ModelSpec(_Table):
             _, low, high = RANGES[name]
             if not low <= value <= high:
                 raise ValueError(f"{name} = {value:g} is outside {low:g}..{high:g}")
+        if self.run and self.model_fields_set != {"run"}:
+            raise ValueError("run: a fitted rope is simulated by its own solver; give nothing else")
         return self
 
 
@@ -89,7 +93,21 @@ class SimulationSpec(_Table):
     format: Literal["ropefit-simulation/1"]
     name: str = Field(min_length=1, max_length=200)
     gravity: Point = (0.0, 0.0, -9.81)
-    rope: RopeSpec
+    rope: RopeSpec | None = None
     motion: MotionSpec
     model: ModelSpec = ModelSpec()
     sensor: SensorSpec = SensorSpec()
+
+    @property
+    def matter(self) -> RopeSpec:
+        """Return the rope that is described, or that of the run once it is filled in."""
+        assert self.rope is not None
+        return self.rope
+
+    @model_validator(mode="after")
+    def _one_rope(self) -> SimulationSpec:
+        if self.model.run and ({"rope", "gravity"} & self.model_fields_set):
+            raise ValueError("rope and gravity are those of model.run: leave them out")
+        if not self.model.run and self.rope is None:
+            raise ValueError("give [rope], or the folder of a run: [model] run")
+        return self

@@ -77,6 +77,7 @@ def at_most(candidate: Candidate) -> bool:
     values = candidate.values()[: len(low)]
     values = np.where(directed, np.abs(values), values)
     limited = np.isfinite(low) & np.isfinite(high)
+    limited &= [not q.open_ended for q in effect.quantities]
     low, high, values = low[limited], high[limited], values[limited]
     return bool((values > high - AT_LIMIT * (high - low)).any())
 

@@ -88,8 +88,10 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
         measured, cost = measured_noise(nominal, steady, moves)
     if not candidates or not explained(nominal, candidates[0].fit):
         # Nor need laws of place be fitted for it: where their starts move the rope is enough.
-        starts = (first_order_move(nominal, *choices[0]) for choices in late)
-        further = [move for move in starts if move is not None]
+        further = []
+        for choices in late:
+            tried = (first_order_move(nominal, *start) for start in choices)
+            further += [move for move in tried if move is not None][:1]
         if further:
             # Started where most of the misfit points to, they gain by noise of the ends, too.
             beside, left = measured_noise(nominal, steady, moves + further)

@@ -6,9 +6,12 @@ that has gone astray (inertia), says by itself where it may be.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from ropefit.diagnosis.calm import calm, excess, pushes
+from ropefit.diagnosis.forces_on_nodes import ForcesOnNodes
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, effects_of
 from ropefit.effects import Effect
 from ropefit.effects.misfit import Misfit
@@ -50,6 +53,11 @@ def proposals_beside(
 def misfit_of(fitted: Fit) -> Misfit:
     """Return what a fit leaves, as effects see it."""
     s, point = fitted.stations, fitted.point
+
+    @cache
+    def forces(on: tuple[int, ...]) -> ForcesOnNodes:
+        return ForcesOnNodes(fitted, on)
+
     nodes = np.where(np.isnan(point.seen), np.nan, point.solution.x)
     return Misfit(
         setup=point.setup,
@@ -61,6 +69,7 @@ def misfit_of(fitted: Fit) -> Misfit:
         excess=excess(fitted),
         terms=frozenset(term.name for term in fitted.forward.terms),
         pushes=lambda: pushes(fitted),
+        forces=forces,
     )
 
 

@@ -47,7 +47,7 @@ class Quantity:
     then it is a multiple of the recording's duration [s] as well. `inexact` is the relative error
     that remains without noise: added to the standard error in quadrature. `derived` is reported
     beside the quantity. `saturates`: sizes far above the usual one do the same, and infinity is
-    within reach.
+    within reach. `open_ended`: so do sizes beyond its bounds, where a fit may end without harm.
     """
 
     name: str
@@ -61,6 +61,7 @@ class Quantity:
     inexact: float = 0.0
     derived: Derived | None = None
     saturates: bool = False
+    open_ended: bool = False
 
     def size(self, setup: Setup) -> float:
         """Return the usual size for this rope, in SI."""
@@ -264,6 +265,13 @@ class Effect(ABC):
         setup: with the effect; nodes: of the exported rope; beside: what other effects have added.
         """
         return Exported(beside, in_rope=True)
+
+    def exported_form(
+        self, form: str, constants: dict[str, float], beside: tuple[Any, ...]
+    ) -> Exported | None:
+        """Return how a law of a form that was named, with its constants [SI] by name, goes into a
+        simulator; None: as `exported` has the effect."""
+        return None
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
         """Return how a picture shows the effect, in a recording of gravity (3,) [m/s^2]."""

@@ -50,6 +50,14 @@ class BendingHysteresis(Effect):
         friction = BendingFriction(values["moment"], values["range"])
         return Exported((*beside, friction), settles=False)
 
+    def exported_form(
+        self, form: str, constants: dict[str, float], beside: tuple[Any, ...]
+    ) -> Exported | None:
+        if not form.startswith("Dahl") or constants["M0"] <= 0:
+            return None
+        friction = BendingFriction(constants["M0"], constants["k0"], "Dahl")
+        return Exported((*beside, friction), settles=False)
+
     def sentence(self, values: dict[str, float]) -> str:
         return (
             f"friction inside the rope resists a change of its bending by {values['moment']:.2g} "

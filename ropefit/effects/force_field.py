@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Exported, Quantity
+from ropefit.effects.base import Quantity
 from ropefit.effects.drawn import Drawn, components
+from ropefit.effects.field_search import SHARES, best_shapes
+from ropefit.effects.force_in_space import Field, ForceInSpace, with_field
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import middle_of
-from ropefit.rod.setup import Potential, Setup
+from ropefit.rod.setup import Setup
 
 REFERENCE = 0.1  # of the length: the distance at which `strength` is the force
 CLOSEST = 0.01  # of the length: nearer, the force grows no further
-GRID, AROUND = 12, 0.2  # centres tried along each axis, and how far beyond the rope, of its length
+GRID, AROUND = 10, 0.2  # centres tried along each axis, and how far beyond the rope, of its length
+FIRST_SHAPES = ((0.0, 5.0), (0.0, 15.0), (2.0, 0.0))  # tried: powers and decays over the length
 STARTS, APART = 2, 0.15  # of the length: centres that are nearer are one
-FIRST_STRENGTH = 0.1  # usual sizes: small enough that every frame settles
 LARGEST = 100.0  # usual strengths
-LUMPS = 16  # parts of the rope: forces change little over one
 SHORTEST = 0.03  # of the length: over which a force falls by e; a shorter one is a contact
 POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(10))
-
-
-class Field:
-    """An energy per length that is a function of place in space."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +46,18 @@ class Radial(Field):
         return self.strength * falling
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Return the energy per length [J/m] at x (..., 3), zero at the reference distance."""
+        # Zero at the reference distance.
         r = (x - self.centre).norm(dim=-1).clamp_min(self.closest)
         half = 0.5 * torch.log(r / self.reference)[..., None]
         at = self.reference * torch.exp(half * (POINTS + 1))
         return -(half * self.force(at) * at * WEIGHTS).sum(-1)
 
+    def force_at(self, x: Tensor) -> Tensor:
+        arm = x - self.centre
+        r = arm.norm(dim=-1).clamp_min(self.closest)
+        return (self.force(r) / r)[..., None] * arm
+
     def derivatives(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the energy's slope (..., 3) and curvature (..., 3, 3) in closed form."""
         arm = x - self.centre
         far = arm.norm(dim=-1)
         r = far.clamp_min(self.closest)
@@ -67,25 +67,6 @@ class Radial(Field):
         across = torch.eye(3, dtype=x.dtype) - square
         rows = along[..., None, None] * square - (force / r)[..., None, None] * across
         return -force[..., None] * way, rows
-
-
-class ForceInSpace(Effect):
-    """A force per length that is a function of place in space, whatever function that is."""
-
-    name = "force_field"
-    in_motion = False
-    scanned = False
-    late = True
-    linear = False
-    held_out = "stretches"  # the frames that come near it tell most of it
-
-    def applies(self, setup: Setup) -> bool:
-        return not has_field(setup)
-
-    def exported(
-        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
-    ) -> Exported:
-        return Exported(beside, note="force_field: forces of place in space are not expressed")
 
 
 class ForceField(ForceInSpace):
@@ -113,34 +94,39 @@ class ForceField(ForceInSpace):
         centre = middle_of(setup) + values[3:]
         reference, closest = REFERENCE * length, CLOSEST * length
         field = Radial(values[0], values[1], values[2], centre, reference, closest)
-        energy = Potential(field, lumped(setup.arc), derivatives=field.derivatives)
-        return setup._replace(potentials=(*setup.potentials, energy))
+        return with_field(setup, field)
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
-        """Return centres from which, or to which, most of the misfit points."""
+        """Return the two points and laws of a force that explains most of the misfit, to first
+        order."""
         setup = misfit.setup
         length, middle = float(setup.properties.length.sum()), middle_of(setup).numpy()
         good = misfit.nodes[np.isfinite(misfit.nodes).all((1, 2))]
         low, high = (f(good, axis=(0, 1)) for f in (np.min, np.max))
         edges = np.linspace(low - AROUND * length, high + AROUND * length, GRID)
-        centres = np.stack(np.meshgrid(*edges.T, indexing="ij"), -1).reshape(-1, 3)
-        along, score = np.empty(len(centres)), np.empty(len(centres))
-        for some in np.array_split(np.arange(len(centres)), GRID**2):  # not all at once: memory
-            arm = misfit.places - centres[some, None]
-            far = np.maximum(np.linalg.norm(arm, axis=-1), 0.5 * REFERENCE * length)
-            force = arm / far[..., None] ** 3
-            along[some] = (force * misfit.moves).sum((1, 2))
-            score[some] = along[some] / np.sqrt((force**2).sum((1, 2)))
-        usual = [q.size(setup) for q in self.quantities]
-        out: list[np.ndarray] = []
-        for k in np.argsort(-np.abs(score)):
-            place = centres[k] - middle
-            if all(np.linalg.norm(place - v[3:]) > APART * length for v in out):
-                size = FIRST_STRENGTH * np.sign(along[k]) * usual[0]
-                out.append(np.array([size, 1.0, 0.5 * usual[2], *place]))
-            if len(out) == STARTS:
-                break
-        return [[v, v * np.array([0.2, 1, 1, 1, 1, 1])] for v in out]
+        centres = np.stack(np.meshgrid(*edges.T, indexing="ij"), -1).reshape(-1, 3) - middle
+        tried = [np.insert(centres, [0, 0], [n, d / length], axis=1) for n, d in FIRST_SHAPES]
+        lower, upper = (np.array(v) for v in self.bounds(setup))
+        reference, closest = REFERENCE * length, CLOSEST * length
+
+        def field(shapes: np.ndarray) -> Radial:
+            limited = np.clip(shapes, lower[1:], upper[1:])
+            power, decay, *place = torch.from_numpy(limited).T[..., None, None]
+            centre = torch.stack(place, dim=-1) + torch.from_numpy(middle)
+            one, at = torch.ones((), dtype=centre.dtype), torch.tensor(reference)
+            return Radial(one, power, decay, centre, at, torch.tensor(closest))
+
+        def alike(a: np.ndarray, b: np.ndarray) -> bool:
+            return bool(np.linalg.norm(a[2:] - b[2:]) < APART * length)
+
+        widths = np.array(
+            [0.5, 3 / length, *(3 * [0.5 * float(np.ptp(edges, axis=0).max()) / GRID])]
+        )
+        found = best_shapes(misfit, np.concatenate(tried), field, widths, alike, STARTS, upper[0])
+        return [
+            [np.array([part * size, *np.clip(shape, lower[1:], upper[1:])]) for part in SHARES]
+            for size, shape in found
+        ]
 
     def law(self, setup: Setup) -> Law:
         return Law(
@@ -160,21 +146,6 @@ class ForceField(ForceInSpace):
             "centre", point=components(values, "centre_"), size=np.sign(values["strength"]),
             label="repels" if values["strength"] > 0 else "attracts",
         )  # fmt: skip
-
-
-def lumped(arc: Tensor) -> Tensor:
-    """Return (N+1,) [m] how much of the rope, with nodes at arc (N+1,) [m], the field acts on at
-    each node: at LUMPS + 1 of them, by the trapezoidal rule. Every further one would be three
-    supports more in every factorisation."""
-    nodes = torch.linspace(0, len(arc) - 1, min(LUMPS, len(arc) - 1) + 1).round().long()
-    half = 0.5 * arc[nodes].diff()
-    share = torch.nn.functional.pad(half, (1, 0)) + torch.nn.functional.pad(half, (0, 1))
-    return torch.zeros_like(arc).index_add(0, nodes, share)
-
-
-def has_field(setup: Setup) -> bool:
-    """Say whether a force of place acts in a setup, of whichever kind: two would compensate."""
-    return any(isinstance(p.energy, Field) for p in setup.potentials)
 
 
 def _field_of(setup: Setup) -> Radial | None:

@@ -8,20 +8,15 @@ from torch import Tensor
 
 from ropefit.effects.base import Quantity
 from ropefit.effects.drawn import Drawn, components
-from ropefit.effects.force_field import ForceInSpace
+from ropefit.effects.force_in_space import ForceInSpace
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.planar import (
-    APART,
-    FIRST_LOAD,
     LOADS,
-    SMALLER,
-    STARTS,
     Step,
-    directions,
     largest,
     law_of,
-    origin_of,
+    planar_starts,
     with_profile,
 )
 from ropefit.rod.setup import Setup
@@ -38,7 +33,7 @@ class HalfSpace(ForceInSpace):
     quantities = (
         *LOADS,
         Quantity("edge", "m", 0.2, by_length=1.0),
-        Quantity("sharpness", "1/m", 30.0, by_length=-1.0),
+        Quantity("sharpness", "1/m", 30.0, by_length=-1.0, open_ended=True),
     )
 
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
@@ -52,29 +47,18 @@ class HalfSpace(ForceInSpace):
         return with_profile(setup, values[:3], Step(values[3], sharpness))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
-        """Return directions along which most of the misfit points, behind an edge across them."""
-        setup = misfit.setup
-        length = float(setup.properties.length.sum())
-        usual, sharpness = self.quantities[0].size(setup), FIRST_SHARPNESS / length
-        arm = misfit.places - origin_of(setup).numpy()
-        tried = []
-        for way in directions():
-            d, along = arm @ way, misfit.moves @ way
-            for edge in np.quantile(d, EDGES):
-                share = 1 / (1 + np.exp(np.clip(sharpness * (d - edge), -50, 50)))
-                score = float(along @ share / np.sqrt(share @ share))
-                tried.append((abs(score), np.sign(score) * way, np.sign(score), edge))
-        tried.sort(key=lambda t: -t[0])
-        out: list[np.ndarray] = []
-        for _, way, sign, edge in tried:
-            # A force against the direction that was tried is full beyond the edge along itself.
-            if all(way @ v[:3] / np.linalg.norm(v[:3]) < np.cos(APART) for v in out):
-                out.append(np.array([*FIRST_LOAD * usual * way, sign * edge, sign * sharpness]))
-            if len(out) == STARTS:
-                break
-        # The same but for a load on all of the rope, which a fit without the field has taken up.
-        out += [v * np.array([-1, -1, -1, -1, 1]) for v in out]
-        return [[v, v * SMALLER] for v in out]
+        """Return the two parts of the room in which a force explains most of the misfit, to first
+        order."""
+        length = float(misfit.setup.properties.length.sum())
+        sharpness = FIRST_SHARPNESS / length
+
+        def tried(d: np.ndarray) -> np.ndarray:
+            return np.stack([np.quantile(d, EDGES), np.full(len(EDGES), sharpness)], axis=1)
+
+        limits = np.array(self.bounds(misfit.setup)[1])
+        return planar_starts(
+            misfit, tried, Step, (0.1 * length, 0.0), limits, np.array([-1.0, -1.0])
+        )
 
     def law(self, setup: Setup) -> Law:
         return law_of(self, setup)

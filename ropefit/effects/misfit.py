@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,6 +21,19 @@ class Push(NamedTuple):
     gain: float
 
 
+class Forces(Protocol):
+    """Forces on L nodes of the rope in F frames: what they would explain of what a fit leaves, to
+    first order, its own parameters refitted. places (F, L, 3) [m]: where the data have these
+    nodes."""
+
+    places: np.ndarray
+
+    def gains(self, forces: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return (Q,) by how many nats each of forces (Q, F, L, 3) [N] would lower the misfit, and
+        (Q,) the multiple of it that does, of a size of at most `most`."""
+        ...
+
+
 @dataclass(frozen=True)
 class Misfit:
     """Where data and fitted rope differ.
@@ -30,7 +43,7 @@ class Misfit:
     (M, 3) [m] on the rope, moves (M, 3) [m] from the rope to the data. variance [m²] of the noise
     of a point, summed over the components that count; excess (F,) standard errors by which a
     frame's mean square exceeds the median one; terms: names of all parts of the model; pushes():
-    of frames that stand out, the strongest first.
+    of frames that stand out, the strongest first; forces(nodes): on these L nodes.
     """
 
     setup: Setup
@@ -41,4 +54,5 @@ class Misfit:
     variance: float
     excess: np.ndarray
     terms: frozenset[str]
-    pushes: Callable[[], list[Push]] = list
+    pushes: Callable[[], list[Push]]
+    forces: Callable[[tuple[int, ...]], Forces]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,10 +11,12 @@ import torch
 from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
-from ropefit.effects.force_field import Field, lumped
+from ropefit.effects.field_search import SHARES, best_shapes
+from ropefit.effects.force_in_space import Field, with_field
 from ropefit.effects.law import Constant, Form, Law
+from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import middle_of
-from ropefit.rod.setup import Potential, Setup
+from ropefit.rod.setup import Setup
 
 STEEPEST = 40.0  # over the length: how fast the logarithm of the force may change
 EDGE = 0.02  # of the length: over which a step rises
@@ -26,9 +29,8 @@ APART = 0.5  # rad: directions that are nearer are one
 
 
 LOADS = tuple(Quantity(f"load_{axis}", "N/m", 0.1, by_weight=1.0, by_length=-1.0) for axis in "xyz")
-FIRST_LOAD = 0.1  # usual loads: small enough that every frame settles
 STARTS = 2  # directions that a fit starts from
-SMALLER = np.array([0.2, 0.2, 0.2, 1.0, 1.0])  # a second start in each: load, profile
+TURNED = 0.2  # rad: by how much directions are varied to refine them
 
 
 class Profile(Protocol):
@@ -130,13 +132,14 @@ class Planar(Field):
         return ((x - self.middle) * self.way).sum(-1)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Return the energy per length [J/m] at x (..., 3)."""
         return self.size * self.profile.energy(self.distance(x))
 
+    def force_at(self, x: Tensor) -> Tensor:
+        return (self.size * self.profile.force(self.distance(x)))[..., None] * self.way
+
     def derivatives(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the energy's slope (..., 3) and curvature (..., 3, 3) in closed form."""
         d = self.distance(x)
-        slope = -self.size * self.profile.force(d)[..., None] * self.way
+        slope = -self.force_at(x)
         rows = -self.size * self.profile.slope(d)[..., None, None]
         return slope, rows * self.way[:, None] * self.way
 
@@ -158,13 +161,55 @@ def with_profile(setup: Setup, load: Tensor, profile: Profile) -> Setup:
     size = load.norm()
     way = load / size.clamp_min(1e-300)
     field = Planar(way, size, origin_of(setup), profile)
-    energy = Potential(field, lumped(setup.arc), derivatives=field.derivatives)
-    return setup._replace(potentials=(*setup.potentials, energy))
+    return with_field(setup, field)
 
 
 def largest(setup: Setup, usual: float = LARGEST) -> list[float]:
     """Return (3,) [N/m] the largest load along each axis, as a multiple of usual ones."""
     return [usual * quantity.size(setup) for quantity in LOADS]
+
+
+def planar_starts(
+    misfit: Misfit,
+    profiles: Callable[[np.ndarray], np.ndarray],
+    profile: Callable[[Tensor, Tensor], Profile],
+    widths: tuple[float, float],
+    limits: np.ndarray,
+    odd: np.ndarray,
+) -> list[list[np.ndarray]]:
+    """Return starts along the directions, with the profiles, that explain most of a misfit.
+
+    profiles(d (M,) [m]): (Q, 2) values of profiles tried where the data are at distances d along a
+    direction; profile: of two values; widths: of them, to refine; limits (3 + 2,): largest load
+    and values; odd (2,): sign that they get with a force against the direction.
+    """
+    setup = misfit.setup
+    origin = origin_of(setup)
+    arm = misfit.places - origin.numpy()
+    ways = directions()
+    tried = [
+        np.insert(one, [0, 0, 0], way, axis=1) for way in ways for one in [profiles(arm @ way)]
+    ]
+
+    def field(shapes: np.ndarray) -> Planar:
+        way = torch.from_numpy(shapes[:, :3] / np.linalg.norm(shapes[:, :3], axis=1)[:, None])
+        values = np.clip(shapes[:, 3:], -limits[3:], limits[3:])
+        first, second = torch.from_numpy(values).T[..., None, None]
+        one = torch.ones((), dtype=way.dtype)
+        return Planar(way[:, None, None], one, origin, profile(first, second))
+
+    def alike(a: np.ndarray, b: np.ndarray) -> bool:
+        return bool(a[:3] @ b[:3] > np.cos(APART) * np.linalg.norm(a[:3]) * np.linalg.norm(b[:3]))
+
+    every = np.array([*(3 * [TURNED]), *widths])
+    out = []
+    for size, shape in best_shapes(
+        misfit, np.concatenate(tried), field, every, alike, STARTS, limits[0]
+    ):
+        load = size * shape[:3] / np.linalg.norm(shape[:3])
+        values = np.clip(shape[3:], -limits[3:], limits[3:]) * np.where(size < 0, odd, 1.0)
+        out.append([np.array([*(part * load), *values]) for part in SHARES])
+    return out
 
 
 def directions() -> np.ndarray:

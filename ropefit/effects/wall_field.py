@@ -8,21 +8,16 @@ from torch import Tensor
 from ropefit.effects.base import Quantity, SpecialCase
 from ropefit.effects.distributed_load import DistributedLoad
 from ropefit.effects.drawn import Drawn, components
-from ropefit.effects.force_field import ForceInSpace
+from ropefit.effects.force_in_space import ForceInSpace
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.planar import (
-    APART,
-    FIRST_LOAD,
     LOADS,
-    SMALLER,
-    STARTS,
     STEEPEST,
     Falling,
-    directions,
     largest,
     law_of,
-    origin_of,
+    planar_starts,
     with_profile,
 )
 from ropefit.rod.setup import Setup
@@ -50,30 +45,14 @@ class WallField(ForceInSpace):
         return with_profile(setup, values[:3], Falling(values[3], values[4]))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
-        """Return directions along which most of the misfit points, with how fast it falls."""
-        setup = misfit.setup
-        length = float(setup.properties.length.sum())
-        usual = self.quantities[0].size(setup)
-        arm = misfit.places - origin_of(setup).numpy()
-        tried = []
-        for way in directions():
-            d, along = arm @ way, misfit.moves @ way
-            for decay in DECAYS:
-                # Where the force is 1 where the rope is nearest to the wall.
-                size = np.exp(-(decay / length) * (d - d.min()))
-                score = float(along @ size / np.sqrt(size @ size))
-                at = np.exp((decay / length) * d.min())
-                tried.append((abs(score), way, np.sign(score) * at, decay / length))
-        tried.sort(key=lambda t: -t[0])
-        out: list[np.ndarray] = []
-        for _, way, size, decay in tried:
-            if all(abs(way @ v[:3] / np.linalg.norm(v[:3])) < np.cos(APART) for v in out):
-                # A force against `way` grows along itself.
-                load, decay = FIRST_LOAD * usual * size * way, np.sign(size) * decay
-                out.append(np.array([*load, decay, 0.0]))
-            if len(out) == STARTS:
-                break
-        return [[v, v * SMALLER] for v in out]
+        """Return the two walls whose force explains most of the misfit, to first order."""
+        length = float(misfit.setup.properties.length.sum())
+        tried = np.array([[decay / length, 0.0] for decay in DECAYS])
+        limits = np.array(self.bounds(misfit.setup)[1])
+        return planar_starts(
+            misfit, lambda _: tried, Falling, (3 / length, 3 / length**2), limits,
+            np.array([-1.0, 1.0]),
+        )  # fmt: skip
 
     def law(self, setup: Setup) -> Law:
         return law_of(self, setup)

@@ -120,7 +120,8 @@ class RopeDescription:
         what = type(effect).__name__
         numbers: list[float] = []
         for value in vars(effect).values():
-            numbers += list(value) if isinstance(value, tuple) else [value]
+            if not isinstance(value, str):
+                numbers += list(value) if isinstance(value, tuple) else [value]
         if not np.isfinite(numbers).all():
             raise BadInput(f"{what}: every number of it must be finite")
         if isinstance(effect, PointMass | Tether) and not 0 <= effect.node <= self.segments:
