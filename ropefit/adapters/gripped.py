@@ -15,12 +15,12 @@ from ropefit.adapters.rope_setup import CLAMPED, surface_sd
 from ropefit.adapters.start_values import started_setup
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
-from ropefit.effects import Damping, Inertia
 from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
 from ropefit.models.gripped_rope import GrippedRope, gripped
 from ropefit.models.grips import grips
 from ropefit.models.parameters import AT_REST
 from ropefit.models.priors import calibration
+from ropefit.rod.moving import at_nodes
 from ropefit.rod.setup import Setup
 
 SEGMENTS = CLAMPED // PULLED * PULLED
@@ -76,9 +76,12 @@ def gripped_rope(
 
 def _as_it_moves(setup: Setup, o: Observations, fitted: dict[str, float]) -> Setup:
     """Return the setup with the loads of its inertia and of the air, by its motion as observed."""
-    air = fitted.get(AIR, 0.0) / stated_units(o)[AIR].factor
-    setup = Inertia().apply(setup, torch.ones(1, dtype=torch.float64))
-    return Damping().apply(setup, torch.tensor([air], dtype=torch.float64))
+    assert setup.motion is not None
+    p, air = setup.properties, fitted.get(AIR, 0.0) / stated_units(o)[AIR].factor
+    mass = at_nodes(0.5 * p.density * p.length) + setup.mass
+    drag = at_nodes(0.5 * air * p.length)
+    moved = mass[:, None] * setup.motion.acceleration + drag[:, None] * setup.motion.velocity
+    return setup._replace(load=setup.load - moved)
 
 
 def _calibrated(
