@@ -12,7 +12,7 @@ from ropefit.adapters.motion_setup import FINER_SEGMENTS, SEGMENTS
 from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.fitting.motion import diagnosed_motion, restored_motion
 from ropefit.inference.bins import match
-from tests.shaken_ropes import AIR, EI, LOSS, shaken
+from tests.shaken_ropes import AIR, EI, LOSS, filmed, shaken
 
 
 @pytest.fixture(scope="module")
@@ -86,4 +86,17 @@ def test_what_it_cannot_do_is_said(ropefit, recording):
     wrong = ropefit("identify", "--solver", "dynamics", "--free", "mass", code=2)
     assert "bend_damping" in wrong.stderr
     ropefit("preprocess", "--run", "cloud")
-    assert "markers" in ropefit("identify", "--solver", "dynamics", "--run", "cloud", code=3).stderr
+    told = ropefit("identify", "--solver", "dynamics", "--run", "cloud", code=3).stderr
+    assert "20 frames" in told
+
+
+def test_clouds_show_a_motion_by_what_lies_across_the_rope(ropefit, tmp_path):
+    """From a depth camera at 33 frames a second: rigidity and damping, both bounds."""
+    ropefit("preprocess", filmed(tmp_path / "filmed"), "--run", "run")
+    told = ropefit.json("identify", "--solver", "dynamics", "--holdout", 0, "--run", "run")
+    found = told["groups"]["group_0"]["parameters"]
+    for name, truth in {"EI": EI, "bend_damping": LOSS, "air_damping": AIR}.items():
+        low, high = found[name]["ci95"]
+        assert low < truth < high
+        assert found[name]["value"] == pytest.approx(truth, rel=0.2)
+    assert told["rms_fit_m"] < 4e-3
