@@ -12,7 +12,7 @@ from ropefit.adapters.motion_setup import FINER_SEGMENTS, SEGMENTS
 from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.fitting.motion import diagnosed_motion, restored_motion
 from ropefit.inference.bins import match
-from tests.shaken_ropes import AIR, EI, LOSS, filmed, shaken
+from tests.shaken_ropes import AIR, EI, LOSS, WEIGHT_AT, filmed, shaken
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +100,19 @@ def test_clouds_show_a_motion_by_what_lies_across_the_rope(ropefit, tmp_path):
         assert low < truth < high
         assert found[name]["value"] == pytest.approx(truth, rel=0.2)
     assert told["rms_fit_m"] < 4e-3
+    assert ropefit.json("diagnose", "--run", "run")["verdict"] == "none"
+
+
+def test_a_weight_is_named_from_clouds_in_motion(ropefit, tmp_path):
+    mass = 0.012
+    ropefit("preprocess", filmed(tmp_path / "filmed", mass), "--run", "run")
+    ropefit("identify", "--solver", "dynamics", "--holdout", 0, "--run", "run")
+    told = ropefit.json("diagnose", "--run", "run")
+    (effect,) = told["effects"]
+    assert effect["name"] == "point_mass"
+    size = effect["parameters"]["mass"]
+    assert size["ci95"][0] < mass < size["ci95"][1]
+    assert size["value"] == pytest.approx(mass, rel=0.2)
+    low, high = effect["arc_length_m"]
+    assert low < WEIGHT_AT < high
+    assert high - low < 0.15
