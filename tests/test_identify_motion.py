@@ -7,74 +7,17 @@ import shutil
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.motion_setup import FINER_SEGMENTS, SEGMENTS
 from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.fitting.motion import diagnosed_motion, restored_motion
 from ropefit.inference.bins import match
-from ropefit.recordings.ends import quaternion_along
-from ropefit.rod.quaternion import from_rotation_vector, multiply
-from ropefit.rod.rod import uniform
-from ropefit.solvers.dynamics.problem import Drive, Start
-from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.solve import solve as settle
-from tests.moving_ropes import rope, stepped
-
-EI, GJ, LOSS, AIR, MASS, LENGTH = 2e-3, 1.5e-3, 1e-4, 0.03, 0.06, 0.8
-FRAMES, MARKERS, STEPS = 160, 9, 4
+from tests.shaken_ropes import AIR, EI, LOSS, WEIGHT_AT, filmed, shaken
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """Two clips of a clamped rope that is shaken, from a rod four times as fine."""
-    folder = tmp_path_factory.mktemp("shaken")
-    p = uniform(length=LENGTH, segments=160, bend=EI, twist=GJ, density=MASS / LENGTH)
-    moved = rope(p, clamped=(True, True), bend=LOSS, twist=LOSS, air=AIR)
-    count = (FRAMES - 1) * STEPS + 1
-    time = np.arange(count) * 0.01 / STEPS
-    rows, markers, times = [], [], []
-    for clip in range(2):
-        t = torch.from_numpy(time + 3 * clip)
-        grow = torch.from_numpy(np.minimum(time / 0.3, 1) ** 2)[:, None]
-        sway = torch.stack([0.1 * torch.sin(6 * t), 0.12 * torch.sin(9 * t), 0.05 * t], -1)
-        ends = torch.tensor([[0.0, 0, 0], [0.5, 0.05, 0.1]], dtype=torch.float64).repeat(
-            count, 1, 1
-        )
-        ends[:, 0] += grow * (sway - sway[:1])
-        level = torch.from_numpy(
-            np.stack([quaternion_along(np.array(v)) for v in ((1.0, 0, -1), (1.0, 0, 1))])
-        )
-        nod = torch.zeros(count, 2, 3, dtype=torch.float64)
-        nod[:, 0, 0] = 0.3 * grow[:, 0] * torch.sin(5 * t)
-        clamp = multiply(level.expand(count, 2, 4), from_rotation_vector(nod))
-        first = settle(moved.rod, Conditions(ends[:1], clamp[:1]))
-        assert first.converged.all()
-        start = Start(
-            torch.from_numpy(first.x), torch.from_numpy(first.q), torch.zeros(1, 161, 3).double()
-        )
-        found = stepped(moved, Drive(torch.from_numpy(time)[None], ends[None], clamp[None]), start)
-        noise = 2e-5 * np.random.default_rng(clip).normal(size=(FRAMES, MARKERS, 3))
-        markers.append(found.x[0][::STEPS, :: 160 // (MARKERS - 1)] + noise)
-        times.append(time[::STEPS] + 10 * clip)
-        for k in range(FRAMES):
-            for end in range(2):
-                at = STEPS * k
-                pose = [*ends[at, end].tolist(), *clamp[at, end].tolist()]
-                told = ",".join(map(repr, pose))
-                rows.append(f"{k + FRAMES * clip},{float(times[-1][k])!r},{end},{told}")
-    arc = np.linspace(0, LENGTH, MARKERS)
-    np.savez(
-        folder / "markers.npz", positions=np.concatenate(markers), time=np.concatenate(times),
-        arc_length=arc,
-    )  # fmt: skip
-    (folder / "ends.csv").write_text("frame,time,end,x,y,z,qw,qx,qy,qz\n" + "\n".join(rows) + "\n")
-    (folder / "recording.toml").write_text(
-        'format = "ropefit-recording/1"\nname = "shaken"\ngravity = [0, 0, -9.81]\n'
-        f"[rope]\nlength = {LENGTH}\nmass = {MASS}\n"
-        '[ends]\nfile = "ends.csv"\n[markers]\nfile = "markers.npz"\n'
-    )
-    return folder
+    return shaken(tmp_path_factory.mktemp("shaken"))
 
 
 def test_parameters_come_back(ropefit, recording, tmp_path):
@@ -143,4 +86,33 @@ def test_what_it_cannot_do_is_said(ropefit, recording):
     wrong = ropefit("identify", "--solver", "dynamics", "--free", "mass", code=2)
     assert "bend_damping" in wrong.stderr
     ropefit("preprocess", "--run", "cloud")
-    assert "markers" in ropefit("identify", "--solver", "dynamics", "--run", "cloud", code=3).stderr
+    told = ropefit("identify", "--solver", "dynamics", "--run", "cloud", code=3).stderr
+    assert "20 frames" in told
+
+
+def test_clouds_show_a_motion_by_what_lies_across_the_rope(ropefit, tmp_path):
+    """From a depth camera at 33 frames a second: rigidity and damping, both bounds."""
+    ropefit("preprocess", filmed(tmp_path / "filmed"), "--run", "run")
+    told = ropefit.json("identify", "--solver", "dynamics", "--holdout", 0, "--run", "run")
+    found = told["groups"]["group_0"]["parameters"]
+    for name, truth in {"EI": EI, "bend_damping": LOSS, "air_damping": AIR}.items():
+        low, high = found[name]["ci95"]
+        assert low < truth < high
+        assert found[name]["value"] == pytest.approx(truth, rel=0.2)
+    assert told["rms_fit_m"] < 4e-3
+    assert ropefit.json("diagnose", "--run", "run")["verdict"] == "none"
+
+
+def test_a_weight_is_named_from_clouds_in_motion(ropefit, tmp_path):
+    mass = 0.012
+    ropefit("preprocess", filmed(tmp_path / "filmed", mass), "--run", "run")
+    ropefit("identify", "--solver", "dynamics", "--holdout", 0, "--run", "run")
+    told = ropefit.json("diagnose", "--run", "run")
+    (effect,) = told["effects"]
+    assert effect["name"] == "point_mass"
+    size = effect["parameters"]["mass"]
+    assert size["ci95"][0] < mass < size["ci95"][1]
+    assert size["value"] == pytest.approx(mass, rel=0.2)
+    low, high = effect["arc_length_m"]
+    assert low < WEIGHT_AT < high
+    assert high - low < 0.15

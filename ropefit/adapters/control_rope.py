@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ropefit.adapters.restore import restored_rope
+from ropefit.adapters.gripped import gripped_rope
+from ropefit.adapters.restore import restored_rope, within_reach
 from ropefit.adapters.xpbd_model import moved_rope
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput
 from ropefit.models.rope import Rope
-
-REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 
 
 def control_guess(o: Observations, node: int) -> np.ndarray:
@@ -38,26 +37,31 @@ def control_guess(o: Observations, node: int) -> np.ndarray:
 
 
 def rope_at(
-    o: Observations, model: FittedModel, position: np.ndarray, turns: bool, found: Diagnosis | None
-) -> tuple[Rope, torch.Tensor]:
+    o: Observations, model: FittedModel, position: np.ndarray, turns: bool,
+    found: Diagnosis | None, moving: bool,
+) -> tuple[Rope, torch.Tensor]:  # fmt: skip
     """Return the fitted rope, with what a diagnosis found, control point at `position` (F, 3) [m];
-    values (F, n)."""
+    values (F, n). moving: as it moves in the recording, where it was identified in motion."""
     position = np.where(np.isfinite(position), position, control_guess(o, model.control_node))
     if o.end_kind[0] == "free" and model.control_node == 0:
         raise BadInput("end 0 is free: there is no control point to estimate")
-    if model.iterated is None:
-        return restored_rope(o, model, _within_reach(o, model, position), turns, found)
-    return moved_rope(o, model, position, turns)
-
-
-def _within_reach(o: Observations, model: FittedModel, position: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 3) [m] the ends, the control point at `position`, but no farther off than the
-    rope is long."""
+    if model.stepped is not None:
+        return gripped_rope(o, model, position, turns, found, moving)
+    if model.iterated is not None and not settles(o, model, found):
+        return moved_rope(o, model, position, turns)
     ends, end = o.end_position.copy(), 0 if model.control_node == 0 else 1
     ends[:, end] = position
-    arm = ends[:, end] - ends[:, 1 - end]
-    fitted = [g.parameters["length"].value for g in model.groups.values()]
-    far = np.linalg.norm(arm, axis=1, keepdims=True) / (REACH * min(fitted))
-    shorter = ends[:, 1 - end] + arm / np.fmax(far, 1.0)
-    ends[:, end] = np.where(np.isfinite(arm), shorter, position)
-    return ends
+    return restored_rope(o, model, within_reach(ends, end, _length(o, model)), turns, found)
+
+
+def settles(o: Observations, model: FittedModel, found: Diagnosis | None) -> bool:
+    """Return whether the rope is one in equilibrium: identified as that, or by the paper's solvers
+    if something was found, which is beside such a rope. Their control point may lie inside it."""
+    at_end = model.control_node in (0, len(o.node_arc) - 1)
+    return model.iterated is None or (at_end and found is not None and bool(found.causes))
+
+
+def _length(o: Observations, model: FittedModel) -> float:
+    """Return [m] the least length that was fitted."""
+    groups = [group.parameters.get("length") for group in model.groups.values()]
+    return min((length.value for length in groups if length), default=o.length)

@@ -90,7 +90,7 @@ def motion_model(
 
 
 def _rms(data: Data, x: np.ndarray, reached: np.ndarray) -> np.ndarray:
-    """Return (F,) [m] distance of the markers from where they were simulated; 0 where they were
+    """Return (F,) [m] distance of the data from where they were simulated; 0 where they were
     not."""
     gap, mask = offsets(data, x)
     square = np.where(mask, (gap**2).sum(-1), 0.0).sum(1)
@@ -110,8 +110,9 @@ def at_observed_nodes(
 
 
 def _at_nodes(o: Observations, span: Span, seen: np.ndarray) -> np.ndarray:
-    """Return (F, K) [m] mean distance of the markers nearest to each node, NaN where none is."""
-    s, bins = match(span.data, seen, 1), len(o.node_arc) - 1
+    """Return (F, K) [m] mean distance of the stations nearest to each node, NaN where none is."""
+    bins = len(o.node_arc) - 1
+    s = match(span.data, seen, bins)
     arc = span.first + s.share * (span.last - span.first)
     node = np.rint(arc / o.length * bins).astype(int)
     total, count = np.zeros((len(seen), bins + 1)), np.zeros((len(seen), bins + 1))

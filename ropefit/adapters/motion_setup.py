@@ -62,7 +62,17 @@ def span_of(o: Observations, segments: int = SEGMENTS) -> Span:
         if np.isfinite(held[:, end]).all() and (inside or o.ends_assumed):
             held[:, end] = lines[:, place]
     # Frames in which a grip is not seen tell nothing of the rope.
-    part = o.model_copy(update={"length": last - first, "end_position": held})
+    part = o.model_copy(
+        update={
+            "length": last - first,
+            "mass": o.mass and o.mass * (last - first) / o.length,
+            "end_position": held,
+            "fittings": {
+                name: piece.model_copy(update={"arc_length": piece.arc_length - first})
+                for name, piece in o.fittings.items()
+            },
+        }
+    )
     setup = base_setup(part, segments)
     clips, clamp = clips_of(times_of(o)), continuous(setup.clamp.numpy())
     clamp_compliance, twist = setup.clamp_compliance, None

@@ -20,11 +20,13 @@ from ropefit.effects import Effect
 from ropefit.errors import StageFailed, WrongUsage
 from ropefit.models import rest_curve
 from ropefit.models.equilibrium import Equilibrium
-from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope
+from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
 from ropefit.models.priors import calibration
 from ropefit.plugins import EFFECTS, concrete
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import other_states
+
+REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 
 
 def restored_rope(
@@ -39,15 +41,24 @@ def restored_rope(
 
     Calibration errors are those of the fit, if it was one fit for all frames. With a diagnosis that
     found causes, the rope has them, and values and calibration are those fitted along with them.
-    Raises WrongUsage where groups of frames have rest curves of their own.
+    Of a model by the paper's solvers it is the rope that such a diagnosis has fitted. Raises
+    WrongUsage where groups of frames have rest curves of their own.
     hold_frame: end 0 holds its frame although it is not clamped, to begin with the one that it has
     of itself.
     """
-    assert model.balance is not None
     found = diagnosis if diagnosis is not None and diagnosis.causes else None
-    segments = (found.segments if found else 0) or model.balance.segments
+    balance = model.balance
+    fitted = found or balance
+    assert fitted is not None
+    segments = (found.segments if found else 0) or (balance.segments if balance else 0)
     setup = base_setup(o, segments)._replace(ends=torch.from_numpy(ends))
-    values = restored_values(o, model)
+    if balance is None and found:
+        own = {name: size.value for name, size in found.rope.items() if name in NAMES}
+        like = rope_values(started_setup(setup, own, o))
+        values = torch.tensor([like[name] for name in NAMES], dtype=torch.float64)
+        values = values.repeat(len(o.frames), 1)
+    else:
+        values = restored_values(o, model)
     group = next(iter(model.groups.values())).parameters
     curve = {name: p.value for name, p in group.items() if name in rest_curve.NAMES}
     if found:
@@ -57,7 +68,7 @@ def restored_rope(
             "every group of frames has a rest curve of its own; identify with --groups one"
         )
     setup = started_setup(setup, curve, o)
-    known = found.calibration if found else model.balance.calibration
+    known = fitted.calibration
     if found or len(model.groups) == 1:
         for term in calibration(setup, priors_of(o), o.ends_assumed):
             value = [
@@ -88,16 +99,21 @@ def restored_rope(
         setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
         friction_elements=past,
     )  # fmt: skip
-    if not found and not model.laws and np.isfinite(model.balance.other).any():
+    if balance and not found and not model.laws and np.isfinite(balance.other).any():
         rope = _on_its_branch(rope, values, model)
-    if hold_frame and not setup.clamped[0]:
-        with torch.no_grad():
-            first = rope.settle(values).q[:, 0]
-        clamp = setup.clamp.clone()
-        clamp[:, 0] = first
-        held = setup._replace(clamp=clamp, clamped=(True, setup.clamped[1]))
-        rope = replace(rope, setup=held)
+    if hold_frame:
+        rope = rope.holding_its_frame(values)
     return rope, values
+
+
+def within_reach(ends: np.ndarray, end: int, length: float) -> np.ndarray:
+    """Return ends (F, 2, 3) [m] of a rope of `length` [m], end `end` no farther off the other one
+    than that."""
+    arm = ends[:, end] - ends[:, 1 - end]
+    far = np.linalg.norm(arm, axis=1, keepdims=True) / (REACH * length)
+    shorter, out = ends[:, 1 - end] + arm / np.fmax(far, 1.0), ends.copy()
+    out[:, end] = np.where(np.isfinite(arm), shorter, ends[:, end])
+    return out
 
 
 def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:

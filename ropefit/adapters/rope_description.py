@@ -10,6 +10,7 @@ import torch
 
 from ropefit import attachments as records
 from ropefit.adapters.frames import spread_evenly
+from ropefit.adapters.motion_setup import span_of
 from ropefit.adapters.restore import effect_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup
@@ -38,7 +39,8 @@ class Described:
 def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) -> Described:
     """Return the rope of a model in some poses, at rest with the causes of a diagnosis.
 
-    Of a rope identified in motion the dampings are stated in the notes. The mass of `o` is known.
+    Of a rope identified in motion the part between its grips is described, and its dampings are
+    stated in the notes. The mass of `o` is known.
     Raises NotConverged.
     """
     solved = model.balance or model.stepped
@@ -47,7 +49,18 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     nodes = len(o.node_arc)
     index = np.arange(len(o.frames))
     used = spread_evenly(index, np.zeros(len(index), dtype=np.int64), POSES)
-    setup = base_setup(o, nodes - 1).frames(torch.from_numpy(used))
+    first, notes = 0.0, []
+    if model.stepped is None:
+        setup = base_setup(o, nodes - 1)
+    else:
+        span = span_of(o, nodes - 1)
+        setup, first = span.setup._replace(damping=None), span.first
+        if first > 0 or span.last < o.length:
+            notes.append(
+                f"the rope between its grips, from {first:.4g} m to {span.last:.4g} m of its "
+                f"{o.length:.4g} m"
+            )
+    setup = setup.frames(torch.from_numpy(used))
     group = next(iter(model.groups.values()))
     density = float(setup.properties.density.mean())
     factor = 1.0 if known else density * float(setup.gravity.norm())
@@ -57,9 +70,9 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     weighs = {name for name, p in PARAMETERS.items() if p.unit != p.unit_per_weight}
     values = {name: value * (factor if name in weighs else 1.0) for name, value in fitted.items()}
     setup = started_setup(setup, {n: v for n, v in values.items() if n in AT_REST}, o)
-    notes = _dampings({n: v for n, v in values.items() if n not in AT_REST}, density)
+    notes += _dampings({n: v for n, v in values.items() if n not in AT_REST}, density)
     beside: tuple[Any, ...] = tuple(
-        records.PointMass(nearest_node(setup, piece.arc_length, nodes), piece.mass)
+        records.PointMass(nearest_node(setup, piece.arc_length - first, nodes), piece.mass)
         for piece in o.fittings.values()
         if piece.mass
     )

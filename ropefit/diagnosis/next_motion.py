@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.rod.quaternion import from_rotation_vector, multiply
+from ropefit.rod.quaternion import from_rotation_vector, multiply, rotate
 from ropefit.rod.setup import Motion, Setup
 
 
@@ -45,7 +45,7 @@ def motions(setup: Setup) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
     out["pull the rope taut"] = (to(taut), still)
     angles = share[:, 0] * torch.pi / 2
     turns = torch.stack([from_rotation_vector(a * up) for a in angles])
-    around = _rotate(turns, chord)
+    around = rotate(turns, chord)
     clamps = multiply(turns[:, None], still)
     out["turn both ends about the vertical"] = (to(first[1] + around), clamps)
     if setup.clamped[0]:
@@ -55,12 +55,6 @@ def motions(setup: Setup) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
         rolled[:, 0] = multiply(still[:, 0], roll)
         out["roll the gripper about the rope"] = (first[None].expand(5, 2, 3), rolled)
     return out
-
-
-def _rotate(turns: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
-    w, v = turns[:, :1], turns[:, 1:]
-    cross = torch.linalg.cross(v, vector.expand_as(v))
-    return vector + 2 * (w * cross + torch.linalg.cross(v, cross))
 
 
 def next_motion(first: Candidate, second: Candidate) -> tuple[str, float, np.ndarray | None]:

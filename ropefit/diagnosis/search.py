@@ -167,11 +167,14 @@ def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) 
         noise = no_larger_than_left(problem.noise, found, [])
         problem = problem.under(with_what_is_missed_alike(noise, found, []))
         return fit(forward, problem, found.point.u, 10, tolerance=1e-5)
+    known = replace(problem, data=found.problem.data)  # at its stations are the sensitivities
     for _ in range(REMEASURED):  # less is left, and what is left wanders less
-        problem = problem.under(wandering_noise(found, sensitivities))
+        known = known.under(wandering_noise(found, sensitivities))
         forward = forward.corrected(found.point.u)
-        found = fit(forward, problem, found.point.u, 10, tolerance=1e-5)
-    return found
+        found = fit(forward, known, found.point.u, 10, tolerance=1e-5)
+    if problem.data.material:
+        return found
+    return fit(forward, problem.under(known.noise), found.point.u, 10, tolerance=1e-5)
 
 
 def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:

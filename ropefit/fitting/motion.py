@@ -13,10 +13,12 @@ from ropefit.adapters.motion_of import clips_of, times_of
 from ropefit.adapters.motion_setup import FINER_SEGMENTS, Span, span_of
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.restore import with_causes
+from ropefit.adapters.rope_setup import STATIONS
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.choices import held_node
+from ropefit.fitting.nominal import set_up_errors
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -41,15 +43,15 @@ LOOK = 15  # evaluations of a first fit
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> FittedModel:
     """Return the nominal model. Raises BadInput, NotConverged, WrongUsage."""
-    if o.source != "markers":
+    if not o.depth_measured:
         raise BadInput(
-            "--solver dynamics needs markers: clouds show no motion along the rope; "
+            "--solver dynamics needs markers, clouds or pictures with depth; "
             "use --solver equilibrium"
         )
     node, span = held_node(o, settings.control_at), span_of(o)
     clips = long_clips(o, span)
     if not all(np.isfinite(span.lines[c[:2]]).all() for c in clips):
-        raise BadInput("the first two frames of a clip show too few markers to start from")
+        raise BadInput("the first two frames of a clip show too little of the rope to start from")
     _check_that_it_moves(span, clips)
     free = free_names(settings, o, span.setup)
     terms = terms_of(o, span, free)
@@ -204,8 +206,12 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
 
 
 def terms_of(o: Observations, span: Span, free: list[str]) -> list[Term]:
-    """Return the free parameters, then the errors of the grips."""
+    """Return the free parameters, then the errors of the grips, and those of a camera that sees the
+    rope."""
     errors = grips(span.setup, priors_of(o).end_orientation, span.twist)
+    if o.source != "markers":
+        own = {term.name for term in errors}
+        errors += [t for t in set_up_errors(span.setup, o, None) if t.name not in own]
     return parameters.terms(span.setup, free) + errors
 
 
@@ -218,7 +224,7 @@ def _forward(o: Observations, span: Span, terms: list[Term], clips: list[np.ndar
 def _within(span: Span, noise: Noise, clips: list[np.ndarray]) -> FitProblem:
     """Return the data of some clips."""
     used = np.isin(np.arange(len(span.data.points)), np.concatenate(clips))
-    return FitProblem(span.data, noise, 1).without(~used)
+    return FitProblem(span.data, noise, STATIONS).without(~used)
 
 
 def finer_mesh_needed(corrected: Dynamics, length: float) -> bool:

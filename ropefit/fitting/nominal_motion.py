@@ -55,10 +55,14 @@ def nominal_in_motion(
         start = np.concatenate([*begin, start])
     if calibration:
         errors = set_up_errors(span.setup, o, None)
-        loosened = [new for old, new in zip(errors, calibrated(errors, calibration), strict=True)
-                if new is not old]  # fmt: skip
-        forward = forward.with_terms([*forward.terms, *loosened])
-        start = np.concatenate([start, *(np.zeros(term.size) for term in loosened)])
+        loosened = {new.name: new for old, new in zip(errors, calibrated(errors, calibration),
+                    strict=True) if new is not old}  # fmt: skip
+        # Of a camera that sees the rope they are in the model already.
+        old = list(zip(forward.terms, forward.split(start), strict=True))
+        old = [(t, u) for t, u in old if t.name not in loosened]
+        forward = forward.with_terms([*(t for t, _ in old), *loosened.values()])
+        begin = [*(u for _, u in old), *(np.zeros(t.size) for t in loosened.values())]
+        start = np.concatenate(begin)
     step = float(np.median(np.diff(times_of(o)[clips[0]])))
     compared = np.zeros(len(o.frames), dtype=bool)
     for clip in clips:

@@ -77,6 +77,18 @@ class EquilibriumRope:
         )
         return replace(self, setup=setup, recorded=recorded, near=near, friction_elements=past)
 
+    def holding_its_frame(self, values: Tensor) -> EquilibriumRope:
+        """Return the rope whose end 0, if it is not clamped, holds the frame that it has of itself
+        for values (F, 4)."""
+        if self.setup.clamped[0]:
+            return self
+        with torch.no_grad():
+            first = self.settle(values).q[:, 0]
+        clamp = self.setup.clamp.clone()
+        clamp[:, 0] = first
+        held = self.setup._replace(clamp=clamp, clamped=(True, self.setup.clamped[1]))
+        return replace(self, setup=held)
+
     def settle(
         self, values: Tensor, move: Tensor | None = None, frame: Tensor | None = None
     ) -> State:
@@ -119,7 +131,9 @@ class EquilibriumRope:
             axial=flat[:, 2:3].expand(-1, s.segments),
             length=length,
         )
-        rod, start = s._replace(properties=rows).rod(), None
+        # Loads of a frame's own, as of inertia.
+        load = s.load.expand(*shape, *s.load.shape[-2:]).reshape(-1, *s.load.shape[-2:])
+        rod, start = s._replace(properties=rows, load=load).rod(), None
         of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
         past = None if self.friction_elements is None else self.friction_elements.frames(of)
         law = elements_of(s, rod, len(flat))

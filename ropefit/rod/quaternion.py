@@ -66,6 +66,13 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     return conjugate_product(p * sign, q)
 
 
+def rotate(q: Quaternion, v: Vector) -> Vector:
+    """Return (..., 3) R(q) v of a unit quaternion."""
+    scalar, vector = q[..., :1], q[..., 1:]
+    across = 2 * torch.linalg.cross(*torch.broadcast_tensors(vector, v))
+    return v + scalar * across + torch.linalg.cross(*torch.broadcast_tensors(vector, across))
+
+
 def from_rotation_vector(v: Vector) -> Quaternion:
     """Return (..., 4) the rotation by |v| radians about v (..., 3), smooth at zero."""
     square = (v * v).sum(-1, keepdim=True)

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from ropefit.adapters.control_rope import control_guess, rope_at
+from ropefit.adapters.control_rope import control_guess, rope_at, settles
 from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.scene import build_scene, check_loss, control_positions, pinhole
-from ropefit.adapters.shapes_only import shapes_only
 from ropefit.adapters.targets import Targets
-from ropefit.artifacts import FittedModel, Model, Observations
+from ropefit.artifacts import Diagnosis, FittedModel, Model, Observations
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.inference import bfgs
 from ropefit.inference.bfgs import Search
@@ -29,9 +28,10 @@ def compute(inputs: dict[str, Any], settings: ControlSettings, context: Context)
     """Return the contents of control.h5. Raises BadInput, NotConverged."""
     observations: Observations = inputs[Observations.file_name]
     model: FittedModel = inputs[Model.file_name].nominal
-    shapes_only(model, "control")
     if (found := context.external.get("diagnosis")) and found.causes:
-        context.say("with " + ", ".join(cause.name for cause in found.causes.values()))
+        names = ", ".join(cause.name for cause in found.causes.values())
+        used = settles(observations, model, found)
+        context.say(f"with {names}" if used else f"without {names}: the control point lies inside")
     if settings.target:
         return _shape(observations, model, settings, context, context.external["targets"])
     return _estimate(observations, model, settings, context)
@@ -43,7 +43,8 @@ def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, co
     turns = bool(settings.turn)
     _check_turn(turns, node)
     guess = control_guess(o, node)
-    rope, values = rope_at(o, model, guess, turns, context.external.get("diagnosis"))
+    found = context.external.get("diagnosis")
+    rope, values = rope_at(o, model, guess, turns, found, moving=True)
     scene = build_scene(o)
     chosen = objective(settings.loss)
     gripper = Gripper(rope, values, to_observations(chosen, scene), 0.1 * o.length, turns)
@@ -67,7 +68,7 @@ def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, co
         "position_sd": sd,
         "reference": control_positions(o, node),
         "obj1": obj1,
-        **_common(o, model, gripper, search, x, q, turns),
+        **_common(o, model, found, gripper, search, x, q, turns),
         **_deviations(o, position, control_positions(o, node), x, arc, observed),
     }
 
@@ -91,7 +92,8 @@ def _shape(
     # Every target from every start; the rope's other ends stay where that frame had them.
     frame = np.tile(starts, cases)
     case = np.repeat(np.arange(cases), len(starts))
-    rope, values = rope_at(o, model, recorded, turns, context.external.get("diagnosis"))
+    found = context.external.get("diagnosis")
+    rope, values = rope_at(o, model, recorded, turns, found, moving=False)
     whole = rope.frames(torch.from_numpy(frame))
     compare = to_targets(targets.arc[case], targets.points[case], o.length)
     gripper = Gripper(whole, values[frame], compare, 0.1 * o.length, turns)
@@ -121,7 +123,7 @@ def _shape(
         "position_sd": sd,
         "reference": nowhere,
         "obj1": np.full(cases, np.nan),
-        **_common(o, model, gripper, search, x, q, turns),
+        **_common(o, model, found, gripper, search, x, q, turns),
         **_deviations(o, nowhere, nowhere, x, targets.arc, targets.points),
     }
     content["key_position"] = reached
@@ -162,15 +164,17 @@ def _settle(gripper: Gripper, u: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _common(
-    o: Observations, model: FittedModel, gripper: Gripper, search: Search, x, q, turns: bool
-) -> dict[str, Any]:
+    o: Observations, model: FittedModel, found: Diagnosis | None, gripper: Gripper, search: Search,
+    x: np.ndarray, q: np.ndarray, turns: bool,
+) -> dict[str, Any]:  # fmt: skip
     length = _length(gripper, search.u, x)
     empty = np.full((len(x), 4), np.nan)
+    settled = settles(o, model, found)
     notes = []
-    if not model.solver_converged:
+    if not (settled or model.solver_converged):
         notes.append("the solver has not converged: positions depend on its number of iterations")
     return {
-        "solver": model.solver,
+        "solver": "equilibrium" if settled else model.solver,
         "control_node": model.control_node,
         "moves_orientation": turns,
         "orientation": gripper.orientation(search.u) if turns else empty,

@@ -19,7 +19,7 @@ from ropefit.solvers.dynamics.kernels.rates import (
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import set_cross
-from ropefit.solvers.kernels.jit import copy_rows, inlined, maker
+from ropefit.solvers.kernels.jit import copy_rows, helper, inlined, maker
 from ropefit.solvers.kernels.rotations import rotation
 
 
@@ -35,40 +35,53 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, every, out):
     v, p, strain = histories(rod, drive, xs, qs, v0, half[:3, :3])
     dx, dv = np.zeros((many, 3, n + 1, 3)), np.zeros((many, 3, n + 1, 3))
     dp, ds = np.zeros((many, 3, n + 1, 3)), np.zeros((many, 3, n, 3))
-    turn = np.zeros((n, 3))
-    block, vector = np.zeros((3, 3)), np.empty(3)
+    turn, block, vector = np.zeros((n, 3)), np.zeros((3, 3)), np.empty(3)
     old_x, old_v, old_p = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
     old_s, dy, b = np.zeros((n, 3)), np.zeros((n + 1, 3)), np.zeros((n, 6))
     for t in range(steps):
-        c0, c1, c2 = rates(drive.time, max(t, 1))
         if t > 0:
             settled(rod, drive, t, qs, xs, forces, v, p, strain, half, w)
-        ratio = step_ratio(drive.time, t)
-        now, one, two = t % 3, (t - 1) % 3, (t - 2) % 3
-        for s in range(many):
-            if t == 0:
-                copy_rows(d.x0[s], dx[s, 0])
-                copy_rows(d.v0[s], dv[s, 0])
-                copy_rows(d.q0[s], turn)
-            else:
-                set_nodes_past(w.rate, dx[s, one], dx[s, two], old_x)
-                set_nodes_past(w.rate, dv[s, one], dv[s, two], old_v)
-                set_past(c1, c2, dp[s, one], dp[s, two], old_p)
-                set_past(c1, c2, ds[s, one], ds[s, two], old_s)
-                _move_nodes(rod, drive, d, s, t, old_x, old_v, dy, w)
-                _change_drag(rod, drive, d, s, ratio, dv[s, one], dv[s, two], dy, w)
-                meet_bodies(rod, d.bodies[s], w, dy)
-                _change_segments(rod, d, s, c0, old_s, dy, b, vector, w)
-                _change_bends(rod, d, s, t, c0, old_p, b, vector, block, w)
-                solve_system(w, b, half[0])
-                _respond(b, dy, turn, dx[s, now], w)
-                for k in range(n + 1):
-                    for a in range(3):
-                        dv[s, now, k, a] = w.rate[k, 0] * dx[s, now, k, a] + old_x[k, a]
-            _change_darboux(rod, d, s, t, p[t], turn, dp[s, now])
-            _change_strains(rod, d, s, qs[t], strain[t], turn, dx[s, now], block, ds[s, now])
-            if t % every == 0:
-                copy_rows(dx[s, now], out[s, t // every])
+        _step(
+            rod, drive, d, t, qs, p, strain, dx, dv, dp, ds, turn, block, vector, old_x, old_v,
+            old_p, old_s, dy, b, half, w,
+        )  # fmt: skip
+        if t % every == 0:
+            for s in range(many):
+                copy_rows(dx[s, t % 3], out[s, t // every])
+
+
+@helper
+def _step(
+    rod, drive, d, t, qs, p, strain, dx, dv, dp, ds, turn, block, vector, old_x, old_v, old_p,
+    old_s, dy, b, half, w,
+):  # fmt: skip
+    """Write the changes at time t in every direction; turn and all from block on are scratch."""
+    n = turn.shape[0]
+    c0, c1, c2 = rates(drive.time, max(t, 1))
+    ratio = step_ratio(drive.time, t)
+    now, one, two = t % 3, (t - 1) % 3, (t - 2) % 3
+    for s in range(dx.shape[0]):
+        if t == 0:
+            copy_rows(d.x0[s], dx[s, 0])
+            copy_rows(d.v0[s], dv[s, 0])
+            copy_rows(d.q0[s], turn)
+        else:
+            set_nodes_past(w.rate, dx[s, one], dx[s, two], old_x)
+            set_nodes_past(w.rate, dv[s, one], dv[s, two], old_v)
+            set_past(c1, c2, dp[s, one], dp[s, two], old_p)
+            set_past(c1, c2, ds[s, one], ds[s, two], old_s)
+            _move_nodes(rod, drive, d, s, t, old_x, old_v, dy, w)
+            _change_drag(rod, drive, d, s, ratio, dv[s, one], dv[s, two], dy, w)
+            meet_bodies(rod, d.bodies[s], w, dy)
+            _change_segments(rod, d, s, c0, old_s, dy, b, vector, w)
+            _change_bends(rod, d, s, t, c0, old_p, b, vector, block, w)
+            solve_system(w, b, half[0])
+            _respond(b, dy, turn, dx[s, now], w)
+            for k in range(n + 1):
+                for a in range(3):
+                    dv[s, now, k, a] = w.rate[k, 0] * dx[s, now, k, a] + old_x[k, a]
+        _change_darboux(rod, d, s, t, p[t], turn, dp[s, now])
+        _change_strains(rod, d, s, qs[t], strain[t], turn, dx[s, now], block, ds[s, now])
 
 
 @inlined
