@@ -28,7 +28,7 @@ def test_stopped_fits_change_no_answer():
     assert shares == sorted(set(shares))
     assert shares[0] == 0
     assert shares[-1] < 1
-    assert {"fit of point mass", "fit of soft section"} <= {text for _, text in reported}
+    assert {"fit of point mass", "fit of stiff section"} <= {text for _, text in reported}
     assert found[0].hypothesis.name == "point_mass"
     whole = fit_candidate(nominal, found[0].hypothesis, found[0].values())
     assert whole is not None

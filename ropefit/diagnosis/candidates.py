@@ -74,9 +74,9 @@ class Fits:
         return next((c for c in fitted if c is not None), None)
 
     def _report(self, choices: list[Start]) -> None:
-        self.progress(
-            min(self.begun / self.due, 1.0), f"fit of {choices[0][0].name}" if choices else ""
-        )
+        if choices:
+            share = min(self.begun / self.due, 1.0)
+            self.progress(share, f"fit of {choices[0][0].name.replace('_', ' ')}")
         self.begun += 1
 
     def _first(self, choices: list[Start]) -> Candidate | None:
