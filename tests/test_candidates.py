@@ -23,7 +23,13 @@ def test_stopped_fits_change_no_answer():
     for effect in (PointMass(), SoftSection(), StiffSection()):
         one = sensitivities.of(Hypothesis(effect, effect.scan_places(setup)))
         scores.append(Scorer(one, project, one.hypothesis.scales(setup))(project.z))
-    found = fit_candidates(nominal, scores, [], [], 6.0)
+    reported: list[tuple[float, str]] = []
+    found = fit_candidates(nominal, scores, [], [], 6.0, progress=lambda *it: reported.append(it))
+    shares = [share for share, _ in reported]  # which effect is fitted, and how far that is
+    assert shares == sorted(set(shares))
+    assert shares[0] == 0
+    assert shares[-1] < 1
+    assert {"fit of point mass", "fit of stiff section"} <= {text for _, text in reported}
     assert found[0].hypothesis.name == "point_mass"
     whole = fit_candidate(nominal, found[0].hypothesis, found[0].values())
     assert whole is not None

@@ -111,7 +111,7 @@ def test_naive_bic_counts_values_and_asks_no_gate(monkeypatch):
     few, many = candidate(40.0, 960.0), candidate(50.0, 955.0, "stiff_section")
     asked = []
 
-    def fitted(self, now, scan, quick, slow, threshold, names):
+    def fitted(self, now, scan, quick, slow, threshold, names, *more):
         asked.append(threshold)
         return [many, few]
 

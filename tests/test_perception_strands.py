@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ropefit.perception.linking import link
 from ropefit.perception.segment import Looked, segment_rope
-from ropefit.perception.strands import find_strands
+from ropefit.perception.strands import MOST_LINES, find_strands
 from ropefit.perception.trace import FrameRejected
 from tests.ropecloud import nearest
 from tests.test_perception_images import GROUND, NOWHERE, ORANGE, SIZE, draw, drawn_mask, wave
@@ -33,6 +33,16 @@ def test_one_strand(width: int) -> None:
     away, _ = nearest(wave(), found.lines[0])
     assert np.median(away) < 0.6
     assert away.max() < 1.5 + width / 8
+
+
+@pytest.mark.parametrize(("apart", "follows"), [(12, True), (5, False)], ids=["dashes", "grain"])
+def test_the_grain_of_a_surface_is_not_followed(apart: int, follows: bool) -> None:
+    mask = np.zeros((240, 360), bool)
+    for shift in range(4):
+        mask[4:-4:apart, 4 + shift : -4 : 9] = True  # dashes of 4 px
+    found = find_strands(mask)
+    assert (found is not None) == follows
+    assert found is None or 700 < len(found.lines) <= MOST_LINES
 
 
 def test_golden_skeleton() -> None:

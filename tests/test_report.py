@@ -252,10 +252,14 @@ def test_shares_have_no_unit_where_a_person_reads():
     assert with_unit("0.97", "1") == "0.97"
     assert with_unit("7.0", "N m^2") == "7.0 N·m²"
     d = diagnosed()
-    cause = d.causes["cause_0"].model_copy(update={"parameters": {"share": share}})
+    two = {"share": share, "factor": share}
+    cause = d.causes["cause_0"].model_copy(update={"parameters": two})
     d = d.model_copy(update={"causes": {"cause_0": cause}})
     page = render_report(RunContents(observations(), model(), None, d))
-    assert ">share of point mass</td>" in page
+    row = re.search(r"<tr><td[^>]*>share of point mass</td>.*?</tr>", page, re.S).group()
+    assert "A mass of 4.1 g sits on the rope at 0.370 m" in row  # the cause, not its kind
+    row = re.search(r"<tr><td[^>]*>factor of point mass</td>.*?</tr>", page, re.S).group()
+    assert "as above" in row
     assert '0.970 <span class="interval">0.900 … 1.04</span>' in page
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,16 +28,27 @@ EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted 
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
 
 
+Progress = Callable[[float, str], None]
+
+
+def silent(share: float, text: str) -> None:
+    """Report nothing."""
+
+
 @dataclass
 class Fits:
     """Candidates on top of one model, the best of each hypothesis."""
 
     current: Fit
     threshold: float
+    progress: Progress = silent
+    due: int = 1  # starts that may be fitted
     best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
+    begun: int = 0
 
     def add(self, choices: list[Start]) -> None:
         """Fit the first start that settles."""
+        self._report(choices)
         self._keep(self._first(choices))
 
     def add_kinds(self, starts: list[list[Start]]) -> None:
@@ -50,10 +61,11 @@ class Fits:
             if best and self.sufficient(best) and candidate.evidence < close:
                 break
             if not candidate.fit.stopped:
-                self.add([(candidate.hypothesis, candidate.values())])
+                self._keep(self._first([(candidate.hypothesis, candidate.values())]))
 
     def _explored(self, few: Fit, choices: list[Start]) -> Candidate | None:
         """Return the first of a kind's starts that settles, fitted for a while to few frames."""
+        self._report(choices)
         share, best = len(few.z) / len(self.current.z), self.best()
         evidence = least_evidence(self.threshold, best.evidence if best else 0.0)
         fitted = (
@@ -64,6 +76,12 @@ class Fits:
             for start in choices
         )  # fmt: skip
         return next((c for c in fitted if c is not None), None)
+
+    def _report(self, choices: list[Start]) -> None:
+        if choices:
+            share = min(self.begun / self.due, 1.0)
+            self.progress(share, f"fit of {choices[0][0].name.replace('_', ' ')}")
+        self.begun += 1
 
     def _first(self, choices: list[Start]) -> Candidate | None:
         fitted = (self._fitted(start) for start in choices)
@@ -113,15 +131,16 @@ class Fits:
 
 def fit_candidates(
     current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
-    threshold: float, names: tuple[str, ...] | None = None,
+    threshold: float, names: tuple[str, ...] | None = None, progress: Progress = silent,
 ) -> list[Candidate]:  # fmt: skip
     """Fit the leaders of a scan and what effects propose, on top of a model; best first.
 
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
     effects that may be proposed; None: all.
     """
-    fits = Fits(current, threshold)
     leaders, further = _leaders(scan, threshold, current.point.setup)
+    due = len(leaders) + len(further) + len(quick) + len(slow) + 1
+    fits = Fits(current, threshold, progress, due)
     for choices in leaders + quick:
         fits.add(choices)
     first = fits.best()

@@ -9,7 +9,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.candidates import fit_candidates
+from ropefit.diagnosis.candidates import Progress, fit_candidates, silent
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit, attempted
@@ -23,10 +23,10 @@ class Selection:
 
     def candidates(
         self, current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
-        threshold: float, names: tuple[str, ...] | None,
+        threshold: float, names: tuple[str, ...] | None, progress: Progress = silent,
     ) -> list[Candidate]:  # fmt: skip
         """Return the candidates of a round, highest evidence first; see `fit_candidates`."""
-        return fit_candidates(current, scan, quick, slow, threshold, names)
+        return fit_candidates(current, scan, quick, slow, threshold, names, progress)
 
     def restarted(self, current: Fit, best: Candidate, share: float) -> Fit | None:
         """Return the smaller model as fitted from the best candidate's values, if that is better.

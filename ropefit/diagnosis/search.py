@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of
-from ropefit.diagnosis.candidates import completed, started_from, unexplained
+from ropefit.diagnosis.candidates import Progress, completed, started_from, unexplained
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
@@ -60,9 +59,6 @@ class Diagnosis:
     refused: list[str] = field(default_factory=list)
 
 
-Progress = Callable[[float, str], None]
-
-
 @dataclass
 class Limits:
     """What simulated clean recordings show: threshold [nats] of an effect and of the latent force;
@@ -78,6 +74,13 @@ def _share(rounds: float) -> float:
     """Return the share reported as done after some rounds: each is taken to be as long as all that
     may follow it, as their number is unknown."""
     return 1 - 0.9 * 0.5**rounds
+
+
+def _fits_of_round(progress: Progress, round_: int) -> Progress:
+    """Return where the fits of a round report which one is under way."""
+    return lambda share, text: progress(
+        _share(round_ + 0.1 + 0.8 * share), f"round {round_ + 1}: {text}"
+    )
 
 
 def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) -> Diagnosis:
@@ -103,12 +106,13 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             highest = scan.scores[0].log_factor / (CROWDED_FACTOR * limits.threshold)
             crowded = min(highest, latent.evidence / limits.latent) > 1
             break
-        progress(_share(round_ + 0.2), f"round {round_ + 1}: fits of the leading candidates")
         candidates = rules.selection.candidates(
             current, scan.scores, proposals(current, slow=False, names=rules.effects),
             started_from(fitted, scan.contact(rules)), limits.threshold, rules.effects,
+            _fits_of_round(progress, round_),
         )  # fmt: skip
         singles = singles if accepted else candidates
+        progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
         known, fitted = [], []  # of the nominal model
         if far_beyond_sensor(current):
             if not candidates or far_beyond_sensor(candidates[0].fit):  # it explains too little
@@ -152,6 +156,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         current, accepted = as_points(current, accepted, limits.threshold)
         if len(accepted) == 2 and current.forward.instantaneous:
             current, accepted = two_instead(current, accepted, limits.threshold, rules.effects)
+    progress(0.98, "intervals, and what a next motion would show")
     assert first is not None
     assert limits is not None
     return Diagnosis(

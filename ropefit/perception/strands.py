@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from skimage.morphology import skeletonize
 
 MOST_PIXELS = 60_000
+MOST_LINES = 1000  # more are the grain of a surface; no rope in this project's pictures has 300
 SPUR = 1.5  # widths: a shorter branch of the skeleton is a bump of the outline
 THICK = 1.7  # times the rope's width: a wider part of the mask is something else
 JUMP = 0.04  # of the depth within a width: no rope leans that much
@@ -50,7 +51,10 @@ def find_strands(mask: np.ndarray) -> Strands | None:
     kernel = np.ones((3, 3), np.uint8)
     near = cv2.filter2D(thin.astype(np.uint8), -1, kernel, borderType=cv2.BORDER_CONSTANT)
     joints = thin & (near > 3) & _branching(thin)
-    lines = _walk(thin & ~_grown(joints))
+    thin &= ~_grown(joints)
+    if cv2.connectedComponents(thin.astype(np.uint8))[0] > MOST_LINES:
+        return None
+    lines = _walk(thin)
     lines = [line for line in lines if len(line) >= 2]
     if not lines:
         return None

@@ -227,7 +227,8 @@ const Figures = (() => {
       });
     }
     const [least, most] = state.reach, spread = (k) => Math.max(most[k] - least[k], 1e-6);
-    const size = (state.zoom || 1) * Math.min((width - 80) / spread(0), (height - 64) / spread(1));
+    const fitted = Math.min((width - 80) / spread(0), (height - 64) / spread(1)), size = (state.zoom || 1) * fitted;
+    height = Math.min(height, Math.max(240, fitted * spread(1) + 64));  // no empty paper above and below a wide rope
     const place = (x, y, z) => { const [u, v] = along(x, y, z); return [width / 2 + size * (u - (least[0] + most[0]) / 2), height / 2 - 12 - size * (v - (least[1] + most[1]) / 2)]; };
     const path = (t) => t.x.map((v, i) => (known(v) ? place(v, t.y[i], t.z[i]) : null));
     const taken = [];
@@ -243,7 +244,7 @@ const Figures = (() => {
       frame += `<path class="axis" d="M${width - 38},${height - 38}l${u},${v}"/><text class="soft" x="${at[0]}" y="${at[1]}" text-anchor="middle">${"xyz"[i]}</text>`;
     });
     const body = data.map((t) => drawn(t, path(t), width, taken)).join("") + frame;
-    return [body, { up }];
+    return [body, { up, height }];
   }
 
   return { flat, deep, legend, turned, dot, cross, unit, number, known };

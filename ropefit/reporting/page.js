@@ -25,7 +25,7 @@
     const [body, paper] = (figure.layout.scene ? Figures.deep : Figures.flat)(figure, data, width, height, plot.state);
     plot.paper = paper;
     canvas.innerHTML = `<div class="legend">${Figures.legend(figure, data)}</div>
-      <svg viewBox="0 0 ${width} ${height}" role="img">${body}</svg>`;
+      <svg viewBox="0 0 ${width} ${paper.height || height}" role="img">${body}</svg>`;
     plot.width = width;
     plot.drawn = true;
     if (figure.columns) point(plot, main ? main.step : -1);

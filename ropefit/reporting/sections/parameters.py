@@ -28,11 +28,6 @@ VERDICTS = {
     "dead": "the value makes no difference to these data",
     "at bound": "the search ended at the edge of its range",
 }
-KINDS = {
-    "physics": "the rope or its surroundings",
-    "measurement": "the recording or its description",
-    "solver": "the simulation",
-}
 MOST_ROWS = 24  # rows
 WIDE, HIGH = 150, 10  # px of an interval bar
 
@@ -83,11 +78,13 @@ def _rows(f: FittedModel, d: Diagnosis | None) -> tuple[list[list[object]], set[
             used.add(p.verdict)
     for cause in d.causes.values() if d else ():
         known = cause.law.parameters if cause.law else cause.parameters
+        meaning = cause.sentence[:1].upper() + cause.sentence[1:]
         for name, size in _independent(known).items():
             label = Markup("{} of {}").format(name.replace("_", " "), cause.name.replace("_", " "))
             value, ci95, unit = in_use(size.value, size.ci95, size.unit)
             text = _value(value, ci95, unit, common_power([value, *ci95]))
-            rows.append([label, "–", text, _bars(None, size), "", KINDS[cause.kind]])
+            rows.append([label, "–", text, _bars(None, size), "", meaning])
+            meaning = "as above"
     return rows, used
 
 
