@@ -1,6 +1,6 @@
 """Blind benchmark of `ropefit diagnose` on recordings with concealed effects.
 
-    python -m benchmarks.discovery [--cases small|standard|blind|full] [--only PATTERN]
+    python -m benchmarks.discovery [--cases small|standard|blind|full|strong] [--only PATTERN]
                                    [--shard I/N] [--out DIR] [--json FILE] [--write FILE]
 
 `--only` takes the cases whose whole names match a regular expression, such as 'clean-.*'. Cases
@@ -23,7 +23,7 @@ from benchmarks.discovery.run import diagnose, identified, kept, read_json
 from benchmarks.discovery.score import judged, rows
 from benchmarks.document import parser, publish
 
-SIZES = ["small", "standard", "blind", "full"]
+SIZES = ["small", "standard", "blind", "full", "strong"]
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from benchmarks.discovery.concealed_errors import MEASUREMENT, UNKNOWN
 from reference_simulators.collocation import NotConverged
 
 SCORES = (3.0, 6.0, 6.0, 12.0, 12.0, 30.0, 30.0, 100.0)
+STRONG = 300.0
 SEEN = (12.0, 30.0, 100.0)  # of history-dependent ropes
 MOVING = (30.0, 100.0)  # of ropes that are filmed in motion
 # Effects that MuJoCo's rope can have as well: about half of their recordings are made by it.
@@ -50,7 +51,8 @@ class Case:
 
 
 def listed(size: str, seed: int = 5) -> list[Case]:
-    """Return the cases of a set: small, standard, blind (standard with 300 clean ones) or full."""
+    """Return the cases of a set: small, standard, blind (standard with 300 clean ones), full, or
+    strong: effects far more visible than needed, whose shapes no linear theory describes."""
     many, size = size == "blind", "standard" if size == "blind" else size
     rng = np.random.default_rng(seed)
     cases: list[Case] = []
@@ -69,7 +71,8 @@ def listed(size: str, seed: int = 5) -> list[Case]:
                     "mujoco" if own or only else "elastica", **more)  # fmt: skip
         cases.append(case)
 
-    counts = {"small": (2, 1, 1, 1, 1), "standard": (20, 10, 2, 4, 2), "full": (300, 20, 2, 10, 4)}
+    counts = {"small": (2, 1, 1, 1, 1), "standard": (20, 10, 2, 4, 2), "full": (300, 20, 2, 10, 4),
+              "strong": (0, 16, 0, 0, 0)}  # fmt: skip
     clean, pairs, decoys, coarse, unknown = counts[size]
     for i in range(clean):
         add("clean", 3 * i if size == "small" else i)
@@ -77,6 +80,8 @@ def listed(size: str, seed: int = 5) -> list[Case]:
         if size == "small":
             if k % 3 == 0:
                 add("single", 4 * (k % 2), (name,), 30.0)
+        elif size == "strong":
+            add("single", 4 * (k % 2) + k // 2 % 4, (name,), STRONG)
         elif size == "standard":
             for i, score in enumerate((6.0, 12.0, 30.0, 100.0)):
                 add("single", i + 4 * (k % 2), (name,), score)
@@ -90,7 +95,7 @@ def listed(size: str, seed: int = 5) -> list[Case]:
             clamps = NEEDS_CLAMPS & set(two)
             if not (clamps and NEEDS_PINS & set(two)):
                 break
-        add("pair", i, two, 30.0)
+        add("pair", i, two, 100.0 if size == "strong" else 30.0)
     for name in MEASUREMENT:
         if size == "small" and name not in ("gravity_misalignment", "scale_error"):
             continue
@@ -104,6 +109,8 @@ def listed(size: str, seed: int = 5) -> list[Case]:
             continue
         for i in range(unknown):
             add("unknown", i, (name,), (30.0, 100.0)[i % 2])
+    if size == "strong":
+        return cases
     for k, name in enumerate(HISTORY_DEPENDENT):
         for i, score in enumerate({"small": (30.0,), "standard": SEEN}.get(size, SCORES)):
             add("single", i + k, (name,), score)
