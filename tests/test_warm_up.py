@@ -21,7 +21,7 @@ from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import Directions, settle, tangent
 from ropefit.solvers.equilibrium.stability import stability
 from ropefit.solvers.equilibrium.start import hanging_shape
-from ropefit.stages.warm_up import calls
+from ropefit.stages.warm_up import calls, shares
 from tests import test_compiled
 from tests.conftest import ROOT
 from tests.moving_ropes import DOWN, hung, in_plane, rope
@@ -41,6 +41,12 @@ def test_every_compiled_loop_is_listed() -> None:
         if path.name != "jit.py":
             assert "njit" not in text, f"{path.name} compiles past solvers/kernels/jit.py"
     assert marked == len(calls())
+
+
+def test_every_loop_is_compiled_by_one_process() -> None:
+    for processors in range(1, 7):
+        taken = [name for groups in shares(processors) for names in groups for name in names]
+        assert sorted(taken) == sorted(calls())
 
 
 def test_real_work_compiles_nothing_more() -> None:

@@ -73,18 +73,47 @@ def _off_surface(values, station, radius, place, off, slope):
 
 
 @exact_helper
-def _medians(values, station, count):
-    """Return (M,) of the values (N,) of every station."""
-    start = np.cumsum(count) - count
-    ordered, filled = np.empty(len(values)), start.copy()
-    for i in range(len(values)):
-        ordered[filled[station[i]]] = values[i]
-        filled[station[i]] += 1
-    out = np.empty(len(count))
+def _middle(a, first, last, k):
+    """Return what a[k] of a[first : last] sorted would be, with a rearranged (Hoare's FIND); numba
+    takes a second to compile a sort."""
+    low, high = first, last - 1
+    while low < high:
+        pivot, i, j = a[k], low, high
+        while i <= j:
+            while a[i] < pivot:
+                i += 1
+            while pivot < a[j]:
+                j -= 1
+            if i <= j:
+                a[i], a[j] = a[j], a[i]
+                i += 1
+                j -= 1
+        if j < k:
+            low = i
+        if k < i:
+            high = j
+    return a[k]
+
+
+@exact_helper
+def _median(a, first, last):
+    """Return the median of a[first : last], with a rearranged."""
+    low = _middle(a, first, last, first + (last - first - 1) // 2)
+    return 0.5 * (low + _middle(a, first, last, first + (last - first) // 2))
+
+
+@exact_helper
+def _medians(off, station, count, ordered, filled, d, place):
+    """Write the medians of off[:, d], (N, 2), at every station into place[:, d], (M, 2)."""
+    start = 0
     for s in range(len(count)):
-        few = np.sort(ordered[start[s] : start[s] + count[s]])
-        out[s] = 0.5 * (few[(count[s] - 1) // 2] + few[count[s] // 2])
-    return out
+        filled[s] = start
+        start += count[s]
+    for i in range(len(station)):
+        ordered[filled[station[i]]] = off[i, d]
+        filled[station[i]] += 1
+    for s in range(len(count)):
+        place[s, d] = _median(ordered, filled[s] - count[s], filled[s])
 
 
 @exact_helper
@@ -106,13 +135,14 @@ def axes(values, station, count, inner, radius):
     points, stations = len(station), len(count)
     off, slope, weight = np.empty((points, 2)), np.empty(points), np.empty(points)
     place, fall = np.zeros((stations, 2)), np.empty((stations, 2))
+    filled, scaled = np.empty(stations, np.int64), np.empty((2, points))
     for d in range(2):
         _off_surface(values, station, radius, place, off, slope)
-        place[:, d] += _medians(off[:, d].copy(), station, count)
+        _medians(off, station, count, scaled[d], filled, d, place)
     furthest = radius if radius > 0.0 else np.inf
-    spare, scaled = np.empty((points, 2)), np.empty((2, inner.sum()))
+    spare, amount = np.empty((points, 2)), np.empty(stations)
     for i in range(points):  # a mean of n points takes one n-th of the variance with it
-        spare[i, :] = 1 - 1 / max(count[station[i]], 2)
+        spare[i, 0] = spare[i, 1] = 1 - 1 / max(count[station[i]], 2)
     sd, variance, total = np.empty(2), np.empty(2), np.empty((stations, 5))
     for _ in range(ROUNDS):
         _off_surface(values, station, radius, place, off, slope)
@@ -123,12 +153,14 @@ def axes(values, station, count, inner, radius):
                     scaled[d, k] = abs(off[i, d] / math.sqrt(spare[i, d]))
                 k += 1
         for d in range(2):
-            sd[d] = max(np.median(scaled[d]) / 0.6745, 1e-9)
+            sd[d] = max(_median(scaled[d], 0, k) / 0.6745, 1e-9)
         for i in range(points):
             size = math.sqrt(0.5 * ((off[i, 0] / sd[0]) ** 2 + (off[i, 1] / sd[1]) ** 2))
             weight[i] = min(1.0, HUBER / max(size, 1e-12))
         _pooled(off, weight, spare, inner, variance)
-        total[:] = 0.0
+        for s in range(stations):
+            for c in range(5):
+                total[s, c] = 0.0
         for i in range(points):
             s, w, t = station[i], weight[i], slope[i]
             total[s, 0] += w
@@ -138,6 +170,7 @@ def axes(values, station, count, inner, radius):
             total[s, 4] += w * off[i, 1]
         for s in range(stations):  # of the symmetric matrix (side, both; both, deep)
             number, pull_side, pull_deep = total[s, 0], total[s, 3], total[s, 4] / variance[1]
+            amount[s] = number
             fall[s, 0], fall[s, 1] = total[s, 1] / number, total[s, 2] / number
             side = number * (1 / variance[0] + fall[s, 1] / variance[1])
             both, deep = -number * fall[s, 0] / variance[1], number / variance[1]
@@ -154,4 +187,4 @@ def axes(values, station, count, inner, radius):
             spare[i, 0], spare[i, 1] = max(1 - w * deep / variance[0], 0.1), max(left, 0.1)
     _off_surface(values, station, radius, place, off, slope)
     _pooled(off, weight, spare, inner, variance)
-    return place, total[:, 0].copy(), variance, fall
+    return place, amount, variance, fall

@@ -6,11 +6,13 @@ keeps it on disk, and there is nothing to compute.
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import ExitStack
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -29,8 +31,17 @@ from ropefit.solvers.kernels.jit import TEMPORARY
 from ropefit.solvers.xpbd.kernels import entries as xpbd
 from ropefit.solvers.xpbd.kernels import tables
 
-PROCESSES = 4  # at most: one loop takes most of the time, and each process takes 0.5 GB
 SEGMENTS, SUPPORTS, TIMES = 2, 3, 2
+# Loops that share helpers, which a process compiles once. Two processes take every other group, and
+# as long as each other.
+Group = tuple[str, ...]
+GROUPS: tuple[Group, ...] = (
+    ("solve_ropes", "stability_ropes"),
+    ("tangent_clips", "simulate_clips"),
+    ("tangent_ropes", "adjoint_ropes", "start_ropes", "hang_rope"),
+    ("adjoint_clips", "pull_ropes", "run_ropes", "axes", "feet"),
+)
+OBJECTS = 200_000  # new ones, before the collector looks for cycles among them: there are few
 Call = tuple[Any, tuple[Any, ...]]  # a compiled loop and its arguments
 
 
@@ -45,17 +56,28 @@ def warm_up(progress: Callable[[float, str], None]) -> dict[str, Any]:
             "no folder can keep the compiled loops; set NUMBA_CACHE_DIR to one that you may write"
         )
     said(equilibrium.solve_ropes)  # nothing is left to be said by the first work
-    start, compiled, names = time.perf_counter(), 0, list(calls())
-    processes = min(PROCESSES, os.cpu_count() or 1)
-    progress(0.0, f"0 of {len(names)}")
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
-        running = [pool.submit(compile_loop, name) for name in names]
+    start, compiled, loops = time.perf_counter(), 0, len(calls())
+    progress(0.0, f"0 of {loops}")
+    with ExitStack() as stack:
+        running = []
+        for groups in shares(os.cpu_count() or 1):
+            pool = ProcessPoolExecutor(
+                1, get_context("spawn"), initializer=gc.set_threshold, initargs=(OBJECTS,)
+            )
+            stack.enter_context(pool)
+            running += [pool.submit(compile_loop, name) for names in groups for name in names]
         for done, future in enumerate(as_completed(running), 1):
             compiled += future.result()
-            progress(done / len(names), f"{done} of {len(names)} compiled loops")
+            progress(done / loops, f"{done} of {loops} compiled loops")
     seconds = time.perf_counter() - start
     where = str(folder_beside(folder))
-    return {"loops": len(names), "compiled": compiled, "seconds": seconds, "folder": where}
+    return {"loops": loops, "compiled": compiled, "seconds": seconds, "folder": where}
+
+
+def shares(processors: int) -> list[list[Group]]:
+    """Return the groups that each process compiles, one process for each processor that helps."""
+    processes = min(processors, len(GROUPS))
+    return [list(GROUPS[k::processes]) for k in range(processes)]
 
 
 def compile_loop(name: str) -> bool:
@@ -66,7 +88,7 @@ def compile_loop(name: str) -> bool:
 
 
 def calls() -> dict[str, Call]:
-    """Return every compiled loop with arguments of no frames, by name; what takes longest first."""
+    """Return every compiled loop with arguments of no frames, by name."""
     found = [*_equilibrium(), *_dynamics(), *_xpbd(), *_stations()]
     return {loop.__name__: (loop, arguments) for loop, arguments in found}
 

@@ -17,6 +17,7 @@ import numba
 from numba import njit
 
 from ropefit.solvers.compiling import listen
+from ropefit.solvers.kernels.linked import EntryCompiler, HelperCompiler
 
 listen()  # whoever computes meanwhile says that it is compiled
 
@@ -26,6 +27,7 @@ TEMPORARY = "ropefit-numba-"  # how a cache folder begins that goes with the pro
 
 # Helpers are not called from Python: wrappers for that would be a quarter of their compilation.
 BARE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+BARE |= {"pipeline_class": HelperCompiler}
 # Nor do they count references to arrays (`_nrt`), which would take half of the time in a loop of
 # views: their callers keep them. So a helper makes no array and returns none; a `maker` may.
 helper = njit(**BARE, _nrt=False, fastmath=FUSED)  # type: ignore[call-overload]
@@ -60,7 +62,7 @@ def _cached(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     written it is compiled anew in every process, or set NUMBA_CACHE_DIR.
     """
     options |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-    compile_it = njit(**options)
+    compile_it = njit(**options, pipeline_class=EntryCompiler)
     try:
         return compile_it(function)
     except RuntimeError:
