@@ -23,12 +23,7 @@ from ropefit.diagnosis.few_frames import on_few_frames
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.nested import is_special_case
-from ropefit.diagnosis.pairs import (
-    PRIOR_SIZE,
-    accepted_pair,
-    fitted_pair,
-    together,
-)
+from ropefit.diagnosis.pairs import PRIOR_SIZE, accepted_pair, fitted_pair, together
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.reassessment import without_effects
 from ropefit.diagnosis.scan import Projection
@@ -88,7 +83,8 @@ def _beside_singles(
     """Return pairs of a single candidate, of those that leave least, and what scores highest beside
     it."""
     out: list[list[Start]] = []
-    for one in sorted(singles, key=lambda c: c.fit.cost)[:MOST_SINGLES]:
+    quick = [c for c in singles if c.hypothesis.effect.linear and not c.hypothesis.effect.slow]
+    for one in sorted(quick, key=lambda c: c.fit.cost)[:MOST_SINGLES]:
         start: Start = (one.hypothesis, one.values())
         scores = Scan(one.fit, sensitivities(one.fit, [], names)).scores
         linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
@@ -142,7 +138,7 @@ def _alike(found: list[ScannedPair], one: Hypothesis, beside: Hypothesis) -> lis
         for evidence, p, q in found
         if beside.key in (p[0].key, q[0].key)
     ]
-    least = LEAST_SHARE * max(evidence for evidence, *_ in of)
+    least = LEAST_SHARE * max((evidence for evidence, *_ in of), default=0.0)
     alike = [start for evidence, start, _ in of if evidence > least and start[0].key != one.key]
     return alike[:MOST_ALIKE]
 
