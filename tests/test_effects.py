@@ -43,7 +43,7 @@ def pinned() -> Setup:
     """The test rope, with a plane for projections."""
     setup = moving(rope(40, 4))
     normal = torch.tensor([[[0.0, 1.0, 0.0]]], dtype=torch.float64).expand(4, 1, 3)
-    return setup._replace(seen=setup.seen._replace(normal=normal))
+    return setup._replace(sensor=setup.sensor._replace(normal=normal))
 
 
 def moving(setup: Setup) -> Setup:

@@ -208,7 +208,7 @@ def test_a_new_clip_begins_without_a_past():
     two = settled(setup._replace(time=time)).seen
     again = settled(
         setup._replace(ends=setup.ends[8:], clamp=setup.clamp[8:], time=time[8:],
-                       seen=setup.frames(torch.arange(8, 16)).seen)
+                       sensor=setup.frames(torch.arange(8, 16)).sensor)
     ).seen  # fmt: skip
     np.testing.assert_allclose(two[8:], again, atol=1e-9)
 

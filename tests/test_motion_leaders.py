@@ -71,17 +71,17 @@ def test_a_clamp_is_looked_for_at_a_pinned_end_in_motion():
 def test_a_sensor_without_errors_reports_the_nodes_themselves():
     setup = driven(4)
     x = torch.rand(len(setup.ends), 5, 3, dtype=torch.float64)
-    assert setup.seen(x) is x
+    assert setup.sensor(x) is x
 
 
 @pytest.mark.parametrize("name", ["rotation", "gain", "shift", "depth", "flat", "lag"])
 def test_derivatives_with_respect_to_errors_that_are_zero(name):
     setup = driven(4)
     x = torch.rand(len(setup.ends), 5, 3, dtype=torch.float64)
-    zero = getattr(setup.seen, name).clone().requires_grad_()
-    seen: SensorModel = setup.seen._replace(
-        **{name: zero}, normal=torch.ones_like(setup.seen.normal)
+    zero = getattr(setup.sensor, name).clone().requires_grad_()
+    sensor: SensorModel = setup.sensor._replace(
+        **{name: zero}, normal=torch.ones_like(setup.sensor.normal)
     )
-    seen(x).square().sum().backward()
+    sensor(x).square().sum().backward()
     assert zero.grad is not None
     assert zero.grad.abs().max() > 0

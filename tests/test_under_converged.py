@@ -46,7 +46,7 @@ def test_all_of_it_is_the_shape_that_algorithm_1_stops_at():
 
 def test_what_is_kept_is_of_the_same_rope_and_the_same_iterations():
     setup, values = rope(76), torch.tensor([0.1, 0.01, 0.7], dtype=torch.float64)
-    drift = lambda s, v: UnderConverged().apply(s, v).seen.drift  # noqa: E731
+    drift = lambda s, v: UnderConverged().apply(s, v).sensor.drift  # noqa: E731
     first = drift(setup, values)
     # What the iterations begin with, bring down, and how often.
     others = [

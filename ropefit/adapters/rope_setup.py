@@ -67,11 +67,11 @@ def setup_of(o: Observations, segments: int) -> Setup:
         torch.tensor(o.end_orientation),
         torch.tensor(o.view.pose[:3, 3].copy()),
     )
-    seen = setup.seen._replace(
+    sensor = setup.sensor._replace(
         origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
     )
     setup = setup._replace(
-        seen=seen, motion=motion_of(o, setup.arc.numpy()),
+        sensor=sensor, motion=motion_of(o, setup.arc.numpy()),
         time=None if o.time is None else torch.tensor(o.time),
         end_path=end_path(o.time, o.frames, o.end_position, o.end_orientation, o.length),
     )  # fmt: skip

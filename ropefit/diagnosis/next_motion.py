@@ -70,15 +70,21 @@ def next_motion(first: Candidate, second: Candidate) -> tuple[str, float, np.nda
         shapes = []
         for candidate in (first, second):
             base = candidate.fit.forward.base
-            seen = base.seen._replace(
-                origin=base.seen.origin[:1].expand(5, 1, 3),
-                normal=base.seen.normal[:1].expand(5, 1, 3),
+            sensor = base.sensor._replace(
+                origin=base.sensor.origin[:1].expand(5, 1, 3),
+                normal=base.sensor.normal[:1].expand(5, 1, 3),
             )
             slow = base.motion and Motion(
                 *(torch.zeros_like(item[:1]).expand(5, *item.shape[1:]) for item in base.motion)
             )
             moved = base._replace(
-                ends=ends, clamp=clamp, seen=seen, motion=slow, end_path=None, time=None, past=None
+                ends=ends,
+                clamp=clamp,
+                sensor=sensor,
+                motion=slow,
+                end_path=None,
+                time=None,
+                past=None,
             )
             forward = candidate.fit.forward
             point = forward.of_setup(moved, None, forward.terms).at(candidate.fit.point.u)

@@ -19,8 +19,8 @@ class DepthBias(Effect):
     calibration = Calibration("surface", ("depth",), "surface")
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        seen = setup.seen
-        return setup._replace(seen=seen._replace(depth=seen.depth + values[0]))
+        sensor = setup.sensor
+        return setup._replace(sensor=sensor._replace(depth=sensor.depth + values[0]))
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the sensor reports the rope {values['offset'] * 1e3:+.2g} mm off along its rays"
@@ -38,8 +38,8 @@ class DepthGain(Effect):
     calibration = Calibration("depth_gain", ("gain",), "depth_gain", own_sensor=True)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        seen = setup.seen
-        return setup._replace(seen=seen._replace(gain=seen.gain + values[0]))
+        sensor = setup.sensor
+        return setup._replace(sensor=sensor._replace(gain=sensor.gain + values[0]))
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the sensor's depths are {100 * values['gain']:+.2g} % off"

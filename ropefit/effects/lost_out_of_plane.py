@@ -18,8 +18,8 @@ class LostOutOfPlane(Effect):
     quantities = (Quantity("share", "1", 0.5, 0.0, 1.0),)
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        seen = setup.seen
-        return setup._replace(seen=seen._replace(flat=seen.flat + values[0]))
+        sensor = setup.sensor
+        return setup._replace(sensor=sensor._replace(flat=sensor.flat + values[0]))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

@@ -19,10 +19,10 @@ class ScaleError(Effect):
     calibration = Calibration("scale", ("scale",), "scale")
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        seen, v = setup.seen, values[0]
+        sensor, v = setup.sensor, values[0]
         # About the origin of the coordinates, not about the sensor.
-        seen = seen._replace(gain=seen.gain + v, shift=seen.shift + v * seen.place)
-        return setup._replace(ends=setup.ends / (1 + v), seen=seen)
+        sensor = sensor._replace(gain=sensor.gain + v, shift=sensor.shift + v * sensor.place)
+        return setup._replace(ends=setup.ends / (1 + v), sensor=sensor)
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the recorded coordinates are {100 * values['scale']:+.2g} % off in scale"

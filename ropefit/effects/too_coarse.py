@@ -34,8 +34,8 @@ class TooCoarse(Effect):
         return setup.segments % COARSENING == 0 and setup.segments >= FEWEST_SEGMENTS
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
-        drift = setup.seen.drift + values[0] * coarse_error(setup)
-        return setup._replace(seen=setup.seen._replace(drift=drift))
+        drift = setup.sensor.drift + values[0] * coarse_error(setup)
+        return setup._replace(sensor=setup.sensor._replace(drift=drift))
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

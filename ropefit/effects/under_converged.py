@@ -54,10 +54,10 @@ class UnderConverged(Effect):
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         amount, drop, reach = values
         still, fallen = _cached(setup, float(drop), float(reach))
-        seen = setup.seen._replace(
-            lag=setup.seen.lag + amount, toward=still, drift=setup.seen.drift + fallen - still
+        sensor = setup.sensor._replace(
+            lag=setup.sensor.lag + amount, toward=still, drift=setup.sensor.drift + fallen - still
         )
-        return setup._replace(seen=seen)
+        return setup._replace(sensor=sensor)
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,17 +10,24 @@ from pydantic import Field, field_validator
 
 from ropefit.errors import BadInput, WrongUsage
 from ropefit.importers import rosmsg
-from ropefit.importers.base import Entry, Importer, Options, exists, readable, thinned
+from ropefit.importers.base import Entry, Importer, Options, thinned
 from ropefit.importers.camera import steady_pose
 from ropefit.importers.draft import Draft
 from ropefit.importers.numbers import nearest, pose_at, product, rotation
+from ropefit.importers.rosbag import (
+    entries,
+    messages,
+    opened,
+    poses_of,
+    times_of,
+    transforms_of,
+)
 from ropefit.importers.tf import Pose, Transforms
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO = "sensor_msgs/msg/CameraInfo"
 POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
-TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 HALF = np.sqrt(0.5)
 # Rotations that take e3 to an axis of the gripper.
 AXES = {
@@ -68,14 +73,14 @@ class Ros(Importer):
     options: ClassVar[type[Options]] = RosOptions
 
     def contents(self, source: Path) -> list[Entry]:
-        with _open(source) as bag:
-            return [*_entries(bag), *_transforms(source, bag, None).entries()]
+        with opened(source) as bag:
+            return [*entries(bag), *transforms_of(bag, None).entries()]
 
     def read(self, source: Path, options: RosOptions, draft: Draft) -> None:
-        with _open(source) as bag:
+        with opened(source) as bag:
             _check_topics(source, bag, options)
-            transforms = _transforms(source, bag, options)
-            ends = [_poses(source, bag, topic) for topic in (options.end0, options.end1)]
+            transforms = transforms_of(bag, options.frame)
+            ends = [poses_of(source, bag, topic) for topic in (options.end0, options.end1)]
             if options.clouds:
                 times = _clouds(source, bag, options, draft, transforms)
             else:
@@ -83,36 +88,18 @@ class Ros(Importer):
         _ends(options, draft, transforms, ends, times)
 
 
-@contextmanager
-def _open(source: Path) -> Iterator[Any]:
-    exists(source)
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    known = get_typestore(Stores.ROS2_HUMBLE)  # for bags that carry no message definitions
-    with readable(source, "a ROS bag"), AnyReader([source], default_typestore=known) as bag:
-        yield bag
-
-
-def _entries(bag: Any) -> list[Entry]:
-    return [
-        Entry(name, str(info.msgtype), int(info.msgcount))
-        for name, info in sorted(bag.topics.items())
-    ]
-
-
 def _check_topics(source: Path, bag: Any, options: RosOptions) -> None:
     wanted = {
         "clouds": (CLOUD,), "color": IMAGES, "depth": IMAGES, "info": (INFO,),
         "end0": POSES, "end1": POSES,
     }  # fmt: skip
-    entries = _entries(bag)
-    known = "; ".join(f"{entry.name} ({entry.kind})" for entry in entries)
+    found = entries(bag)
+    known = "; ".join(f"{entry.name} ({entry.kind})" for entry in found)
     for name, kinds in wanted.items():
         topic = getattr(options, name)
         if topic is None or topic.startswith("tf:"):
             continue
-        kind = next((entry.kind for entry in entries if entry.name == topic), None)
+        kind = next((entry.kind for entry in found if entry.name == topic), None)
         if kind is None:
             raise WrongUsage(f"--set {name}={topic}: no such topic; there are {known}")
         if kind not in kinds:
@@ -125,52 +112,14 @@ def _check_topics(source: Path, bag: Any, options: RosOptions) -> None:
         )
 
 
-def _messages(source: Path, bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
-    """Return (time [s], message) of a topic; messages are decoded one at a time."""
-    for connection, received, raw in bag.messages([c for c in bag.connections if c.topic == topic]):
-        message = bag.deserialize(raw, connection.msgtype)
-        yield rosmsg.stamp(message, received), message
-
-
-def _times(source: Path, bag: Any, topic: str) -> list[float]:
-    return [time for time, _ in _messages(source, bag, topic)]
-
-
-def _transforms(source: Path, bag: Any, options: RosOptions | None) -> Transforms:
-    out = Transforms()
-    for connection, received, raw in bag.messages([c for c in bag.connections if c.msgtype in TF]):
-        for item in bag.deserialize(raw, connection.msgtype).transforms:
-            static = connection.topic.endswith("static")
-            time = rosmsg.stamp(item, received)
-            out.add(item.header.frame_id, item.child_frame_id, time, rosmsg.pose(item), static)
-    if options and options.frame and options.frame.strip("/") not in out.frames():
-        known = ", ".join(out.frames()) or "none"
-        raise WrongUsage(f"--set frame={options.frame}: no such frame; there are {known}")
-    return out
-
-
-def _poses(source: Path, bag: Any, topic: str | None) -> tuple[list[float], list[Pose], str] | None:
-    if topic is None or topic.startswith("tf:"):
-        return None
-    times, poses, frame = [], [], ""
-    for time, message in _messages(source, bag, topic):
-        times.append(time)
-        poses.append(rosmsg.pose(message))
-        frame = str(message.header.frame_id)
-    if not times:
-        raise BadInput(f"{source}: topic {topic} holds no message")
-    order = np.argsort(times, kind="stable")
-    return [times[i] for i in order], [poses[i] for i in order], frame
-
-
 def _clouds(
     source: Path, bag: Any, options: RosOptions, draft: Draft, transforms: Transforms
 ) -> dict[int, float]:
     assert options.clouds is not None
-    wanted = set(thinned(_times(source, bag, options.clouds), options, source))
+    wanted = set(thinned(times_of(bag, options.clouds), options, source))
     times: dict[int, float] = {}
     eye = None
-    for time, message in _messages(source, bag, options.clouds):
+    for time, message in messages(bag, options.clouds):
         if time not in wanted or time in times.values():
             continue
         frame = len(times)
@@ -198,7 +147,7 @@ def _images(
     assert options.color is not None
     assert options.depth is not None
     assert options.info is not None
-    info = next((message for _, message in _messages(source, bag, options.info)), None)
+    info = next((message for _, message in messages(bag, options.info)), None)
     if info is None:
         raise BadInput(f"{source}: topic {options.info} holds no message")
     size, matrix, bent = rosmsg.intrinsics(info)
@@ -207,11 +156,11 @@ def _images(
             "the camera's images are distorted (CameraInfo D is not zero) and are taken as they "
             "are; import rectified topics if there are any"
         )
-    colors = sorted(_times(source, bag, options.color))
+    colors = sorted(times_of(bag, options.color))
     if not colors:
         raise BadInput(f"{source}: topic {options.color} holds no message")
     pairs = {}
-    for time in sorted(_times(source, bag, options.depth)):
+    for time in sorted(times_of(bag, options.depth)):
         match = colors[nearest(np.array(colors), time)]
         if abs(match - time) <= options.gap:
             pairs.setdefault(match, time)
@@ -222,7 +171,7 @@ def _images(
     frame_of = {time: frame for frame, time in times.items()}
     deep_of = {pairs[time]: frame for time, frame in frame_of.items()}
     depths, scale, camera = {}, 0.001, str(info.header.frame_id)
-    for time, message in _messages(source, bag, options.depth):
+    for time, message in messages(bag, options.depth):
         if time in deep_of:
             image, scale = rosmsg.depth(message)
             if options.depth_scale is not None and scale != rosmsg.FINE:
@@ -231,7 +180,7 @@ def _images(
             depths[deep_of[time]] = image
             if len(depths) == len(chosen):
                 break
-    for time, message in _messages(source, bag, options.color):
+    for time, message in messages(bag, options.color):
         frame = frame_of.get(time)
         if frame is not None and frame in depths:
             image = rosmsg.color(message)

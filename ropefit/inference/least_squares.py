@@ -132,7 +132,7 @@ def fit(
     objective = Objective(forward, problem, u, needed)
     best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance))
     point, now, z = objective.at(best["u"])
-    cost, status, nfev = best["told"]
+    cost, status, nfev = best["summary"]
     jacobian, prior, held = objective.jacobian(best["u"]), objective.prior, objective.held
     free = int((~held).sum())
     freedom = max(len(z) - free, 1)

@@ -138,7 +138,7 @@ class Objective:
         if not u.size:  # nothing is free; not every scipy takes that
             self.rows(u)
             summary = np.array([0.5 * self.trace[-1], 1, 1])
-            return {"u": u, "told": summary, "trace": np.array(self.trace)}, self.at(u)[0]
+            return {"u": u, "summary": summary, "trace": np.array(self.trace)}, self.at(u)[0]
         try:
             with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
                 result = optimize.least_squares(
@@ -155,11 +155,11 @@ class Objective:
         except _Stopped as stopped:
             best, cost, status = stopped.args
             summary = np.array([0.5 * cost, status, len(self.trace)])
-            return {"u": best, "told": summary, "trace": np.array(self.trace)}, self.at(best)[0]
+            return {"u": best, "summary": summary, "trace": np.array(self.trace)}, self.at(best)[0]
         finally:
             asked.clear()
         summary = np.array([result.cost, result.status, result.nfev])
-        found = {"u": result.x, "told": summary, "trace": np.array(self.trace)}
+        found = {"u": result.x, "summary": summary, "trace": np.array(self.trace)}
         return found, self.at(result.x)[0]
 
 

@@ -140,7 +140,7 @@ class Dynamics(Model):
             x[reached], q[reached] = found.x[0, frames_of], found.q[0, frames_of]
             force[reached] = found.force[0, frames_of]
             status[reached], iterations[clip] = 0, found.iterations[0, :: went.fine]
-        seen = setup.seen(torch.from_numpy(x)).numpy().copy()
+        seen = setup.sensor(torch.from_numpy(x)).numpy().copy()
         if self.mesh_error is not None:
             seen += self.mesh_error
         held = Conditions(setup.ends, setup.clamp)

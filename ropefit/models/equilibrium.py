@@ -119,7 +119,7 @@ def _rod_of(setup: Setup) -> Rod:
 
 
 def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
-    seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+    seen = setup.sensor(torch.from_numpy(solution.x)).numpy().copy()
     seen[~solution.converged] = np.nan
     return Point(u, setup, solution, seen)
 

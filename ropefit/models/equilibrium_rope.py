@@ -142,10 +142,10 @@ class EquilibriumRope:
             start = self.near.frames(of)
         x, q = self._states(rod, held, start)
         per_row = {
-            name: getattr(s.seen, name).squeeze(-2).expand(*shape, 3).reshape(-1, 1, 3)
+            name: getattr(s.sensor, name).squeeze(-2).expand(*shape, 3).reshape(-1, 1, 3)
             for name in ("origin", "normal")
         }
-        x = s.seen._replace(**per_row)(x)
+        x = s.sensor._replace(**per_row)(x)
         nodes = s.segments // self.every + 1
         x = x[:, :: self.every].reshape(*shape, nodes, 3)
         q = q[:, self.every // 2 :: self.every].reshape(*shape, nodes - 1, 4)

@@ -120,7 +120,7 @@ class WalkedPoint(Point):
             )
             for r, a in zip(rubbing, moved, strict=True):
                 a[:] = r.then(t, a, out[t])
-        return add_sensor(out, slopes, self.setup.seen)[:, self.shown]
+        return add_sensor(out, slopes, self.setup.sensor)[:, self.shown]
 
 
 def _with_friction(
@@ -211,7 +211,7 @@ def walk(
             state = memory.after(law, t, first, state, vectors(solution)[0])
             grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
     solution = merged([steps[t].solution for t in picked])
-    seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+    seen = setup.sensor(torch.from_numpy(solution.x)).numpy().copy()
     seen[~solution.converged] = np.nan
     path = stacked([step.solution for step in steps])
     return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, path, parts)
@@ -254,7 +254,7 @@ def _walked(
     every = every.copy()
     every.q[:] = np.concatenate([step.solution.q for step in steps])
     solution = every.frames(picked)
-    seen = setup.seen(torch.from_numpy(solution.x)).numpy().copy()
+    seen = setup.sensor(torch.from_numpy(solution.x)).numpy().copy()
     parts = np.ones(len(begins), dtype=int)
     return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, every.states, parts)
 

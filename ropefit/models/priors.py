@@ -49,11 +49,11 @@ def nuisance(name: str, names: list[str], units: list[str], apply: Apply, sd: li
 
 
 def turn_camera(setup: Setup, v: Tensor) -> Setup:
-    return setup._replace(seen=setup.seen._replace(rotation=setup.seen.rotation + v))
+    return setup._replace(sensor=setup.sensor._replace(rotation=setup.sensor.rotation + v))
 
 
 def shift_camera(setup: Setup, v: Tensor) -> Setup:
-    return setup._replace(seen=setup.seen._replace(shift=setup.seen.shift + v))
+    return setup._replace(sensor=setup.sensor._replace(shift=setup.sensor.shift + v))
 
 
 def turn_clamp(end: int) -> Apply:

@@ -59,7 +59,7 @@ class Point:
         directions = with_law(directions, self.solution, slopes)
         directions = with_axial_law(directions, self.solution.rod, [self.solution], slopes)
         dx, _ = tangent(self.solution, directions)
-        return add_sensor(dx, slopes, self.setup.seen)
+        return add_sensor(dx, slopes, self.setup.sensor)
 
     def parts(self, changes: list[Change]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield indices (f,) of frames and `respond` (P, f, K, 3) there, until all are."""
@@ -211,7 +211,7 @@ def _slopes(
 def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
     """Return (F, K, 3) the central difference of what is seen of nodes x that stay; (1,) zero where
     the sensor does not change."""
-    return np.zeros(1) if _equal(a.seen, b.seen) else slope(a.seen(x), b.seen(x))
+    return np.zeros(1) if _equal(a.sensor, b.sensor) else slope(a.sensor(x), b.sensor(x))
 
 
 def _energies(setup: Setup, x: Tensor) -> list[Tensor]:

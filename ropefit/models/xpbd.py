@@ -68,11 +68,11 @@ class Xpbd(Model):
             np.full(frames, self.algorithm.settings.total), np.full(frames, np.nan), setup.rod(),
             held,
         )  # fmt: skip
-        return XpbdPoint(u, setup, solution, setup.seen(state.x).numpy().copy(), self)
+        return XpbdPoint(u, setup, solution, setup.sensor(state.x).numpy().copy(), self)
 
     def seen_of(self, setup: Setup) -> np.ndarray:
         """Return (F, K, 3) [m] where a setup's nodes are seen."""
-        return setup.seen(self.rope_at(setup).settle_all(_weights(setup)).x).numpy()
+        return setup.sensor(self.rope_at(setup).settle_all(_weights(setup)).x).numpy()
 
     def kept(self, point: Point) -> Arrays:
         """Return nothing: the iterations are run again, and take a second."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from ropefit.perception.cues import lab_of, nearness
 from ropefit.perception.looks import Looks, learn
-from ropefit.perception.segment import FAMILIAR_CUE, Candidate, Segmentation, candidate_of
+from ropefit.perception.mask_candidate import Candidate, candidate_of
+from ropefit.perception.segment import FAMILIAR_CUE, Segmentation
 
 
 @dataclass(frozen=True)

@@ -77,19 +77,19 @@ def lost_frames(frames: list[int], positions: np.ndarray, time: np.ndarray | Non
     """Return warnings on frames in which all markers (F, M, 3) [m] are missing, repeated or
     skipped; the last two only where there is a time (F,) [s]."""
     seen = np.asarray(np.isfinite(positions).all(axis=2)).any(axis=1)
-    told = []
+    messages = []
     number = np.array(frames)
     if not seen.all():
-        told.append(
+        messages.append(
             f"no marker is seen in {_named(number[~seen])}: excluded; in a motion the ends are "
             f"interpolated there, and a clip is cut in two where more than {LONGEST_GAP:.0f} steps "
             "are missing"
         )
     if time is None or not np.isfinite(time).all():
-        return told
+        return messages
     again = repeated(positions)
     if again.any():
-        told.append(
+        messages.append(
             f"all markers stand exactly where they were in {_named(number[again])}, but move "
             "before and after: these frames repeat others; a motion sees the rope stop and start "
             "there, which damping and inertia then answer for; give no marker in them (NaN)"
@@ -97,13 +97,13 @@ def lost_frames(frames: list[int], positions: np.ndarray, time: np.ndarray | Non
     fresh = np.flatnonzero(seen & ~again)
     rows, count = skipped(positions[fresh], time[fresh])
     if rows.size:
-        told.append(
+        messages.append(
             f"all markers move several steps at once before {_named(number[fresh[rows]])}: about "
             f"{_frames(int(count.sum()))} lost there, which the times do not tell; a motion sees a "
             "blow there, which rigidity, damping and what is called missing then answer for; "
             "correct the times or leave these clips out"
         )
-    return told
+    return messages
 
 
 def _named(frames: np.ndarray) -> str:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from ropefit.perception.cues import (
-    MOST_AREA,
     colour_masks,
     depth_mask,
     lab_of,
@@ -18,13 +17,11 @@ from ropefit.perception.cues import (
     unlike_masks,
 )
 from ropefit.perception.follow import even, grow, measured_width, settle, visible
-from ropefit.perception.linking import Path, link
 from ropefit.perception.looks import Looks
-from ropefit.perception.ropiness import ROPE_ASPECT, ropiness
-from ropefit.perception.strands import THICK, Strands, cut_at_jumps, find_strands
+from ropefit.perception.mask_candidate import COMPARABLE, Candidate, candidate_of
+from ropefit.perception.strands import THICK
 from ropefit.perception.trace import FrameRejected, polyline_arc
 
-LEAST_PATH = 30.0  # px
 FINALISTS = 3
 SMALLEST = 16  # px
 LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
@@ -32,7 +29,6 @@ FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
 SEE = "; --debug-images DIR shows every step"
-COMPARABLE = 0.5  # of the length, of the score: another rope
 SURE, DOUBTFUL = 0.25, 0.02  # scores above which a choice is sure, below which there is none
 
 
@@ -61,18 +57,6 @@ class Segmentation:
         """Return 0..1: the score, less where another candidate was nearly as good."""
         second = max((score for _, score in self.runners_up), default=0.0)
         return float(self.score / (self.score + SURE) * (self.score / (self.score + second + 1e-9)))
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One mask followed as a rope; others: whether it shows another one about as long."""
-
-    cue: str
-    mask: np.ndarray
-    strands: Strands
-    path: Path
-    score: float
-    others: bool
 
 
 @dataclass(frozen=True)
@@ -212,44 +196,6 @@ def _masks(
     yield from colour_masks(lab_of(color, 1.0))
     if depth is not None and depth.any():
         yield "nearer than its surroundings", depth_mask(depth)
-
-
-def candidate_of(
-    cue: str, mask: np.ndarray, lab: np.ndarray, ends: np.ndarray, depth: np.ndarray | None = None
-) -> Candidate | str:
-    """Return a mask followed as a rope, or why it shows none."""
-    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    share, most = closed.mean(), MOST_AREA * (1 if cue != "the given mask" else 10)
-    if share == 0:
-        return "no pixel"
-    if share >= most:
-        return f"{share:.0%} of the picture, a rope fills less than {most:.0%}"
-    mask = without_specks(closed)
-    strands = find_strands(mask)
-    if strands is None:
-        return "no line"
-    if depth is not None:
-        strands = replace(strands, lines=cut_at_jumps(strands.lines, depth, strands.width))
-    paths = link(strands.lines, strands.width, ends, depth)
-    if not paths or paths[0].length < LEAST_PATH:
-        longest = paths[0].length if paths else 0.0
-        return f"the longest line has {longest:.0f} px, a rope at least {LEAST_PATH:.0f}"
-    score = ropiness(mask, strands, paths[0], lab, ends)
-    least = max(COMPARABLE * paths[0].length, ROPE_ASPECT * strands.width)
-    long = any(path.length * path.seen.mean() > least for path in paths[1:])
-    others = long and not np.isfinite(ends).all()
-    return Candidate(cue, mask, strands, paths[0], score, others)
-
-
-def without_specks(mask: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: components that are not tiny against the largest ones."""
-    count, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    if count < 2:
-        return mask > 0
-    extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    extent[0] = 0
-    least = max(0.15 * np.sort(extent)[-min(3, count - 1)], 4.0)
-    return (extent >= least)[label]
 
 
 def _finished(item: Candidate, lab: np.ndarray, ends: np.ndarray, by_picture: bool) -> Segmentation:

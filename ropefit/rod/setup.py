@@ -126,7 +126,7 @@ class Setup(NamedTuple):
     [kg] attached to the nodes; moment
     (2, 3) [N m]; clamp_compliance (2, 2) [rad/(N m)]: rows of both ends, to bending and to twist;
     kinks (N+1, 3) [rad]; stretch (N,) [1/N]: axial compliance besides 1/EA; ends (F, 2, 3) [m],
-    clamp (F, 2, 4), NaN where not held; clamped: whether each end is; seen: how the sensor reports
+    clamp (F, 2, 4), NaN where not held; clamped: whether each end is; sensor: how it reports
     points; potentials; rigid (N,): share of each segment that is inside a rigid piece. time (F,)
     [s]; memory: what remembers earlier frames, and past: those of them that are not among the F.
     bending: the law of bending, where it is not linear; axial (A,): that of axial strain, see
@@ -147,7 +147,7 @@ class Setup(NamedTuple):
     ends: Tensor
     clamp: Tensor
     clamped: tuple[bool, bool]
-    seen: SensorModel
+    sensor: SensorModel
     potentials: tuple[Potential, ...] = ()
     rigid: Tensor | None = None
     damping: Damping | None = None  # of a rope that is simulated in motion
@@ -227,7 +227,7 @@ class Setup(NamedTuple):
             past=past._replace(shown=past.shown[index]),
             ends=self.ends[index],
             clamp=self.clamp[index],
-            seen=self.seen.frames(index),
+            sensor=self.sensor.frames(index),
             load=self.load[index] if self.load.ndim == 3 else self.load,
             motion=self.motion.frames(index) if self.motion else None,
             end_path=self.end_path.frames(index) if self.end_path else None,
@@ -280,7 +280,7 @@ def bare(
         ends=ends,
         clamp=clamp,
         clamped=(bool(held[0]), bool(held[1])),
-        seen=SensorModel(
+        sensor=SensorModel(
             viewpoint,
             zero,
             zero[0],

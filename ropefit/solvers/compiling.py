@@ -22,7 +22,7 @@ PACKAGE = Path(__file__).parents[1]
 MARK = ".ropefit-compiling-"  # a file of this name beside numba's cache: it has been said
 
 
-_told: list[Callable[[str], None]] = []  # by whom compilation is said, the innermost last
+_listeners: list[Callable[[str], None]] = []  # by whom compilation is said, the innermost last
 
 
 @contextmanager
@@ -34,11 +34,11 @@ def telling(say: Callable[[str], None]) -> Iterator[None]:
     """
     if "numba" in sys.modules:
         listen()
-    _told.append(say)
+    _listeners.append(say)
     try:
         yield
     finally:
-        _told.pop()
+        _listeners.pop()
 
 
 @cache
@@ -48,9 +48,12 @@ def listen() -> None:
 
     class Telling(event.Listener):
         def on_start(self, event: Any) -> None:
-            if not _told or _told[-1] is _silent:
+            if not _listeners or _listeners[-1] is _silent:
                 return
-            say, _told[-1] = _told[-1], _silent  # only the first is an entry point for certain
+            say, _listeners[-1] = (
+                _listeners[-1],
+                _silent,
+            )  # only the first is an entry point for certain
             if not said(event.data["dispatcher"]):
                 say(COMPILING)
 
