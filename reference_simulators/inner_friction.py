@@ -72,4 +72,4 @@ def dahl(left: Array, own: Array, more: float, slip: float, held: Array) -> tupl
     turn = more * e * (way - held / slip)
     rows = own[..., None] * np.eye(2) + across[..., None] * (np.eye(2) - outer)
     rows = rows + turn[..., :, None] * way[..., None, :]
-    return size * way, np.linalg.inv(rows)
+    return size * way, np.asarray(np.linalg.inv(rows), dtype=np.float64)
