@@ -23,7 +23,7 @@ def write_section(path: Path, name: str, text: str) -> None:
     old = path.read_text() if path.exists() else "# Results\n\n"
     if begin in old and end in old:
         before, rest = old.split(begin, 1)
-        new = before + block + rest.split(end, 1)[1].lstrip("\n")
+        new = before + block + rest.split(end, 1)[1].removeprefix("\n")
     else:
         new = old.rstrip("\n") + "\n\n" + block
     path.write_text(new)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.document import write_section
 from benchmarks.robustness.commands import page
 from ropefit.cli import app
 from tests.conftest import ROOT, SAMPLES
@@ -126,3 +127,13 @@ def test_every_section_of_the_results_has_its_command(page, fewest):
     for name, section in sections:
         assert "`python -m benchmarks." in section, name
     assert len(text.splitlines()) <= 400
+
+
+def test_a_section_is_replaced_and_nothing_else(tmp_path):
+    found = tmp_path / "page.md"
+    found.write_text("# Page\n\n<!-- begin it -->\nold\n<!-- end it -->\n\n## Next\n")
+    for _ in range(2):
+        write_section(found, "it", "new\n")
+        assert found.read_text() == (
+            "# Page\n\n<!-- begin it -->\nnew\n<!-- end it -->\n\n## Next\n"
+        )
