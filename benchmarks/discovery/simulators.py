@@ -1,11 +1,13 @@
 """`ropefit diagnose --simulation`: a simulation from which a cause is withheld, beside a recording.
 
     python -m benchmarks.discovery.simulators [--seeds FIRST:LAST] [--out DIR] [--json FILE]
-                                              [--only PATTERN] [--write docs/results.md]
+                                              [--only PATTERN] [--write docs/another-simulator.md]
+                                              [--elastica PYTHON]
 
 The recording is of a rod with one cause of a known score (`reference_simulators/`, solved as
-Kirchhoff's equations); the simulation is MuJoCo's rope in the recorded poses, without that cause.
-Asked is what the simulation lacks. Finished cases are kept in DIR.
+Kirchhoff's equations); the simulation is MuJoCo's rope in the recorded poses, without that cause,
+or PyElastica's, if a Python that has it is given. Asked is what the simulation lacks. Finished
+cases are kept in DIR.
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.discovery import elastica_rope
 from benchmarks.discovery.concealed import NEEDS_CLAMPS, NEEDS_PINS
+from benchmarks.discovery.elastica_rope import STIFF
 from benchmarks.discovery.made import Made, write
 from benchmarks.discovery.make import Implausible, make
 from benchmarks.discovery.run import kept, stages
@@ -34,14 +38,18 @@ WITHHELD = (
 SCORE = 25.0  # signal over noise of what is withheld
 
 
-def simulated(folder: Path, run: Path, made: Made) -> None:
-    """Write a recording of MuJoCo's rope as it hangs in the poses that a run has observed."""
+def simulated(folder: Path, run: Path, made: Made, elastica: Path | None) -> None:
+    """Write a recording of MuJoCo's rope, or PyElastica's, as it hangs in the poses that a run has
+    observed."""
     o, _ = read(run / Observations.file_name, Observations)
     time = times_of(o)
     turns = np.nan_to_num(o.end_orientation, nan=0.5)  # of pinned ends: say nothing
     held = Ends(o.end_position, turns, made.setting.held.kinds)
     rod = made.setting.rod
-    arc, x = mujoco_rope.shapes(rod, held, made.setting.diameter)
+    if elastica:
+        arc, x = elastica_rope.shapes(elastica, rod, held)
+    else:
+        arc, x = mujoco_rope.shapes(rod, held, made.setting.diameter)
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(folder / "markers.npz", positions=x, time=time, arc_length=arc)
     clamped = held.kinds[0] == CLAMPED
@@ -59,7 +67,7 @@ def simulated(folder: Path, run: Path, made: Made) -> None:
     )
 
 
-def one(cause: str, seed: int, out: Path) -> dict[str, Any] | None:
+def one(cause: str, seed: int, out: Path, elastica: Path | None) -> dict[str, Any] | None:
     """Make, run and judge a case; None where no plausible size reaches the score."""
     name = f"{cause}-{seed}"
     names = [] if cause == "nothing" else [cause]
@@ -77,7 +85,7 @@ def one(cause: str, seed: int, out: Path) -> dict[str, Any] | None:
         )
         if first["error"]:
             return first
-        simulated(out / f"simulation-{name}", real, made)
+        simulated(out / f"simulation-{name}", real, made, elastica)
         return stages(
             ("preprocess", out / f"simulation-{name}", "--run", sim),
             ("diagnose", "--run", real, "--simulation", sim),
@@ -106,12 +114,18 @@ def judge(truth: dict[str, Any], answer: dict[str, Any] | None) -> dict[str, Any
     return {"right": right, "size": size}
 
 
-def table(found: list[dict[str, Any]]) -> str:
+def table(found: list[dict[str, Any]], elastica: bool) -> str:
+    name, asked = ("PyElastica", " --elastica PYTHON") if elastica else ("MuJoCo", "")
+    yields = (
+        f"PyElastica's elements yield: EA and GA are {STIFF:g} weights."
+        if elastica
+        else "MuJoCo's edges are constraints that yield: its rope stretches a little."
+    )
     rows = [
-        f"A rod with one cause (score {SCORE:g}), and MuJoCo's rope in its poses without it:",
-        "`ropefit diagnose --simulation`; by `python -m benchmarks.discovery.simulators`. *rms*:",
-        "the simulation from the recording, then a rope in equilibrium, then with what is missing;",
-        "the noise. MuJoCo's edges are constraints that yield: its rope stretches a little.",
+        f"A rod with one cause (score {SCORE:g}), and {name}'s rope in its poses without it:",
+        f"`ropefit diagnose --simulation`; by `python -m benchmarks.discovery.simulators{asked}`.",
+        "*rms*: the simulation from the recording, then a rope in equilibrium, then with what is",
+        f"missing; the noise. {yields}",
         "",
         "| withheld | seed | simulation lacks (equivalent to) | named | size in its 95 % interval "
         "| what the simulation has | rms [mm] |",
@@ -147,18 +161,20 @@ def main() -> None:
     arguments.add_argument("--seeds", default="80:82", help="FIRST:LAST")
     arguments.add_argument("--out", type=Path, default=Path("simulators"), help="results' folder")
     arguments.add_argument("--only", default="", help="pattern of causes")
+    arguments.add_argument("--elastica", type=Path, help="a Python that has PyElastica")
     options = arguments.parse_args()
     first, last = (int(part) for part in options.seeds.split(":"))
     found = []
     for seed in range(first, last):
         for cause in (c for c in WITHHELD if re.search(options.only, c)):
-            case = one(cause, seed, options.out)
+            case = one(cause, seed, options.out, options.elastica)
             if case is None:
                 print(cause, seed, "cannot be made", flush=True)
                 continue
             found.append(case)
             print(cause, seed, "right" if case["right"] else "WRONG", flush=True)
-    publish(options, "discovery-simulators", table(found), {"found": found})
+    section = "discovery-simulators" + "-elastica" * bool(options.elastica)
+    publish(options, section, table(found, bool(options.elastica)), {"found": found})
 
 
 if __name__ == "__main__":
