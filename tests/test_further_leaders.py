@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
+from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidates import MOST_LEADERS, fit_candidates
 from ropefit.diagnosis.full_scan import Scan, sensitivities
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.mixed_pairs import two_instead
 from ropefit.effects import IntrinsicCurvature, PointMass, StiffSection
 from tests.concealed import recorded, rope
@@ -68,3 +71,17 @@ def test_two_strong_effects_where_each_alone_leaves_most():
     assert set(values) == {"stiff_section", "point_mass"}
     assert values["stiff_section"] == pytest.approx(STIFF, rel=0.03)
     assert values["point_mass"] == pytest.approx(MASS, rel=0.03)
+
+
+def test_a_start_makes_the_misfit_smaller_where_it_can():
+    """The sizes of the first order may be many times too large: then a fraction of them is."""
+    nominal = concealed((PointMass(), MASS), seed=5)
+    hypothesis = Hypothesis(PointMass(), NO_PLACE)
+    mass = {}
+    for multiple in (1.0, 2.4, 12.0):
+        begun = settled_start(nominal, [(hypothesis, np.array([multiple * MASS[0], MASS[1]]))])
+        assert begun is not None
+        mass[multiple] = begun.terms[0].start[0] / MASS[0]
+    assert mass[1.0] == pytest.approx(1.0)
+    assert mass[2.4] == pytest.approx(0.96)
+    assert mass[12.0] == pytest.approx(1.8)

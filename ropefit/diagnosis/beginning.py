@@ -69,9 +69,11 @@ def settled_start(
     smaller: Fit, starts: Sequence[tuple[Hypothesis, np.ndarray]]
 ) -> Beginning | None:
     """Return where hypotheses begin on top of a model, from their values (k + p,) in SI, with
-    smaller sizes if need be; None if they do not settle."""
+    smaller sizes if those make the misfit no smaller, the model refitted to first order; None if
+    they do not settle."""
     setup = smaller.forward.base
     origin = calm(smaller) if any(h.effect.slow for h, _ in starts) else smaller
+    project, best, least = Projection(origin), None, np.inf
     for share in START_SHARES if all(h.effect.linear for h, _ in starts) else (1.0,):
         terms = [_started(setup, hypothesis, start, share) for hypothesis, start in starts]
         forward = smaller.forward.with_terms(
@@ -79,9 +81,15 @@ def settled_start(
         )
         begin = np.concatenate([_revived(origin), *(np.zeros(term.size) for term in terms)])
         first = settled(forward, begin)
-        if first.converged.all() and first.setup.possible:
-            return Beginning(origin, terms, forward, begin, first)
-    return None
+        if not (first.converged.all() and first.setup.possible):
+            continue
+        left = project.z - project(_whitened_change(origin, first.seen))
+        misfit = float(left @ left)
+        if best is None or misfit < least:
+            best, least = Beginning(origin, terms, forward, begin, first), misfit
+        if least < float(project.z @ project.z):
+            break
+    return best
 
 
 def _started(setup: Setup, hypothesis: Hypothesis, start: np.ndarray, share: float) -> Term:
