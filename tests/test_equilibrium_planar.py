@@ -17,12 +17,13 @@ from ropefit.solvers.equilibrium.kernels.records import held_in, make_work, rod_
 from ropefit.solvers.equilibrium.problem import problem_of
 from ropefit.solvers.equilibrium.solve import LIMIT, TOLERANCE, solve
 from ropefit.solvers.equilibrium.start import starting
+from ropefit.solvers.kernels.linked import EntryCompiler
 
 FRAMES, SEGMENTS = 6, 21
 GRAVITY = torch.tensor([3.1, -8.3, 4.2], dtype=torch.float64)  # along no axis
 
 
-@numba.njit
+@numba.njit(pipeline_class=EntryCompiler)
 def in_plane(rods, of, held, q, lam, x0, steps, largest):
     w = make_work(q.shape[1], lam.shape[1], 1)
     for t in range(q.shape[0]):

@@ -100,7 +100,7 @@ def accepted_pair(
     pair: Pair, tried: int, others: Sequence[Sequence[Start]] = ((), ())
 ) -> tuple[list[Accepted], Fit]:
     """Return both candidates as accepted, with the stretches that explain as much in their place,
-    or what else does, and the fit with both.
+    or what else does, higher evidence first; and the fit with both.
 
     At most one of them gives way to a special case of it, which was fitted beside the other as it
     is. tried: how many hypotheses were scanned; others: hypotheses to fit in place of either, and
@@ -117,7 +117,7 @@ def accepted_pair(
             same = [one.candidate, *(c for c in one.equivalent if c is not candidate)]
             one = replace(one, candidate=candidate, equivalent=same, evidence=candidate.evidence)
         out.append(one)
-    return out, whole
+    return sorted(out, key=lambda one: -one.evidence), whole
 
 
 def _spread_out(point: Candidate, beside: Fit) -> list[Candidate]:
