@@ -55,7 +55,7 @@ def beginning(
 def first_order_move(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> np.ndarray | None:
     """Return (M, D) [m] what an effect of values `start` (k + p,) in SI does to the stations, times
     what fits best, to first order; None if that gains too little for a fit."""
-    begun = settled_start(smaller, [(hypothesis, start)])
+    begun = settled_start(smaller, [(hypothesis, start)], of_any_size=True)
     if begun is None:
         return None
     moved = _whitened_change(smaller, begun.point.seen)
@@ -66,11 +66,11 @@ def first_order_move(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) ->
 
 
 def settled_start(
-    smaller: Fit, starts: Sequence[tuple[Hypothesis, np.ndarray]]
+    smaller: Fit, starts: Sequence[tuple[Hypothesis, np.ndarray]], of_any_size: bool = False
 ) -> Beginning | None:
     """Return where hypotheses begin on top of a model, from their values (k + p,) in SI, with
     smaller sizes if those make the misfit no smaller, the model refitted to first order; None if
-    they do not settle."""
+    they do not settle. of_any_size: the largest that settle, whatever they make of the misfit."""
     setup = smaller.forward.base
     origin = calm(smaller) if any(h.effect.slow for h, _ in starts) else smaller
     project, best, least = Projection(origin), None, np.inf
@@ -87,7 +87,7 @@ def settled_start(
         misfit = float(left @ left)
         if best is None or misfit < least:
             best, least = Beginning(origin, terms, forward, begin, first), misfit
-        if least < float(project.z @ project.z):
+        if of_any_size or least < float(project.z @ project.z):
             break
     return best
 
