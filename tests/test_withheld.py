@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -9,7 +10,10 @@ import numpy as np
 import pytest
 
 from benchmarks.real.falsehoods import FALSEHOODS, LATE, Told
-from benchmarks.real.withheld import judged
+from benchmarks.real.withheld import Case, judged, taken_away
+from ropefit.artifacts import Diagnosis, Model
+from ropefit.artifacts.store import stored_hash
+from ropefit.runs.loading import load
 
 CLIPS, FRAMES, MARKERS = 2, 30, 8
 
@@ -104,3 +108,14 @@ def test_a_cause_counts_as_named_with_its_size_in_its_interval(name, equivalent,
 def test_nothing_answered_is_nothing_named():
     found = judged({"answer": None, "true": {"names": ["time_lag"], "sizes": {"lag": 0.03}}})
     assert not found["named"]
+
+
+def test_a_run_without_its_dampings_keeps_its_diagnosis(tmp_path):
+    """The model changes; the diagnosis must not be refused as stale."""
+    fixtures, nominal = Path(__file__).parent / "fixtures", tmp_path / "nominal"
+    nominal.mkdir()
+    shutil.copy(fixtures / "model.v4.h5", nominal / Model.file_name)
+    shutil.copy(fixtures / "diagnosis.v5.h5", nominal / Diagnosis.file_name)
+    taken_away(nominal, tmp_path / "changed", Case(undamped=True))
+    found, _ = load(tmp_path / "changed", Diagnosis)
+    assert found.provenance.inputs["model.h5"] == stored_hash(tmp_path / "changed" / "model.h5")

@@ -108,7 +108,16 @@ def taken_away(nominal: Path, target: Path, case: Case) -> None:
         }
         groups = {name: group.model_copy(update={"parameters": free})}
         models = {"nominal": fitted.model_copy(update={"groups": groups})}
-        write(target / Model.file_name, model.model_copy(update={"models": models}))
+        made = write(target / Model.file_name, model.model_copy(update={"models": models}))
+        _follows(target / Diagnosis.file_name, made)
+
+
+def _follows(path: Path, model: str) -> None:
+    """Write a diagnosis again as made from a model with that hash: else it would be stale."""
+    diagnosis, _ = read(path, Diagnosis)
+    inputs = diagnosis.provenance.inputs | {Model.file_name: model}
+    provenance = diagnosis.provenance.model_copy(update={"inputs": inputs})
+    write(path, diagnosis.model_copy(update={"provenance": provenance}))
 
 
 def _diagnosed(
