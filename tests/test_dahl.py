@@ -1,6 +1,8 @@
-"""Dahl's friction: closed form along a line, its potential across one, what the solver takes of it."""
+"""Dahl's friction: closed form along a line, its potential, what the solver takes of it."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -61,9 +63,9 @@ def test_the_strain_is_the_slope_of_a_potential(drawn):
 @pytest.mark.parametrize("steps", [1, 12])
 def test_along_a_line_it_is_dahls_from_the_first_way_on(steps):
     corners = np.array([0.0, 2.0, -1.0, 0.5, 0.4, 4.0])
-    path = np.concatenate([np.linspace(a, b, steps + 1)[1:] for a, b in zip(corners, corners[1:])])
+    path = np.concatenate([np.linspace(a, b, steps + 1)[1:] for a, b in pairwise(corners)])
     way, e, found = np.array([0.6, 0.8]), np.zeros(2), []
-    for a, b in zip(np.r_[0.0, path], path):
+    for a, b in pairwise(np.r_[0.0, path]):
         e = strained(e, (b - a) * way, np.array(REACH)).strain
         found.append(e)
     wanted = dahl_moments(np.r_[0.0, path], REACH, REACH)[1:]

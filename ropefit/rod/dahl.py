@@ -1,7 +1,7 @@
 """Friction that builds up, and fades, exponentially with the way of bending (Dahl, 1968).
 
-Along a straight way the elastic part e of a vector v follows de = dv - e |dv| / range: a step d from
-a strain e ends at
+Along a straight way the elastic part e of a vector v follows de = dv - e |dv| / range: a step d
+from a strain e ends at
 
     e' = (range (1 - E) + E c) n + (1 - E) / x a,     x = |d| / range,  E = exp(-x),  n = d / |d|,
 

@@ -27,8 +27,8 @@ from ropefit.rod.rod import Rod, at_nodes
 class Branch(NamedTuple):
     """A spring along the whole rope: bend (N,) [N m²] its rigidity; slip () [1/m]: the curvature
     beyond which it slides; time () [s] in which it relaxes; infinity where it does not. fresh: it
-    was unloaded at the rest shape before the first frame, else in the first frame. gradual: it
-    does not slide at once, but builds up over the range `slip`, see `rod.dahl`; time is infinite."""
+    was unloaded at the rest shape before the first frame, else in the first frame. gradual: it does
+    not slide at once, but builds up over the range `slip`, see `rod.dahl`; its time is infinite."""
 
     bend: Tensor
     slip: Tensor
