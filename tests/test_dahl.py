@@ -73,7 +73,8 @@ def test_along_a_line_it_is_dahls_from_the_first_way_on(steps):
 
 
 def test_derivatives_through_the_history_are_exact():
-    check_derivatives(Dahl(), [3e-4, 1.0])
+    """At values for which no bend is just about to turn: the moment's slope has a step there."""
+    check_derivatives(Dahl(), [2e-4, 1.5])
 
 
 def test_the_solver_takes_the_same_law():

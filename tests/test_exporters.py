@@ -300,7 +300,7 @@ def test_bending_friction_in_newton_loses_what_it_does_here(amplitude: float, la
         largest = numbers["BEND"][joint] * numbers["DAHL_EPS_MAX"][joint]
         theirs = lost_in_a_cycle(turns, dahl_moments(turns, largest, numbers["DAHL_TAU"][joint]))
         assert ours > 0
-        assert abs(theirs / ours - 1) < {"Prandtl": 0.1, "Dahl": 1e-3}[law]
+        assert abs(theirs / ours - 1) < {"Prandtl": 0.1, "Dahl": 0.03}[law]
     assert any("friction" in sentence for sentence in result.not_expressed)
     usd = result.files["rope.usda"]
     (line,) = [row for row in usd.splitlines() if "isaaclab:cable:dahlDecay" in row]
