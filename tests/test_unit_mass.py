@@ -52,17 +52,21 @@ def test_an_export_weighs_what_was_found_without_the_mass():
         model, found = balanced(mass_known=known), diagnosed()
         scale = 1.0 if known else density  # of the fit with the mass, over that without
         cause = found.causes["cause_0"]
-        cause.values[0] = 0.0041 / scale
-        tether = cause.model_copy(
+        found.causes["cause_0"] = cause.model_copy(
+            update={"values": np.array([0.0041 / scale, 0.37])}
+        )
+        found.causes["cause_1"] = cause.model_copy(
             update={
                 "name": "tether", "variant": "Tether", "value_names": [*Tether().names],
                 "values": np.array([0.2 / scale, 0.01 / scale, 0.0, 0.02 / scale, 0.6]),
             }
         )  # fmt: skip
-        found.causes["cause_1"] = tether
-        (bend,) = model.groups["group_0"].parameters.values()
-        bend.value = 7e-4 / (1.0 if known else density * 9.81)
-        found.rope = {}
+        group = model.groups["group_0"]
+        bend = group.parameters["EI"].model_copy(
+            update={"value": 7e-4 / (1.0 if known else density * 9.81)}
+        )
+        group = group.model_copy(update={"parameters": {"EI": bend}})
+        model = model.model_copy(update={"groups": {"group_0": group}})
         ropes.append(described(o, model, found).rope)
     assert np.isclose(ropes[0].EI.mean(), 7e-4)
     assert PointMass in {type(e) for e in ropes[0].effects}
