@@ -77,6 +77,8 @@ def test_the_form_is_told(monkeypatch, element, name):
     for c, (low, high), true in zip(mine.constants, mine.intervals, (MOMENT, RANGE), strict=True):
         assert low < true < high, c.name
         assert high - low < 0.5 * true
+        # The interval is no narrower than what remains of the form's error without noise.
+        assert high - low > 2 * 1.9 * c.inexact * c.value
 
 
 def test_dahl_goes_to_newton_with_its_own_constants():
