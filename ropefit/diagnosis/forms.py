@@ -195,6 +195,8 @@ def _factor(law: Law, y: np.ndarray, wanted: np.ndarray) -> float:
 def _with_inexact(constant: Constant, low: float, high: float) -> tuple[float, float]:
     """Return a 95 % interval with the constant's error that is none of noise."""
     value, more = constant.value, NORMAL_95 * constant.inexact * constant.value
+    if more == 0.0:
+        return float(low), float(high)
     return float(value - np.hypot(value - low, more)), float(value + np.hypot(high - value, more))
 
 
