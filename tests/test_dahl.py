@@ -8,19 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from ropefit.effects import BendingHysteresis
-from ropefit.effects.friction_law import dahl, with_friction
+from ropefit.effects import GradualFriction
 from ropefit.rod.dahl import strained
 from ropefit.solvers.equilibrium.solve import solve
 from tests.test_exporters import dahl_moments
 from tests.test_memory import check_derivatives, settled, there_and_back
 
 REACH = 1.3
-
-
-class Dahl(BendingHysteresis):
-    def apply(self, setup, values):
-        return with_friction(setup, dahl(values[0], values[1]))
 
 
 @pytest.fixture(scope="module")
@@ -74,12 +68,14 @@ def test_along_a_line_it_is_dahls_from_the_first_way_on(steps):
 
 def test_derivatives_through_the_history_are_exact():
     """At values for which no bend is just about to turn: the moment's slope has a step there."""
-    check_derivatives(Dahl(), [2e-4, 1.5])
+    check_derivatives(GradualFriction(), [2e-4, 1.5])
 
 
 def test_the_solver_takes_the_same_law():
     """What balances the rope in a frame is the strain of the memory, in two dimensions."""
-    setup = Dahl().apply(there_and_back(40, 12), torch.tensor([3e-4, 1.0], dtype=torch.float64))
+    setup = GradualFriction().apply(
+        there_and_back(40, 12), torch.tensor([3e-4, 1.0], dtype=torch.float64)
+    )
     point = settled(setup)
     step = point.steps[7]
     elements = step.solution.conditions.friction_elements
