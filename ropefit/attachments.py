@@ -76,7 +76,7 @@ class EndTwist:
 class BendingFriction:
     """Friction that resists every change of bending: at most `moment` [N m], built up over a change
     of curvature by `range` [1/m] from none in a pose that is given: in proportion to it (Prandtl),
-    or as 1 - exp(-change / range) and after a reversal over twice that (Dahl)."""
+    or as 1 - exp(-change / range), after a reversal over the same range (Dahl)."""
 
     moment: float
     range: float

@@ -249,7 +249,7 @@ def test_dahls_friction_and_a_power_of_drag_are_drawn_as_told(tmp_path):
     assert law is not None
     assert law.dahl
     assert law.rigidity * law.slip == pytest.approx(1e-3)
-    assert one.constants(1e-3) == {"M0": 1e-3}
+    assert one.constants(1e-3) == {"M0": 1e-3, "k0": law.slip}
     _, _, drag = drag_power(setting, np.random.default_rng(4))
     assert drag is not None
     assert drag.names == ("drag_law",)

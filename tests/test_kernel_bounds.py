@@ -67,6 +67,8 @@ def random_problem(draw) -> tuple:
             rng.random((frames, count, segments + 1)),
             0.1 * rng.normal(size=(frames, count, segments + 1, 2)),
             0.1 * rng.random((frames, count, segments + 1)),
+            0.05 * rng.normal(size=(frames, count, segments + 1, 2)),
+            rng.random((frames, count)) < 0.5,
         )
     bend = 10.0 ** rng.uniform(-4, 0)
     rod = build(

@@ -158,6 +158,10 @@ def test_same_pose_other_shape_on_the_way_back():
 
 @pytest.mark.parametrize(("effect", "values"), EFFECTS)
 def test_derivatives_through_the_history_are_exact(effect, values):
+    check_derivatives(effect, values)
+
+
+def check_derivatives(effect, values) -> None:
     """Of rigidity, ends and the effect itself, in frames of which some are not shown."""
     few = torch.tensor([1, 2, 4, 7, 10])
     setup = there_and_back(50, 12).frames(few)

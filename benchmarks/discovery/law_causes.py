@@ -166,11 +166,7 @@ def follower(setting: Setting, rng: np.random.Generator) -> Drawn:
 
 
 def hysteresis(setting: Setting, rng: np.random.Generator) -> Drawn:
-    """Draw friction inside the rope by Dahl's law. Size: the largest moment [N m].
-
-    Its range is no constant that is judged: what Dahl's law has alike on the first way and after a
-    reversal, ropefit's form has twice as long after a reversal.
-    """
+    """Draw friction inside the rope by Dahl's law. Size: the largest moment [N m]."""
     rod, span = setting.rod, float(rng.uniform(0.5, 2.0)) / setting.rod.length
     unit = rod.density * 9.81 * rod.length**2
 
@@ -180,7 +176,7 @@ def hysteresis(setting: Setting, rng: np.random.Generator) -> Drawn:
     concealed = Concealed(
         "bending_hysteresis", "physics", change, 1e-4 * unit, 1e-2 * unit, "moment", "N m"
     )
-    return Drawn(concealed, "Dahl", lambda size: {"M0": size})
+    return Drawn(concealed, "Dahl", lambda size: {"M0": size, "k0": span})
 
 
 DRAWN = {

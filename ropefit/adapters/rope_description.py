@@ -63,6 +63,7 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     setup = setup.frames(torch.from_numpy(used))
     group = next(iter(model.groups.values()))
     density = float(setup.properties.density.mean())
+    heavier = 1.0 if known else density  # without its mass a rope of 1 kg/m was fitted
     factor = 1.0 if known else density * float(setup.gravity.norm())
     fitted = {name: p.value for name, p in group.parameters.items()}
     if diagnosis and diagnosis.causes:  # the rope's own values, fitted along with the causes
@@ -79,8 +80,9 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     whole = setup
     causes = (*diagnosis.known.values(), *diagnosis.causes.values()) if diagnosis else ()
     for cause in causes or model.laws.values():
-        effect, given = effect_of(cause), torch.tensor(cause.values)
-        named = dict(zip(cause.value_names, cause.values.tolist(), strict=True))
+        effect = effect_of(cause)
+        given = torch.tensor(effect.weighted(heavier) * cause.values)
+        named = dict(zip(cause.value_names, given.tolist(), strict=True))
         changed = effect.apply(whole, given)
         how = None
         if cause.law is not None and cause.law.form:

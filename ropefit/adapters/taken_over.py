@@ -55,7 +55,7 @@ def of_rope(model: Model, found: Diagnosis, o: Observations, setup: Setup) -> li
         if not effect.of_rope or cause.covariance is None or not effect.possible(setup):
             continue
         places = [1.0] * len(effect.place_names)
-        scale = np.array([*(factor**q.by_weight for q in effect.quantities), *places])
+        scale = effect.weighted(factor)
         usual = np.array(
             [*(q.size(setup) for q in effect.quantities), *(length * p for p in places)]
         )

@@ -166,11 +166,11 @@ def fit_candidates(
             # Effects of one name are kinds of one law, and compared in any case.
             if not (first and fits.sufficient(first)) or first.hypothesis.name == name:
                 fits.add_kinds([choices for choices in late if choices[0][0].name == name])
-        first = fits.best()
-        if first and first.evidence > threshold:
-            effect, values = first.hypothesis.effect, first.values()
-            for choices in proposals_beside(effect, values, first.fit, names):
-                fits.add(choices)
+    first = fits.best()
+    if first and first.evidence > threshold:
+        effect, values = first.hypothesis.effect, first.values()
+        for choices in proposals_beside(effect, values, first.fit, names):
+            fits.add(choices)
     return sorted(fits.best_of.values(), key=lambda c: -c.evidence)
 
 

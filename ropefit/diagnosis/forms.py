@@ -25,6 +25,7 @@ WIDER = 1.5  # times the largest value of the data: where the curve ends
 DEPARTURES = (0.1, 0.2, 0.4, 0.8, 1.6)  # sd of departures from a smooth curve that are tried
 BROAD = 3.0  # usual sizes: sd of the prior of a smooth curve's values
 LEAST_SHARE = 1e-3  # of the largest: smaller values of x are as good as zero
+NORMAL_95 = 1.96  # sd to either side of a mean
 INSIDE = (0.02, 0.98)  # quantiles of the values of the data: where the curve is visited
 
 
@@ -191,6 +192,14 @@ def _factor(law: Law, y: np.ndarray, wanted: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(wanted / y))))
 
 
+def _with_inexact(constant: Constant, low: float, high: float) -> tuple[float, float]:
+    """Return a 95 % interval with the constant's error that is none of noise."""
+    value, more = constant.value, NORMAL_95 * constant.inexact * constant.value
+    if more == 0.0:
+        return float(low), float(high)
+    return float(value - np.hypot(value - low, more)), float(value + np.hypot(high - value, more))
+
+
 def _fitted(
     form: Form,
     law: Law,
@@ -241,6 +250,6 @@ def _fitted(
     pairs = list(zip(setups, drawn, strict=True))
     every = [form.constants(s, own.value(u[-size:])) for s, u in pairs]
     ends = np.quantile([[c.value for c in row] for row in every], (0.025, 0.975), axis=0).T
-    intervals = [(float(a), float(b)) for a, b in ends]
+    intervals = [_with_inexact(c, *end) for c, end in zip(every[0], ends, strict=True)]
     y = np.stack([law.curve(s, x) for s in setups])
     return Fitted(form, evidence, every[0], intervals, y)

@@ -19,6 +19,7 @@ from ropefit.effects.end_offset import EndOffset
 from ropefit.effects.end_twist import EndTwist
 from ropefit.effects.follower_force import FollowerForce
 from ropefit.effects.force_field import ForceField
+from ropefit.effects.gradual_friction import GradualFriction
 from ropefit.effects.gravity_misalignment import GravityMisalignment
 from ropefit.effects.half_space import HalfSpace
 from ropefit.effects.inertia import Inertia
@@ -65,6 +66,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     Obstacle,
     ContactFriction,
     BendingHysteresis,
+    GradualFriction,
     PlasticSet,
     ViscoelasticCreep,
     Inertia,

@@ -286,6 +286,11 @@ class Effect(ABC):
         """Return the names of all values, in order."""
         return (*(q.name for q in self.quantities), *self.place_names)
 
+    def weighted(self, factor: float) -> np.ndarray:
+        """Return (n,) by what the values change for a rope of `factor` times the weight."""
+        places = [1.0] * len(self.place_names)
+        return np.array([*(factor**q.by_weight for q in self.quantities), *places])
+
 
 def duration(setup: Setup) -> float:
     """Return the time [s] from the first frame to the last."""

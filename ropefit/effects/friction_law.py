@@ -1,15 +1,15 @@
 """How friction inside a rope builds up with the change of curvature: Prandtl's law, and Dahl's.
 
-Both are sums of Prandtl's elements in parallel (Prandtl-Ishlinskii): one for a friction that builds
-up in proportion, several for one that does so exponentially. After a reversal the moment changes by
-twice that of half the change (Masing); between full loops the exponential law is then Dahl's, which
-as such has no potential where the direction of bending turns.
+The first builds up in proportion and then slides; after a reversal the moment changes by twice that
+of half the change (Masing). The second builds up exponentially, over one range from no friction and
+after a reversal alike; where the direction of bending turns it departs from Dahl's, see `rod.dahl`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -19,34 +19,37 @@ from ropefit.effects.law import Constant, Form, Law
 from ropefit.rod.memory import Branch
 from ropefit.rod.setup import Setup
 
-# Over the range: changes of curvature at which the elements of the exponential law slip.
-SLIPS = (0.2, 0.45, 0.75, 1.15, 1.7, 2.5, 4.0)
+# Relative errors (one sigma) of Dahl's moment and range without noise: where the ends turn between
+# two frames, how far they had gone is not known, and what has faded across is not all of it.
+INEXACT = (0.03, 0.06)
 RANGES = np.geomspace(0.2, 5.0, 25)  # that are tried, over the fitted one
 NEVER = torch.tensor(math.inf, dtype=torch.float64)
 
-Elements = Callable[[Tensor, Tensor], list[tuple[Tensor, Tensor]]]  # rigidity [N m²], slip [1/m]
+
+class Element(NamedTuple):
+    """bend () [N m²] its rigidity, slip () [1/m] where it slips, or over which it builds up
+    gradually."""
+
+    bend: Tensor
+    slip: Tensor
+    gradual: bool
 
 
-def prandtl(moment: Tensor, reach: Tensor) -> list[tuple[Tensor, Tensor]]:
+def prandtl(moment: Tensor, reach: Tensor) -> Element:
     """Return the element of M = moment min(dk / reach, 1)."""
-    return [(moment / reach, reach)]
+    return Element(moment / reach, reach, gradual=False)
 
 
-def dahl(moment: Tensor, reach: Tensor) -> list[tuple[Tensor, Tensor]]:
-    """Return elements of M = moment (1 - exp(-dk / reach)), exact where each slips; level beyond
-    the last."""
-    at = torch.tensor((0.0, *SLIPS), dtype=torch.float64)
-    risen = -torch.expm1(-at)
-    slope = torch.diff(risen / risen[-1]) / torch.diff(at)
-    bend = slope - torch.nn.functional.pad(slope[1:], (0, 1))
-    return [(b * moment / reach, s * reach) for b, s in zip(bend, at[1:], strict=True)]
+def dahl(moment: Tensor, reach: Tensor) -> Element:
+    """Return the element of M = moment (1 - exp(-dk / reach))."""
+    return Element(moment / reach, reach, gradual=True)
 
 
-def with_friction(setup: Setup, elements: list[tuple[Tensor, Tensor]]) -> Setup:
-    """Return the setup with elements that are unloaded in the first frame."""
-    like = setup.properties.bend
-    branches = (Branch(b.expand_as(like), slip, NEVER, fresh=False) for b, slip in elements)
-    return setup._replace(memory=(*setup.memory, *branches))
+def with_friction(setup: Setup, element: Element) -> Setup:
+    """Return the setup with an element that is unloaded in the first frame."""
+    bend = element.bend.expand_as(setup.properties.bend)
+    branch = Branch(bend, element.slip, NEVER, fresh=False, gradual=element.gradual)
+    return setup._replace(memory=(*setup.memory, branch))
 
 
 def friction_law(setup: Setup, usual: np.ndarray) -> Law:
@@ -71,7 +74,9 @@ def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     was unloaded."""
     out = np.zeros_like(x)
     for element in _elements(setup):
-        out += float(element.bend[0]) * np.minimum(x, float(element.slip))
+        slip = float(element.slip)
+        risen = -slip * np.expm1(-x / slip) if element.gradual else np.minimum(x, slip)
+        out += float(element.bend[0]) * risen
     return out
 
 
@@ -99,17 +104,22 @@ def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
 def _forms(usual: np.ndarray, known: np.ndarray) -> tuple[Form, ...]:
     tries = known * np.stack([np.ones_like(RANGES), RANGES], axis=1)
 
-    def form(name: str, elements: Elements) -> Form:
+    def form(
+        name: str, element: Callable[[Tensor, Tensor], Element], inexact: tuple[float, float]
+    ) -> Form:
         def constants(_: Setup, v: np.ndarray) -> list[Constant]:
-            return [Constant("M0", float(v[0]), -1.0), Constant("k0", float(v[1]), -1.0, False)]
+            return [
+                Constant("M0", float(v[0]), -1.0, inexact=inexact[0]),
+                Constant("k0", float(v[1]), -1.0, False, inexact=inexact[1]),
+            ]
 
         return Form(
             name, ("moment", "range"), ("N m", "1/m"), np.array([0.0, 1e-3 * usual[1]]),
             np.array([np.inf, 1e3 * usual[1]]), tries,
-            lambda s, v: with_friction(s, elements(v[0], v[1])), constants, usual,
+            lambda s, v: with_friction(s, element(v[0], v[1])), constants, usual,
         )  # fmt: skip
 
     return (
-        form("Prandtl: M = M0 min(dk/k0, 1)", prandtl),
-        form("Dahl: M = M0 (1 - e^(-dk/k0))", dahl),
+        form("Prandtl: M = M0 min(dk/k0, 1)", prandtl, (0.0, 0.0)),
+        form("Dahl: M = M0 (1 - e^(-dk/k0))", dahl, INEXACT),
     )

@@ -17,13 +17,15 @@ from ropefit.rod.setup import Setup
 
 class Constant(NamedTuple):
     """A constant of a formula: value in SI, of the unit of a rigidity EI (or 1, if not of_ei) times
-    metre to a power; or of a unit of its own."""
+    metre to a power; or of a unit of its own. inexact: the relative error (one sigma) that remains
+    without noise: added to its interval in quadrature."""
 
     name: str
     value: float
     power: float
     of_ei: bool = True
     unit: str = ""
+    inexact: float = 0.0
 
 
 class Form(NamedTuple):

@@ -7,8 +7,6 @@ import numpy as np
 from ropefit.attachments import BendingFriction
 from ropefit.exporters.description import RopeDescription
 
-CLOSEST = 1.9  # ranges
-
 
 def dahl(rope: RopeDescription, bend: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return the largest strain and the decay (J,), (J,) [rad] at J joints, zero without friction.
@@ -16,10 +14,9 @@ def dahl(rope: RopeDescription, bend: np.ndarray, reach: np.ndarray) -> tuple[np
     bend (J,) [N m/rad]: their stiffness; reach (J,) [m]: of rope that bends there. Of friction that
     slips (Prandtl) the range is the decay: a cycle of curvature ± A then loses 4 moment (A - range
     tanh(A / range)) a length, beside 4 moment (A - range): 4 % more at A = 2 range. What builds up
-    exponentially does so over twice the range after a reversal, and from less than the largest
-    moment in small loops: with CLOSEST ranges the loss is within 7 % from A = 2 range on.
+    exponentially is Dahl's own.
     """
     found = [e for e in rope.effects if isinstance(e, BendingFriction)]
     moment = sum(e.moment for e in found)
-    span = max((e.range * (CLOSEST if e.law == "Dahl" else 1.0) for e in found), default=0.0)
+    span = max((e.range for e in found), default=0.0)
     return moment / bend, span * reach

@@ -44,7 +44,7 @@ def elements_of(setup: Setup, rod: Rod, frames: int) -> FrictionElements | None:
         return None
     drag, centre, slip = (t.detach().numpy() for t in springs(setup.bending, rod))
     rows = frames, drag.shape[1], drag.shape[2]
-    return FrictionElements(
+    return FrictionElements.slipping(
         np.array(np.broadcast_to(drag, rows)),
         np.array(np.broadcast_to(centre[:, None], (*rows, 2))),
         np.array(np.broadcast_to(slip, rows)),

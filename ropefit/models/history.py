@@ -310,7 +310,7 @@ def _law_slopes(changes: list[Change]) -> Laws:
             rows.append([np.nan_to_num((q - p) / (2 * STEP), posinf=0.0, neginf=0.0)
                          for p, q in zip(low[:4], high[:4], strict=True)])  # fmt: skip
     fields = (np.stack(field) for field in zip(*rows, strict=True))
-    return Laws(*fields, fresh=np.empty(0))
+    return Laws(*fields, fresh=np.empty(0), gradual=np.empty(0))
 
 
 def laws_of(setup: Setup) -> Laws:

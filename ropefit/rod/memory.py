@@ -1,4 +1,5 @@
-"""Bending that remembers: springs in parallel to the rod's own that relax, or slip.
+"""Bending that remembers: springs in parallel to the rod's own that relax, or slip, at once or
+gradually.
 
 Each is an incremental potential in the vector part v of a bend element's Darboux quaternion, about
 the first two directors. From frame to frame its strain e follows
@@ -7,7 +8,8 @@ the first two directors. From frame to frame its strain e follows
 
 with v on a straight line in between, so that steps of any size are exact on such a path:
 e = clip(kept e + given (v - v before)). Without `slip` this is Maxwell's element (Simo & Hughes,
-Computational Inelasticity, 10.3), without `time` Prandtl's (there 1.2, return mapping).
+Computational Inelasticity, 10.3), without `time` Prandtl's (there 1.2, return mapping). Those
+that slip gradually follow `rod.dahl` instead.
 """
 
 from __future__ import annotations
@@ -18,29 +20,33 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.rod.dahl import strained
 from ropefit.rod.rod import Rod, at_nodes
 
 
 class Branch(NamedTuple):
     """A spring along the whole rope: bend (N,) [N m²] its rigidity; slip () [1/m]: the curvature
     beyond which it slides; time () [s] in which it relaxes; infinity where it does not. fresh: it
-    was unloaded at the rest shape before the first frame, else in the first frame."""
+    was unloaded at the rest shape before the first frame, else in the first frame. gradual: it does
+    not slide at once, but builds up over the range `slip`, see `rod.dahl`; its time is infinite."""
 
     bend: Tensor
     slip: Tensor
     time: Tensor
     fresh: bool
+    gradual: bool = False
 
 
 class Laws(NamedTuple):
     """B branches at the bend elements, for H frames: drag (B, N+1) [N m], slip (B, N+1), kept and
-    given (H, B), fresh (B,). As P derivatives: with a dimension P in front."""
+    given (H, B), fresh and gradual (B,). As P derivatives: with a dimension P in front."""
 
     drag: np.ndarray
     slip: np.ndarray
     kept: np.ndarray
     given: np.ndarray
     fresh: np.ndarray
+    gradual: np.ndarray
 
 
 class State(NamedTuple):
@@ -67,16 +73,19 @@ def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> 
         share = step / b.time
         kept.append(torch.exp(-share))
         given.append(torch.where(share > 0, -torch.expm1(-share) / share.clamp_min(1e-300), 1.0))
-    fresh = np.array([b.fresh for b in branches])
+    fresh, gradual = (
+        np.array([getattr(b, name) for b in branches], dtype=bool) for name in ("fresh", "gradual")
+    )
     if not branches:
         none, in_frames = np.zeros((0, len(at_node))), np.zeros((len(time), 0))
-        return Laws(none, none, in_frames, in_frames, fresh.astype(bool))
+        return Laws(none, none, in_frames, in_frames, fresh, gradual)
     return Laws(
         torch.stack(drag).numpy(),
         torch.stack(slip).numpy(),
         torch.stack(kept, dim=-1).numpy(),
         torch.stack(given, dim=-1).numpy(),
         fresh,
+        gradual,
     )
 
 
@@ -92,22 +101,27 @@ def unloaded(rest: np.ndarray, branches: int) -> State:
 
 
 def friction_elements(law: Laws, t: int, first: bool, before: State) -> tuple[np.ndarray, ...]:
-    """Return what stands for the branches in frame t: friction elements (Prandtl).
+    """Return what stands for the branches in frame t: the fields of `FrictionElements`.
 
-    The stiffness (B, N+1) [N m] of springs, the vector (B, N+1, 2) where each is unloaded, and the
-    length (B, N+1) beyond which it slips.
+    The stiffness (B, N+1) [N m] of springs, the vector (B, N+1, 2) where each is unloaded, the
+    length (B, N+1) beyond which it slips, the strain (B, N+1, 2) there, which are gradual (B,).
     """
     kept, given = _steps(law, t, first)
     drag = law.drag * given[..., 0] * (law.fresh[:, None] if first else 1.0)
-    centre = before.vector - kept / given * before.strain
-    return drag, centre, law.slip / given[..., 0]
+    gradual = law.gradual[:, None, None]
+    centre = before.vector - np.where(gradual, 0.0, kept / given * before.strain)
+    strain = np.where(gradual, before.strain, 0.0)
+    return drag, centre, law.slip / given[..., 0], strain, law.gradual
 
 
 def after(law: Laws, t: int, first: bool, before: State, vector: np.ndarray) -> State:
     """Return the state once frame t has settled at vector (N+1, 2)."""
     kept, given = _steps(law, t, first)
-    strain = kept * before.strain + given * (vector - before.vector)
-    strain = _clip(strain, law.slip)[0]
+    moved = vector - before.vector
+    strain = _clip(kept * before.strain + given * moved, law.slip)[0]
+    if law.gradual.any():
+        g = law.gradual
+        strain[g] = strained(before.strain[g], moved[None], law.slip[g]).strain
     if first:
         strain = strain * law.fresh[:, None, None]
     return State(vector, strain)
@@ -115,19 +129,16 @@ def after(law: Laws, t: int, first: bool, before: State, vector: np.ndarray) -> 
 
 class Answer(NamedTuple):
     """First-order changes in one frame, P of them: force (P, N+1, 2) [N m] at the vector that it
-    has; strain (P, B, N+1, 2) likewise, and what a change of the vector adds: `given` of it,
-    `across` (B, N+1) of which is left across the slip's direction (B, N+1, 2)."""
+    has; strain (P, B, N+1, 2) likewise, and by_vector (B, N+1, 2, 2) what a change of the vector
+    adds to it."""
 
     force: np.ndarray
     strain: np.ndarray
-    given: np.ndarray
-    across: np.ndarray
-    direction: np.ndarray
+    by_vector: np.ndarray
 
     def then(self, vector: np.ndarray) -> State:
         """Return the state's change when the vector changes by (P, N+1, 2)."""
-        moved = self.given * vector[:, None]
-        return State(vector, self.strain + _through(moved, self.across, self.direction))
+        return State(vector, self.strain + _times(self.by_vector, vector[:, None]))
 
 
 def answer(
@@ -138,19 +149,28 @@ def answer(
     kept, given = _steps(law, t, first)
     moved = vector - before.vector
     strain, across, direction = _clip(kept * before.strain + given * moved, law.slip)
-    trial = kept * change.strain - given * change.vector[:, None]
-    if not first:
-        trial = trial + slope.kept[:, t, :, None, None] * before.strain
-        trial = trial + slope.given[:, t, :, None, None] * moved
-    strain_slope = _through(trial, across, direction)
+    left = across[..., None, None] * (
+        np.eye(2) - direction[..., :, None] * direction[..., None, :]
+    )  # what is along the slip's direction is lost
+    by_vector, by_strain = given[..., None] * left, kept[..., None] * left
     # What slides is as long as the slip allows.
+    by_slip = np.where((across < 1)[..., None], direction, 0.0)
+    if law.gradual.any():
+        g = law.gradual
+        strain[g], by_vector[g], by_strain[g], by_slip[g] = strained(
+            before.strain[g], moved[None], law.slip[g]
+        )
+    strain_slope = _times(by_strain, change.strain) - _times(by_vector, change.vector[:, None])
     with np.errstate(invalid="ignore"):
-        further = slope.slip[..., None] * direction
-    strain_slope = strain_slope + np.where((across < 1)[..., None], further, 0.0)
+        strain_slope = strain_slope + np.where(by_slip != 0.0, slope.slip[..., None] * by_slip, 0.0)
+    if not first:
+        trial = slope.kept[:, t, :, None, None] * before.strain
+        trial = trial + slope.given[:, t, :, None, None] * moved
+        strain_slope = strain_slope + _times(left, trial)
     active = (law.fresh if first else np.ones_like(law.fresh))[:, None, None]
-    strain, strain_slope, given = active * strain, active * strain_slope, active * given
+    strain, strain_slope = active * strain, active * strain_slope
     force = slope.drag[..., None] * strain + law.drag[..., None] * strain_slope
-    return Answer(force.sum(1), strain_slope, given, across, direction)
+    return Answer(force.sum(1), strain_slope, active[..., None] * by_vector)
 
 
 def _steps(law: Laws, t: int, first: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -171,7 +191,6 @@ def _clip(strain: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return share[..., None] * strain, share, direction
 
 
-def _through(change: np.ndarray, across: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return changes (P, B, N+1, 2) after `_clip`: those along the slip's direction are lost."""
-    along = (change * direction).sum(-1, keepdims=True)
-    return across[..., None] * (change - along * direction)
+def _times(slope: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Return slopes (B, N+1, 2, 2) times changes (P, B, N+1, 2), or (P, 1, N+1, 2)."""
+    return slope[..., 0] * change[..., :1] + slope[..., 1] * change[..., 1:]

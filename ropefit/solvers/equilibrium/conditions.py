@@ -12,16 +12,24 @@ from torch import Tensor
 
 
 class FrictionElements(NamedTuple):
-    """B friction elements (Prandtl) at every bend element of F frames.
+    """B friction elements (Prandtl, or Dahl) at every bend element of F frames.
 
     Each is a spring between the vector part of the element's Darboux quaternion, about the first
     two directors, and centre (F, B, N+1, 2); of stiffness drag (F, B, N+1) [N m], with a force that
-    no longer grows where it is longer than slip (F, B, N+1).
+    no longer grows where it is longer than slip (F, B, N+1). Where gradual (F, B) it is strained by
+    strain (F, B, N+1, 2) at the centre and builds up over the range slip, see `rod.dahl`.
     """
 
     drag: np.ndarray
     centre: np.ndarray
     slip: np.ndarray
+    strain: np.ndarray
+    gradual: np.ndarray
+
+    @classmethod
+    def slipping(cls, drag: np.ndarray, centre: np.ndarray, slip: np.ndarray) -> FrictionElements:
+        """Return Prandtl's elements, all of them."""
+        return cls(drag, centre, slip, np.zeros_like(centre), np.zeros(drag.shape[:2], dtype=bool))
 
     def frames(self, index: np.ndarray) -> FrictionElements:
         """Return those of some of the frames."""

@@ -9,7 +9,7 @@ import numpy as np
 from ropefit.rod.fields import ROD, shapes
 from ropefit.rod.rod import Rod
 from ropefit.solvers.arrays import as_numpy
-from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
 from ropefit.solvers.equilibrium.kernels.records import HELD
 from ropefit.solvers.equilibrium.kernels.records import Held as HeldArrays
 from ropefit.solvers.equilibrium.kernels.records import Rod as RodArrays
@@ -55,7 +55,8 @@ def _gauge(arrays: dict[str, np.ndarray], conditions: Conditions) -> np.ndarray:
     spins = free_to_spin(stiffness, rest) & (moment == 0).all((1, 2))
     friction_elements = conditions.friction_elements
     if friction_elements is not None:
-        turned = (friction_elements.drag[..., None] * friction_elements.centre != 0).any((1, 2, 3))
+        away = (friction_elements.centre != 0) | (friction_elements.strain != 0)
+        turned = ((friction_elements.drag[..., None] != 0) & away).any((1, 2, 3))
         spins &= ~turned if len(stiffness) == len(conditions.ends) else ~turned.any()
     return np.where(spins, stiffness[:, 1:-1, 2].max(axis=1, initial=0.0), 0.0)
 
@@ -81,7 +82,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
         more = np.ones((frames, len(c.node)), bool) if c.active is None else c.active
         active = np.concatenate([active, more], axis=1)
     none = [np.zeros((frames, 0, segments + 1, *last)) for last in ((), (2,), ())]
-    drag, centre, slip = map(np.ascontiguousarray, c.friction_elements or none)
+    elements = c.friction_elements or FrictionElements.slipping(*none)
     axial = np.empty(0) if c.axial is None else c.axial
     clamp = as_numpy(c.clamp)
     unheld = np.isnan(clamp).any(-1)
@@ -96,9 +97,7 @@ def _held(conditions: Conditions, segments: int) -> HeldArrays:
         offset=np.concatenate([*offset, np.empty((frames, 0))], axis=1),
         compliance=np.concatenate([*compliance, np.empty((frames, 0))], axis=1),
         active=np.ascontiguousarray(active),
-        drag=drag,
-        centre=centre,
-        slip=slip,
+        **{name: np.ascontiguousarray(a) for name, a in elements._asdict().items()},
         axial=np.repeat(axial[None], frames, axis=0),
     )
 

@@ -22,7 +22,9 @@ HELD = (
     Field("active", ("S",), "", "which supports are there"),
     Field("drag", ("B", "N+1"), "N m", "stiffness of the friction elements"),
     Field("centre", ("B", "N+1", 2), "1", "where they are unloaded"),
-    Field("slip", ("B", "N+1"), "1", "length beyond which they slip"),
+    Field("slip", ("B", "N+1"), "1", "length beyond which they slip, or their range"),
+    Field("strain", ("B", "N+1", 2), "1", "at their centre, of those that build up gradually"),
+    Field("gradual", ("B",), "", "which build up gradually (Dahl)"),
     # A = 0: a strain in proportion to tension; else TENSIONS values.
     Field(
         "axial", ("A",), "1", "logarithm of the factor on axial flexibility, over that of tension"
@@ -125,7 +127,7 @@ def held_in(held, t):
     return Held(
         held.node, held.free, held.clamp[t], held.direction[t], held.offset[t],
         held.compliance[t], held.active[t], held.drag[t], held.centre[t], held.slip[t],
-        held.axial[t],
+        held.strain[t], held.gradual[t], held.axial[t],
     )  # fmt: skip
 
 

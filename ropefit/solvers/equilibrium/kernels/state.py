@@ -97,7 +97,10 @@ def _set_bends(rod, held, q, w, total):
         if held.drag.shape[0] > 0:
             w.coupling[j] = 0.0
             for b in range(held.drag.shape[0]):
-                total += _add_friction(held, b, j, w)
+                if held.gradual[b]:
+                    total += _add_gradual(held, b, j, w)
+                else:
+                    total += _add_friction(held, b, j, w)
     return total
 
 
@@ -124,6 +127,39 @@ def _add_friction(held, b, j, w):
     w.k[j, 1] += f * n0 * n0
     w.coupling[j] -= f * n0 * n1
     return k * most * (size - 0.5 * most)
+
+
+@helper
+def _add_gradual(held, b, j, w):
+    """Add moment and stiffness of friction element b, of those that build up gradually, to bend
+    element j; returns its energy [J]. The closed form is that of `rod.dahl`."""
+    k, reach = held.drag[b, j], held.slip[b, j]
+    e0, e1 = held.strain[b, j, 0], held.strain[b, j, 1]
+    d0, d1 = w.p[j, 1] - held.centre[b, j, 0], w.p[j, 2] - held.centre[b, j, 1]
+    size = math.sqrt(d0 * d0 + d1 * d1)
+    x = size / reach
+    if x < 1e-12:  # stiffness that is the mean of both senses of every direction
+        w.m[j, 0] += k * (e0 + d0)
+        w.m[j, 1] += k * (e1 + d1)
+        w.k[j, 0] += k
+        w.k[j, 1] += k
+        return k * (e0 * d0 + e1 * d1 + 0.5 * size * size)
+    n0, n1 = d0 / size, d1 / size
+    along, across = e0 * n0 + e1 * n1, e1 * n0 - e0 * n1
+    gone = -math.expm1(-x)
+    left, share = 1.0 - gone, gone / x
+    # (left - share) / x: its series where the difference would be lost.
+    bend = -0.5 + x / 3.0 - x * x / 8.0 if x < 1e-3 else (left - share) / x
+    f, g = reach * gone + left * along, share * across
+    w.m[j, 0] += k * (f * n0 - g * n1)
+    w.m[j, 1] += k * (f * n1 + g * n0)
+    radial = left * (1.0 - along / reach)
+    mixed = bend * across / reach
+    round_ = share + bend * along / reach
+    w.k[j, 0] += k * (radial * n0 * n0 - 2.0 * mixed * n0 * n1 + round_ * n1 * n1)
+    w.k[j, 1] += k * (radial * n1 * n1 + 2.0 * mixed * n0 * n1 + round_ * n0 * n0)
+    w.coupling[j] += k * ((radial - round_) * n0 * n1 + mixed * (n0 * n0 - n1 * n1))
+    return k * reach * (reach * (x - gone) + gone * along)
 
 
 @helper
