@@ -76,6 +76,14 @@ def test_control_moves_the_rope_that_was_found_in_motion(ropefit, tmp_path):
     assert c.solver == "equilibrium"
     assert np.median(c.deviation[c.converged]) < 0.015
     assert "Traceback" not in ropefit("report", "--run", "run").stderr
+    # `run` does the same: everything but control is up to date.
+    motion = ["run", tmp_path / "shaken", "--run", "run", "--solver", "dynamics"]
+    refused = ropefit(*motion, "--target", tmp_path / "none.csv", code=3)
+    assert "none.csv" in refused.stderr
+    assert "control" in ropefit.json(*motion, "--target", target)
+    c, _ = read(tmp_path / "run" / Control.file_name, Control)
+    assert c.kind == "shape"
+    assert np.linalg.norm(c.position[0] - GRIPPER) < 6e-3
 
 
 def test_after_the_papers_model_control_moves_the_rope_that_was_found(ropefit, tmp_path):

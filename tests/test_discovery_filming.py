@@ -94,3 +94,14 @@ def test_half_of_the_filmed_ropes_are_known_at_rest():
     cases = [case for case in listed("standard", 11) if case.filmed]
     assert {case.effects[0] for case in cases} == {"inertia", "damping", "time_lag"}
     assert sum(case.nominal for case in cases) == len(cases) / 2
+
+
+def test_a_lag_is_as_visible_as_it_exceeds_what_clocks_are_off(setting):
+    """However exact the cloud: a clock may be off by its prior in every film."""
+    scale = filming.meter(setting)
+    rate = filming._round(scale.points)(np.arange(filming.POSES) / filming.POSES, 1)
+    late = 0.03 * rate / 9.0  # m, of a turn in 9 s
+    alone = scale.score(late)
+    clocked = filming.with_clock(scale, filming.Film(period=9.0)).score(late)
+    assert alone > 30
+    assert clocked == pytest.approx(10, rel=0.05)

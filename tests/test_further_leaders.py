@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.diagnosis import candidates, few_frames
 from ropefit.diagnosis.beginning import settled_start
-from ropefit.diagnosis.candidates import MOST_LEADERS, fit_candidates
+from ropefit.diagnosis.candidate import fit_candidate, gain_of
+from ropefit.diagnosis.candidates import MOST_LEADERS, Fits, fit_candidates
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.mixed_pairs import two_instead
@@ -71,6 +73,49 @@ def test_two_strong_effects_where_each_alone_leaves_most():
     assert set(values) == {"stiff_section", "point_mass"}
     assert values["stiff_section"] == pytest.approx(STIFF, rel=0.03)
     assert values["point_mass"] == pytest.approx(MASS, rel=0.03)
+
+
+@pytest.mark.parametrize(("true", "kept"), [(MASS, True), ((0.0, 0.7), False)])
+def test_what_explains_noise_of_few_frames_is_not_fitted_to_all(true, kept, monkeypatch):
+    nominal, begun = concealed((PointMass(), true), seed=5), []
+
+    def hopeful(current, *start, **more):
+        """Few frames do not show that a fit is without prospect."""
+        begun.append(current)
+        found = fit_candidate(current, *start, **more)
+        return found and replace(found, fit=replace(found.fit, stopped=False))
+
+    monkeypatch.setattr(candidates, "fit_candidate", hopeful)
+    monkeypatch.setattr(few_frames, "FEW", 4)
+    fits = Fits(nominal, 6.0)
+    fits.add_kinds([[(Hypothesis(PointMass(), NO_PLACE), np.array([0.8 * MASS[0], 0.68]))]])
+    assert begun[0] is not nominal
+    assert bool(fits.best_of) is kept
+    if kept:
+        (found,) = fits.best_of.values()
+        assert found.values() == pytest.approx(MASS, rel=0.03)
+
+
+def test_what_is_far_behind_on_few_frames_is_not_fitted_to_all(monkeypatch):
+    """A weight beside a law that explains far more, though not all."""
+    nominal, begun = concealed((PointMass(), MASS), seed=5), []
+    hypothesis = Hypothesis(PointMass(), NO_PLACE)
+    small = fit_candidate(nominal, hypothesis, np.array([0.5 * MASS[0], 0.68]), evaluations=2)
+    assert small is not None
+    assert gain_of(small) > 10
+
+    def behind(current, *start, **more):
+        begun.append(current)
+        return replace(small, fit=replace(small.fit, stopped=False))
+
+    monkeypatch.setattr(candidates, "fit_candidate", behind)
+    monkeypatch.setattr(few_frames, "FEW", 4)
+    for lead, whole in ((1000.0, 0), (1.0, 1)):
+        fits = Fits(nominal, 6.0)
+        fits.best_of[("law", 0)] = replace(small, evidence=lead * gain_of(small))
+        begun.clear()
+        fits.add_kinds([[(hypothesis, small.values())]])
+        assert sum(one is nominal for one in begun) == whole
 
 
 def test_a_start_makes_the_misfit_smaller_where_it_can():

@@ -24,6 +24,7 @@ PRIORS = {
     "gravity": np.radians(0.2),
     "end_position": 0.0015,
     "end_orientation": np.radians(1.0),
+    "clock": 0.003,  # s, of the ends against that of the camera
 }
 INTERVAL = 1.0  # s, from frame to frame
 END_NOISE = 0.00015  # m, sd per axis and frame of a measured end

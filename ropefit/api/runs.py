@@ -176,13 +176,26 @@ def control(
     return execute(pipeline.CONTROL, run, chosen, context, external, force)
 
 
-def control_by(run: Path, loss: str, context: Context, force: bool = False) -> Outcome[Any]:
-    """Make control.h5 as a part of all stages: where there is no depth, by the loss in pictures."""
+def check_targets(run: Path, target: Path) -> None:
+    """Raise BadInput where a table of target points is not one for the rope of observations.h5."""
+    from ropefit.adapters.targets import read_targets
+
+    read_targets(target, load(run, Observations)[0].length)
+
+
+def control_by(
+    run: Path, loss: str, context: Context, force: bool = False, target: Path | None = None
+) -> Outcome[Any]:
+    """Make control.h5 as a part of all stages: where there is no depth, by the loss in pictures.
+
+    target: a csv of points that the rope is to pass.
+    """
     other = IN_PICTURES.get(loss)
-    if other is not None and not load(run, Observations)[0].depth_measured:
+    in_space = target is not None or load(run, Observations)[0].depth_measured
+    if other is not None and not in_space:
         context.say(f"control: the recording has no depth: by {other}, as {loss} compares in space")
         loss = other
-    return control(run, {"loss": loss}, context, force=force)
+    return control(run, {"loss": loss}, context, target, force)
 
 
 @dataclass(frozen=True)

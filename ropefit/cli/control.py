@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from ropefit.cli.options import OF_EXPERTS, Force, LossOption, OptionalPath, Run, command
+from ropefit.cli.options import OF_EXPERTS, Force, LossOption, Run, Target, command
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,13 +22,7 @@ def control(
     session: Session,
     run: Run = Path("run"),
     loss: LossOption = "OBJ1",
-    target: Annotated[
-        OptionalPath,
-        typer.Option(
-            help="A csv of target points x,y,z[,arc_length][,target] that the rope is to pass: "
-            "shape control."
-        ),
-    ] = None,
+    target: Target = None,
     key: Annotated[
         Optional[list[float]],  # noqa: UP045
         typer.Option(help="The arc length [m] of a key point to predict. Repeatable."),

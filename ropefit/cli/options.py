@@ -174,6 +174,13 @@ ControlAt = Annotated[
         rich_help_panel=OF_PAPER,
     ),
 ]
+Target = Annotated[
+    OptionalPath,
+    typer.Option(
+        help="A csv of target points x,y,z[,arc_length][,target] that the rope is to pass: "
+        "shape control."
+    ),
+]
 NominalRun = Annotated[
     OptionalPath,
     typer.Option(help="Another run of the same rope, whose parameters are taken as known."),

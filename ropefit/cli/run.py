@@ -25,6 +25,7 @@ from ropefit.cli.options import (
     Run,
     SearchOption,
     SolverOption,
+    Target,
     command,
 )
 from ropefit.cli.preprocess import show_observations
@@ -47,6 +48,7 @@ def run(
     control_at: ControlAt = None,
     nominal: NominalRun = None,
     calibration: CalibrationRun = None,
+    target: Target = None,
     color: RopeColor = None,
     roi: Roi = None,
     mask: Mask = None,
@@ -55,13 +57,15 @@ def run(
 ) -> None:
     """Compute every stage of a recording, then write the report.
 
-    A rope in motion (--solver dynamics) is identified and diagnosed; it has no control point.
+    A rope in motion (--solver dynamics) is controlled only towards a --target.
     """
     from ropefit.api import runs
     from ropefit.cli.parsing import picture_settings
 
     seen = {"nodes": nodes, "project": project.value, **picture_settings(color, roi, mask)}
     data = {"preprocess": show_observations(session, recording, run, seen, force, debug_images)}
+    if target:  # before anything is fitted
+        runs.check_targets(run, target)
     settings = {
         "solver": solver,
         "loss": loss,
@@ -74,8 +78,8 @@ def run(
         context = session.context("diagnose")
         found = runs.diagnose(run, {}, context, nominal, calibration, force)
         data["diagnose"] = show_diagnosis(session, found)
-    if runs.controllable(fitted.artifact):
-        moved = runs.control_by(run, loss, session.context("control"), force)
+    if target or runs.controllable(fitted.artifact):
+        moved = runs.control_by(run, loss, session.context("control"), force, target)
         data["control"] = show_control(session, moved)
     data["report"] = show_report(session, run, [], force)
     session.result(data | {"answer": show_answer(session, run)})

@@ -202,6 +202,11 @@ def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> C
     return Candidate(hypothesis, term, fitted, float(evidence), gains / spread)
 
 
+def gain_of(candidate: Candidate) -> float:
+    """Return what a candidate explains [nats]: its evidence without the penalty for free values."""
+    return candidate.evidence + occam_factor(candidate.fit, candidate.term)
+
+
 def best_of(fitted: list[Candidate | None]) -> list[Candidate]:
     """Return the candidate with the highest evidence of each hypothesis, highest first."""
     out: dict[tuple[str, int], Candidate] = {}

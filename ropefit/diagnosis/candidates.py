@@ -10,7 +10,7 @@ import numpy as np
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
 from ropefit.diagnosis.beginning import LATE_GAIN
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate
+from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate, gain_of
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
@@ -19,6 +19,7 @@ from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
 from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.least_squares import Fit
+from ropefit.inference.objective import OPTIMISM
 from ropefit.rod.setup import Setup
 
 MOST_LEADERS = 6
@@ -53,21 +54,24 @@ class Fits:
 
     def add_kinds(self, starts: list[list[Start]]) -> None:
         """Fit kinds of one law, each from where the best of its starts ends after a few evaluations
-        on few frames. Where one explains all frames, only those that came close to it there."""
+        on few frames: those that come near there to what counts, and move all frames in a way that
+        gains. Where one explains all frames, only those that came close to it."""
         few = on_few_frames(self.current) or self.current
         explored = best_of([self._explored(few, choices) for choices in starts])
         for candidate in explored:
+            if OPTIMISM * gain_of(candidate) < self._share(few) * self._least_evidence():
+                continue
             best, close = self.best(), CLOSE_EVIDENCE * explored[0].evidence
             if best and self.sufficient(best) and candidate.evidence < close:
                 break
             if not candidate.fit.stopped:
-                self._keep(self._first([(candidate.hypothesis, candidate.values())]))
+                start = (candidate.hypothesis, candidate.values())
+                self._keep(self._fitted(start, LATE_GAIN))
 
     def _explored(self, few: Fit, choices: list[Start]) -> Candidate | None:
         """Return the first of a kind's starts that settles, fitted for a while to few frames."""
         self._report(choices)
-        share, best = len(few.z) / len(self.current.z), self.best()
-        evidence = least_evidence(self.threshold, best.evidence if best else 0.0)
+        share, evidence = self._share(few), self._least_evidence()
         fitted = (
             fit_candidate(
                 few, *start, needed=few.cost - 2 * share * evidence, evaluations=EXPLORING,
@@ -98,19 +102,27 @@ class Fits:
         if known is None or candidate.evidence > known.evidence:
             self.best_of[candidate.hypothesis.key] = candidate
 
-    def _fitted(self, start: Start) -> Candidate | None:
+    def _fitted(self, start: Start, least_gain: float = 0.0) -> Candidate | None:
         best = self.best()
         lowest = best.fit.cost if best else np.inf
         needed = self._needed(start[0])
-        return fit_candidate(self.current, *start, lowest, needed)
+        return fit_candidate(self.current, *start, lowest, needed, least_gain=least_gain)
 
     def _needed(self, hypothesis: Hypothesis) -> float:
         """Return the cost at which a candidate begins to count: it may be accepted, or is close to
         the best, and better than what is known of the same hypothesis."""
-        best, known = self.best(), self.best_of.get(hypothesis.key)
-        evidence = least_evidence(self.threshold, best.evidence if best else 0.0)
-        cost = self.current.cost - 2 * evidence
+        known = self.best_of.get(hypothesis.key)
+        cost = self.current.cost - 2 * self._least_evidence()
         return cost if known is None else min(cost, known.fit.cost + 2 * TIE_NATS)
+
+    def _least_evidence(self) -> float:
+        """Return the evidence [nats] from which a candidate counts."""
+        best = self.best()
+        return least_evidence(self.threshold, best.evidence if best else 0.0)
+
+    def _share(self, few: Fit) -> float:
+        """Return the share of the data that a fit to few frames has."""
+        return len(few.z) / len(self.current.z)
 
     def best(self) -> Candidate | None:
         return max(self.best_of.values(), key=lambda c: c.evidence, default=None)

@@ -40,7 +40,8 @@ class Projection:
         weight = np.where(held, 1 / fit.prior**2, FREE_PRIOR_SD**-2)
         information = self.jacobian.T @ self.jacobian + np.diag(weight)
         self.inverse = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
-        self.prior_sd = np.where(held, fit.prior, 0.0)
+        # One at its bound is not allowed for: in simulated recordings it would look like an effect.
+        self.prior_sd = np.where(held & free, fit.prior, 0.0)
         prior = np.where(held & free, fit.point.u / fit.prior**2, 0.0)
         left = self.inverse @ (self.jacobian.T @ fit.z - prior)
         self.z = fit.z - self.jacobian @ left
