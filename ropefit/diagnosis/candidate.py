@@ -10,9 +10,8 @@ from ropefit.diagnosis.beginning import beginning
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted
-from ropefit.models.terms import Term
+from ropefit.models.terms import SIZE_PRIOR_SD, Term
 
-SIZE_PRIOR_SD = 3.0  # usual sizes
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
 EVALUATIONS = 25
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something

@@ -21,6 +21,7 @@ from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.mixed_pairs import two_instead
+from ropefit.diagnosis.open_directions import with_least_sizes
 from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
@@ -159,6 +160,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     progress(0.98, "intervals, and what a next motion would show")
     assert first is not None
     assert limits is not None
+    if accepted and current.forward.instantaneous:
+        current = with_least_sizes(current)
     return Diagnosis(
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,

@@ -68,28 +68,32 @@ class Fit:
     @cached_property
     def by_noise(self) -> np.ndarray:
         """Return (P, P) covariance of the search variables, what is missed taken for noise: it
-        scales the data's share of the information, not the priors'."""
-        data = self.jacobian.T @ self.jacobian / self.spread
-        return np.linalg.pinv(data + self._held, rcond=1e-14)
+        scales the data's share of the information, not the priors'. None of what neither tells."""
+        return self._by_noise(self.prior)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Return (P, P) of the search variables; at rest what the model misses misleads them."""
+        """Return (P, P) of the search variables; at rest what the model misses misleads them.
+
+        Data may tell nothing of a direction, as of a steady load's part along gravity, which acts
+        as a heavier, stiffer rope does. A pseudo-inverse has no variance there; the truth is as
+        wide as the broad prior of the effects' sizes.
+        """
+        prior = np.fmin(self.prior, self.forward.broad())
         if not self.misses:
-            return self.by_noise
-        data, s = self.jacobian.T @ self.jacobian, self.stations
-        inverse = np.linalg.pinv(data + self._held, rcond=1e-14)
+            return self._by_noise(prior)
+        data, s, held = self.jacobian.T @ self.jacobian, self.stations, _information(prior)
+        inverse = np.linalg.pinv(data + held, rcond=1e-14)
         lever = inverse @ self.whitener.weighted(self.jacobian).T
         noise = data * max(self.scale**2, 1.0) / self.problem.noise.repeats
-        out = inverse @ (noise + self._held) @ inverse
+        out = inverse @ (noise + held) @ inverse
         bias = misled(s, lever.reshape(-1, *s.residual.shape), self.problem.noise.marker)
         wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
         return wider[:, None] * out * wider
 
-    @property
-    def _held(self) -> np.ndarray:
-        """Return (P, P) the priors' information."""
-        return np.diag(np.where(np.isfinite(self.prior), 1 / self.prior**2, 0.0))
+    def _by_noise(self, prior: np.ndarray) -> np.ndarray:
+        data = self.jacobian.T @ self.jacobian / self.spread
+        return np.linalg.pinv(data + _information(prior), rcond=1e-14)
 
     @property
     def student(self) -> float:
@@ -104,6 +108,11 @@ class Fit:
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+
+def _information(prior: np.ndarray) -> np.ndarray:
+    """Return (P, P) the information of priors of one sigma (P,), inf for none."""
+    return np.diag(np.where(np.isfinite(prior), 1 / prior**2, 0.0))
 
 
 def inside(fitted: Fit) -> np.ndarray:
