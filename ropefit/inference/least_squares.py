@@ -17,6 +17,8 @@ from ropefit.models.model import Model
 from ropefit.models.response import Point
 
 NORMAL_QUANTILE = 1.96  # of 95 %
+AS_MATCHED = 0.002  # m: points match a rope whose nodes have moved by less as they did before
+MATCHED = 10  # evaluations of a fit to the points as matched where it ended
 BOUND_TOLERANCE = 1e-9  # search variables: a parameter nearer to its bound is at it
 
 
@@ -47,6 +49,7 @@ class Fit:
     evaluations: int
     trace: list[float]
     stopped: bool = False  # before its minimum: there was no prospect of what was needed
+    moved: float = 0.0  # m, the most of any node from where the fit began
     # Residuals that were predicted with stretches (True) or frames held out, once computed.
     held_out: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
@@ -57,6 +60,12 @@ class Fit:
     def scale(self) -> float:
         """Return sd of the whitened residual per degree of freedom."""
         return float(np.sqrt((self.z @ self.z) / self.freedom))
+
+    @property
+    def as_matched(self) -> bool:
+        """Return whether points match the rope where the fit ended as they did where it began."""
+        by_shape = self.forward.instantaneous and not self.problem.data.material
+        return not by_shape or self.moved < AS_MATCHED
 
     @property
     def misses(self) -> bool:
@@ -155,17 +164,28 @@ def fit(
     return Fit(
         forward, problem, point, current, objective.whitener, z, jacobian, prior,
         2 * float(cost), spread, freedom, samples, bool(status > 0), int(nfev),
-        best["trace"].tolist(), bool(status == STOPPED),
+        best["trace"].tolist(), bool(status == STOPPED), objective.moved(point.seen),
     )  # fmt: skip
 
 
 def attempted(
     forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float,
-    needed: float = np.inf,
+    needed: float = np.inf, matched: bool = True,
 ) -> Fit | None:  # fmt: skip
-    """Return the same; None where a rope so described does not settle, or its numbers run away."""
+    """Return the same, of shapes at rest with the points matched to the rope where the fit ends;
+    None where a rope so described does not settle, or its numbers run away.
+
+    Where it began the rope had another shape. Points matched to that one have another minimum, and
+    another scatter: costs after different matches do not compare. matched: whether that is asked
+    for; not of a fit that is continued anyway.
+    """
     try:
-        return fit(forward, problem, start, evaluations, tolerance=tolerance, needed=needed)
+        found = fit(forward, problem, start, evaluations, tolerance=tolerance, needed=needed)
+        if found.stopped or found.as_matched or not matched:
+            return found
+        forward = found.forward.starting_from(found.point.solution)
+        again = fit(forward, problem, found.point.u, min(evaluations, MATCHED), tolerance)
+        return again if len(again.z) == len(found.z) else found
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
         return None
 

@@ -106,8 +106,8 @@ class Model(ABC):
         return np.concatenate([t.prior / t.scale for t in self.terms] or [np.empty(0)])
 
     def broad(self) -> np.ndarray:
-        """Return (P,) one sigma of the search variables by the broad prior of the effects' sizes; inf
-        for none."""
+        """Return (P,) one sigma of the search variables by the broad prior of the effects' sizes;
+        inf for none."""
         return np.concatenate([t.broad for t in self.terms] or [np.empty(0)])
 
     def setup(self, values: list[Tensor]) -> Setup:

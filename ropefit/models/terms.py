@@ -53,8 +53,8 @@ class Term:
 
     @property
     def broad(self) -> np.ndarray:
-        """Return (n,) one sigma of the search variables by the broad prior of an effect's sizes; inf
-        where there is a prior of its own, or no size."""
+        """Return (n,) one sigma of the search variables by the broad prior of an effect's sizes;
+        inf where there is a prior of its own, or no size."""
         places = self.effect.place_names if self.effect else self.names
         size = np.isinf(self.prior) & ~np.isin(self.names, places)
         return np.where(size, SIZE_PRIOR_SD, np.inf)
