@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.diagnosis_content import holding_both, sizes_of
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.alternatives import alternatives
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.last_fit import last_fit
-from ropefit.effects import DistributedLoad, IntrinsicCurvature, PointMass
+from ropefit.diagnosis.reassessment import without_effects
+from ropefit.effects import DistributedLoad, GravityMisalignment, IntrinsicCurvature, PointMass
 from ropefit.inference.least_squares import attempted
 from ropefit.models.terms import SIZE_PRIOR_SD
 from tests.concealed import nominal_fit, recorded, rope
@@ -59,6 +63,35 @@ def test_a_well_determined_size_is_as_wide_as_the_noise_makes_it(loaded):
     along = replace(load, fit=fitted).covariance()[1, 1]
     by_noise = replace(load, fit=fitted).covariance(by_noise=True)[1, 1]
     assert by_noise <= along < SIZE_PRIOR_SD**2 / 20
+
+
+def test_a_weight_beside_an_error_of_gravity_may_be_that_beside_a_load(loaded):
+    """What stands in the place of one effect is fitted beside the other."""
+    (load, mass), fitted = loaded
+    tilt = Hypothesis(GravityMisalignment(), NO_PLACE)
+    without = without_effects(fitted, load)
+    assert without is not None
+    error = fit_candidate(without, tilt, np.array([0.1, 0.0]))
+    assert error is not None
+    tilted = [Accepted(error, [load], 0.0, 1.0), Accepted(mass, [], 0.0, 1.0)]
+    # As good only if that is so in data: here the weight tilts with gravity, and does not fit.
+    ((item, beside),) = alternatives(error.fit, tilted)
+    assert item is tilted[0]
+    assert beside.cost < error.fit.cost
+    assert replace(mass, fit=beside).values()[0] == pytest.approx(MASS, rel=0.04)
+    assert not alternatives(error.fit, tilted[1:])
+
+
+def test_intervals_hold_both_of_two_fits(loaded):
+    (_, mass), fitted = loaded
+    here, there = replace(mass, fit=fitted), replace(mass, fit=last_fit(fitted))
+    sizes = sizes_of(here, here.values(), here.sd())
+    both = holding_both(sizes, there)
+    other = sizes_of(there, there.values(), there.sd())["mass"].ci95
+    assert both["mass"].value == sizes["mass"].value
+    assert both["mass"].ci95[0] == min(sizes["mass"].ci95[0], other[0])
+    assert both["mass"].ci95[1] == max(sizes["mass"].ci95[1], other[1])
+    assert other != sizes["mass"].ci95
 
 
 def test_a_fit_does_not_depend_on_the_shape_it_began_from():

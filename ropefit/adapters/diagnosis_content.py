@@ -170,7 +170,7 @@ def _cause(o: Observations, item: engine.Accepted, d: engine.Diagnosis, layout: 
     law, parameters = law_of(o, candidate, last), sizes_of(candidate, values, sd)
     for of, fitted in d.alternatives:
         if of is not item:  # what else may stand in the place of another effect
-            parameters = _holding_both(parameters, replace(candidate, fit=fitted))
+            parameters = holding_both(parameters, replace(candidate, fit=fitted))
     return Cause(
         name=effect.name,
         kind=effect.kind,
@@ -247,7 +247,7 @@ def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[s
     return out
 
 
-def _holding_both(sizes: dict[str, Size], other: Candidate) -> dict[str, Size]:
+def holding_both(sizes: dict[str, Size], other: Candidate) -> dict[str, Size]:
     """Return sizes with intervals that hold those of another fit of the same effect, too."""
     out = {}
     for name, also in sizes_of(other, other.values(), other.sd()).items():
