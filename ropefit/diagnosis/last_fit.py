@@ -16,7 +16,7 @@ import numpy as np
 
 from ropefit.inference.least_squares import Fit, attempted
 
-ROUNDS = 4  # at most, of either
+ROUNDS = 4  # at most, of either; one where fits are slow
 STILL = 0.05  # standard errors: a fit that moves by less stays
 EVALUATIONS = 20
 OPEN = 0.5  # of the prior's variance: left open by the data
@@ -30,8 +30,10 @@ def last_fit(found: Fit) -> Fit:
     and at the least sizes where these are open; of a motion as it is."""
     if not found.forward.instantaneous:
         return found
-    for _ in range(ROUNDS):
-        again = _refitted(found, np.zeros_like(found.point.u))
+    slow = any(term.effect is not None and term.effect.slow for term in found.forward.terms)
+    for _ in range(1 if slow else ROUNDS):
+        ended = found.converged and found.as_matched
+        again = None if ended else _refitted(found, np.zeros_like(found.point.u))
         if again is None:
             break
         moved = np.abs(again.point.u - found.point.u) / np.maximum(again.sd(), 1e-12)
