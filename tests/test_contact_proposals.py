@@ -12,6 +12,7 @@ from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import Obstacle, PointMass, SupportPlane
 from ropefit.effects.misfit import Misfit
+from ropefit.effects.obstacle import heading_across
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -72,6 +73,26 @@ def test_bars_are_tried_where_a_slope_bears_the_rope():
         assert np.linalg.norm(nodes - top, axis=-1).min() < 0.002
         radii.append(at[3])
     assert radii == [0.03, 0.01]
+
+
+def test_a_plane_is_tried_where_a_bar_bears_the_rope():
+    """In few frames a plane that touches the bar where the rope does is as good."""
+    free = rope(288)
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    frame = int(nodes[..., 2].min(axis=1).argmin())
+    low = nodes[frame, nodes[frame, :, 2].argmin()]
+    radius, heading = 0.03, heading_across(free)
+    beside = np.array([0.01, 0.0, DEPTH - radius])
+    values = np.array([*(low + beside), radius, heading])
+    point = Equilibrium(Obstacle().apply(free, torch.from_numpy(values)), []).at(np.empty(0))
+    ((tangent, level),) = SupportPlane().starts_beside(Obstacle(), values, of(point))
+    assert np.abs(tangent[1:]).max() > 0.01
+    touched = Equilibrium(SupportPlane().apply(free, torch.from_numpy(tangent)), [])
+    apart = np.linalg.norm(touched.at(np.empty(0)).seen - point.seen, axis=-1)[frame]
+    moved = np.linalg.norm(point.seen[frame] - nodes[frame] - middle_of(free).numpy(), axis=-1)
+    assert apart.max() < 0.25 * moved.max()
+    assert level[0] == pytest.approx(low[2] + DEPTH, abs=0.002)
+    assert not level[1:].any()
 
 
 def test_there_is_no_bar_where_nothing_is_touched():

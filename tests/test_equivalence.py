@@ -8,7 +8,7 @@ import pytest
 
 from ropefit.diagnosis import accepted
 from ropefit.diagnosis.acceptance import at_most
-from ropefit.diagnosis.equivalence import ordered
+from ropefit.diagnosis.equivalence import ordered, within_reach
 from ropefit.effects import (
     BendingLaw,
     ForceField,
@@ -70,6 +70,20 @@ def test_what_wants_more_than_is_possible_is_not_first_of_a_tie(evidence, first)
     named, others = ordered(error, [mass])
     assert named.hypothesis.effect.name == first
     assert len(others) == 1
+
+
+@pytest.mark.parametrize(
+    ("behind", "share", "less", "tied"),
+    [
+        (2.9, 0.5, 9.0, True),
+        (9.0, 0.99, 9.0, True),
+        (9.0, 0.95, 1.0, True),  # of a weak effect two percent are less than chance
+        (9.0, 0.95, 2.0, False),
+        (10.5, 0.99, 0.0, False),
+    ],
+)
+def test_what_is_as_likely_is_tied_however_weak(behind, share, less, tied):
+    assert within_reach(behind, share, less) == tied
 
 
 def test_gains_of_frames_and_of_stretches_are_not_compared():

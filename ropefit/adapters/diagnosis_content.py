@@ -69,7 +69,7 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
     fields = {
         "recording": o.recording,
         "verdict": d.verdict,
-        "causes": {f"cause_{k}": _cause(o, item, last, layout) for k, item in enumerate(d.accepted)}
+        "causes": {f"cause_{k}": _cause(o, item, d, layout) for k, item in enumerate(d.accepted)}
         if d.verdict == "found"
         else {},
         "scan": {f"{k:02d}_{s.hypothesis.name}": _scanned(s) for k, s in enumerate(d.scan)},
@@ -161,12 +161,16 @@ def _rope(o: Observations, found: Fit) -> dict[str, Size]:
     return out
 
 
-def _cause(o: Observations, item: engine.Accepted, last: Fit, layout: Layout) -> Cause:
+def _cause(o: Observations, item: engine.Accepted, d: engine.Diagnosis, layout: Layout) -> Cause:
     # Sizes as fitted beside all effects that were accepted later.
+    last = d.final
     candidate, effect = replace(item.candidate, fit=last), item.candidate.hypothesis.effect
     values, sd = candidate.values(), candidate.sd()
     named = dict(zip(effect.names, (float(v) for v in values), strict=True))
     law, parameters = law_of(o, candidate, last), sizes_of(candidate, values, sd)
+    for of, fitted in d.alternatives:
+        if of is not item:  # what else may stand in the place of another effect
+            parameters = holding_both(parameters, replace(candidate, fit=fitted))
     return Cause(
         name=effect.name,
         kind=effect.kind,
@@ -240,6 +244,16 @@ def sizes_of(candidate: Candidate, values: np.ndarray, sd: np.ndarray) -> dict[s
             )
         bounded = (float(max(low, least)), float(min(high, most)))
         out[q.name] = Size(value=float(v), unit=q.unit, ci95=bounded)
+    return out
+
+
+def holding_both(sizes: dict[str, Size], other: Candidate) -> dict[str, Size]:
+    """Return sizes with intervals that hold those of another fit of the same effect, too."""
+    out = {}
+    for name, also in sizes_of(other, other.values(), other.sd()).items():
+        (low, high), (other_low, other_high) = sizes[name].ci95, also.ci95
+        ends = min(low, other_low), max(high, other_high)
+        out[name] = sizes[name].model_copy(update={"ci95": ends})
     return out
 
 

@@ -10,9 +10,8 @@ from ropefit.diagnosis.beginning import beginning
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted
-from ropefit.models.terms import Term
+from ropefit.models.terms import SIZE_PRIOR_SD, Term
 
-SIZE_PRIOR_SD = 3.0  # usual sizes
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
 EVALUATIONS = 25
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
@@ -149,8 +148,9 @@ def fit_candidate(
     most = SLOW_EVALUATIONS if slow else evaluations
     needed = np.inf if slow else needed  # contact has no linear steps
     fitted = attempted(
-        begun.forward, smaller.problem, begun.values, most, tolerance=1e-5, needed=needed
-    )
+        begun.forward, smaller.problem, begun.values, most, tolerance=1e-5, needed=needed,
+        matched=not slow,
+    )  # fmt: skip
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = _continued(smaller.cost, fitted, lowest)
     return _comparable(hypothesis, begun.terms[0], smaller, fitted)
@@ -171,15 +171,19 @@ def _continued(before: float, fitted: Fit, lowest: float) -> Fit:
     """Continue a slow fit as long as it gains: contact comes and goes, and gains soon
     shrink. One that even at its present pace could not reach the cost `lowest` stays as it is."""
     for left in range(SLOW_ROUNDS, 0, -1):
-        if fitted.converged or fitted.cost - left * SLOW_EVALUATIONS * _pace(fitted) > lowest:
+        ended = fitted.converged and fitted.as_matched
+        if ended or fitted.cost - left * SLOW_EVALUATIONS * _pace(fitted) > lowest:
             break
         again = attempted(
-            fitted.forward, fitted.problem, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4
-        )
-        least = max(SLOW_COST, SLOW_SHARE * (before - fitted.cost))
-        if again is None or again.cost > fitted.cost - least:
+            fitted.forward, fitted.problem, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4,
+            matched=False,
+        )  # fmt: skip
+        if again is None or len(again.z) != len(fitted.z):
             break
-        fitted = again
+        least = max(SLOW_COST, SLOW_SHARE * (before - fitted.cost))
+        gained, fitted = fitted.cost - again.cost, again  # as matched anew
+        if gained < least and fitted.as_matched:
+            break
     return fitted
 
 

@@ -9,6 +9,9 @@ from ropefit.diagnosis.nested import is_special_case
 
 TIE_NATS = 3.0
 SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little behind
+# Nats less likely: as much as that share leaves of an effect of score 12. Of what a weaker one
+# explains that share is less than chance.
+SAME_LIKELIHOOD = 1.5
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 
 
@@ -65,15 +68,17 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
             continue
         behind = best.evidence - one.evidence
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
-        if within_reach(behind, share):
+        less = 0.5 * (one.fit.cost - best.fit.cost) / max(1.0, best.fit.spread)
+        if within_reach(behind, share, less):
             out.append(one)
     return out
 
 
-def within_reach(behind: float, share: float) -> bool:
+def within_reach(behind: float, share: float, less: float = np.inf) -> bool:
     """Return whether a candidate so far behind the best [nats], which explains such a share of what
-    the best does, is as good."""
-    return behind < TIE_NATS or (share > SAME_SHARE and behind < SAME_NATS)
+    the best does, is as good; less [nats]: by how much less likely it makes the data."""
+    alike = share > SAME_SHARE or less < SAME_LIKELIHOOD
+    return behind < TIE_NATS or (alike and behind < SAME_NATS)
 
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:

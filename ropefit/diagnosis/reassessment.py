@@ -70,10 +70,10 @@ def _refitted_beside(
 ) -> Candidate | None:
     """Return a candidate from where its own fit left it, with later effects beside it."""
     parts = [
-        *_parts(candidate.fit), *(p for c in later for p in _parts(c.fit) if p[0] is c.term),
+        *parts_of(candidate.fit), *(p for c in later for p in parts_of(c.fit) if p[0] is c.term),
     ]  # fmt: skip
     parts.sort(key=lambda part: part[0] is candidate.term)
-    fitted = _refitted(candidate.fit, parts, without.problem)
+    fitted = fitted_again(candidate.fit, parts, without.problem)
     if fitted is None or len(fitted.z) != len(without.z):
         return None
     return compared(candidate.hypothesis, candidate.term, without, fitted)
@@ -82,15 +82,18 @@ def _refitted_beside(
 def without_effects(current: Fit, *candidates: Candidate) -> Fit | None:
     """Return the model without some effects."""
     theirs = {id(candidate.term) for candidate in candidates}
-    rest = [part for part in _parts(current) if id(part[0]) not in theirs]
-    return _refitted(current, rest, current.problem)
+    rest = [part for part in parts_of(current) if id(part[0]) not in theirs]
+    return fitted_again(current, rest, current.problem)
 
 
-def _parts(fitted: Fit) -> list[tuple[Term, np.ndarray]]:
+def parts_of(fitted: Fit) -> list[tuple[Term, np.ndarray]]:
+    """Return the terms of a fit, each with its search variables."""
     return list(zip(fitted.forward.terms, fitted.forward.split(fitted.point.u), strict=True))
 
 
-def _refitted(fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem) -> Fit | None:
+def fitted_again(
+    fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem
+) -> Fit | None:
     """Return the fit of a model of some terms, in that order, from their values in another fit."""
     forward = fitted.forward.with_terms([term for term, _ in parts], fitted.point.solution)
     begin = np.concatenate([part for _, part in parts])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ropefit.diagnosis.acceptance import (
     far_beyond_sensor,
 )
 from ropefit.diagnosis.accepted import Accepted, accept
+from ropefit.diagnosis.alternatives import Alternative, alternatives
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of
@@ -19,6 +21,7 @@ from ropefit.diagnosis.candidates import Progress, completed, started_from, unex
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
+from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.mixed_pairs import two_instead
 from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
@@ -57,6 +60,11 @@ class Diagnosis:
     detectable: dict[str, float]
     units: dict[str, str]
     refused: list[str] = field(default_factory=list)
+
+    @cached_property
+    def alternatives(self) -> list[Alternative]:
+        """Return what else may stand in the place of one effect, beside the others."""
+        return alternatives(self.final, self.accepted)
 
 
 @dataclass
@@ -146,19 +154,19 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
                 continue
         if best is None:
             break
-        tried = len(scan.sensitivities)
-        accepted.append(accept(best, candidates, current, tried))
+        accepted.append(accept(best, candidates, current, len(scan.sensitivities)))
         best = accepted[-1].candidate
         most += not best.hypothesis.effect.counted
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
-        current, accepted = reassessed(current, accepted, limits.threshold, tried)
+        current, accepted = reassessed(current, accepted, limits.threshold, len(scan.scorers))
         current, accepted = as_points(current, accepted, limits.threshold)
         if len(accepted) == 2 and current.forward.instantaneous:
             current, accepted = two_instead(current, accepted, limits.threshold, rules.effects)
     progress(0.98, "intervals, and what a next motion would show")
     assert first is not None
     assert limits is not None
+    current = last_fit(current) if accepted else current
     return Diagnosis(
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,

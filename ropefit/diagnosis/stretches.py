@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ropefit.diagnosis.candidate import SIZE_PRIOR_SD
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.inference.least_squares import Fit, attempted
+from ropefit.models.terms import SIZE_PRIOR_SD
 
 STRETCHES = 10
 NONLINEAR_START = 0.3  # usual sizes: effects without a tangent have no slope at zero

@@ -249,6 +249,12 @@ class Effect(ABC):
         """Return further starts where another effect, fitted with `values`, explains most."""
         return []
 
+    def borne(self, values: np.ndarray, misfit: Misfit) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the centre (3,) [m] of what an effect of such values bears in the frame where it
+        bears most, against the middle of the ends, and the direction (3,) in which it pushes.
+        None: it bears nothing."""
+        return None
+
     def start_sd(self, setup: Setup) -> np.ndarray:
         """Return (n,) one sigma of all values about where a fit starts; inf: no prior."""
         return np.full(len(self.names), np.inf)

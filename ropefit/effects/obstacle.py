@@ -22,7 +22,7 @@ from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.effects.stopped import bars_below
-from ropefit.effects.support_plane import SupportPlane, bearing_point
+from ropefit.effects.support_plane import SupportPlane
 from ropefit.rod.fields import BAR
 from ropefit.rod.setup import Setup
 
@@ -142,11 +142,26 @@ class Obstacle(Contact):
         """Propose bars where a plane bears the rope: few frames on a bar fit a slope nearly too."""
         if not isinstance(leader, SupportPlane):
             return []
-        found = bearing_point(misfit, values)
+        found = leader.borne(values, misfit)
         if found is None:
             return []
         (centre, normal), heading = found, heading_across(misfit.setup)
         return [[np.array([*(centre - r * normal), r, heading])] for r in RADII]
+
+    def borne(self, values: np.ndarray, misfit: Misfit) -> tuple[np.ndarray, np.ndarray] | None:
+        heading, radius = values[4], values[3]
+        place = misfit.nodes - middle_of(misfit.setup).numpy()
+        first, second = (axis.numpy() for axis in horizontal(misfit.setup.gravity))
+        axis = np.cos(heading) * first + np.sin(heading) * second
+        arm = place - values[:3]
+        arm = arm - (arm @ axis)[..., None] * axis
+        depth = np.nan_to_num(np.maximum(radius - np.linalg.norm(arm, axis=-1), 0.0))
+        most = int(depth.sum(axis=1).argmax())
+        if not depth[most].any():
+            return None
+        normal = np.average(arm[most], axis=0, weights=depth[most])
+        normal /= np.linalg.norm(normal)
+        return np.average(place[most], axis=0, weights=depth[most]), normal
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ropefit import attachments as records
-from ropefit.effects.base import Exported, Quantity
+from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.contact import (
     NO_SPREAD,
     Contact,
@@ -28,6 +28,7 @@ from ropefit.rod.fields import PLANE
 from ropefit.rod.setup import Setup
 
 PENETRATION_SD = 2.0  # noise sd by which the fitted rope must sink below the lowest data
+STEEPEST = 0.5  # slope
 LOWEST_SHARE = 0.05  # quantile of the frames' lowest points, at which the plane is proposed
 
 
@@ -38,8 +39,8 @@ class SupportPlane(Contact):
     name = "support_plane"
     quantities = (
         Quantity("height", "m", 0.1, by_length=1.0),
-        Quantity("slope_1", "1", 0.02, -0.5, 0.5),
-        Quantity("slope_2", "1", 0.02, -0.5, 0.5),
+        Quantity("slope_1", "1", 0.02, -STEEPEST, STEEPEST),
+        Quantity("slope_2", "1", 0.02, -STEEPEST, STEEPEST),
     )
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
@@ -73,6 +74,31 @@ class SupportPlane(Contact):
             return []
         return [[np.array([floor, 0.0, 0.0])]]
 
+    def starts_beside(
+        self, leader: Effect, values: np.ndarray, misfit: Misfit
+    ) -> list[list[np.ndarray]]:
+        """Propose the plane that touches a bar where that bears the rope: in few frames they do
+        the same, and under all data there may be none."""
+        borne = leader.borne(values, misfit)
+        if borne is None or misfit.setup.damping is not None:
+            return []
+        (place, normal), up = borne, up_of(misfit.setup)
+        slopes = [-float(normal @ axis.numpy()) for axis in horizontal(misfit.setup.gravity)]
+        rise = max(float(normal @ up), 1e-9)
+        tangent = np.array([float(place @ normal), *slopes]) / rise
+        level = np.array([float(place @ up), 0.0, 0.0])
+        return [[tangent, level] if np.abs(tangent[1:]).max() < STEEPEST else [level]]
+
+    def borne(self, values: np.ndarray, misfit: Misfit) -> tuple[np.ndarray, np.ndarray] | None:
+        height, slopes = values[0], torch.from_numpy(np.array(values[1:]))
+        up, normal = (v.numpy() for v in up_and_normal(misfit.setup, *slopes))
+        place = misfit.nodes - middle_of(misfit.setup).numpy()
+        depth = np.nan_to_num(np.maximum(-((place - height * up) @ normal), 0.0))
+        most = int(depth.sum(axis=1).argmax())
+        if not depth[most].any():
+            return None
+        return np.average(place[most], axis=0, weights=depth[most]), normal
+
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
@@ -93,16 +119,3 @@ class SupportPlane(Contact):
         up = -gravity / np.linalg.norm(gravity)
         normal = up - values["slope_1"] * first - values["slope_2"] * second
         return Drawn("plane", normal, values["height"] * up, label="plane")
-
-
-def bearing_point(misfit: Misfit, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the centre (3,) [m] of what a plane of such values bears in the frame where it bears
-    most, against the middle of the ends, and the plane's normal (3,). None: it bears nothing."""
-    height, slopes = values[0], torch.from_numpy(np.array(values[1:]))
-    up, normal = (v.numpy() for v in up_and_normal(misfit.setup, *slopes))
-    place = misfit.nodes - middle_of(misfit.setup).numpy()
-    depth = np.maximum(-((place - height * up) @ normal), 0.0)
-    most = int(depth.sum(axis=1).argmax())
-    if not depth[most].any():
-        return None
-    return np.average(place[most], axis=0, weights=depth[most]), normal

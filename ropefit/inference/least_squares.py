@@ -17,6 +17,8 @@ from ropefit.models.model import Model
 from ropefit.models.response import Point
 
 NORMAL_QUANTILE = 1.96  # of 95 %
+AS_MATCHED = 0.002  # m: points match a rope whose nodes have moved by less as they did before
+MATCHED = 10  # evaluations of a fit to the points as matched where it ended
 BOUND_TOLERANCE = 1e-9  # search variables: a parameter nearer to its bound is at it
 
 
@@ -47,6 +49,7 @@ class Fit:
     evaluations: int
     trace: list[float]
     stopped: bool = False  # before its minimum: there was no prospect of what was needed
+    moved: float = 0.0  # m, the most of any node from where the fit began
     # Residuals that were predicted with stretches (True) or frames held out, once computed.
     held_out: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
@@ -59,6 +62,12 @@ class Fit:
         return float(np.sqrt((self.z @ self.z) / self.freedom))
 
     @property
+    def as_matched(self) -> bool:
+        """Return whether points match the rope where the fit ended as they did where it began."""
+        by_shape = self.forward.instantaneous and not self.problem.data.material
+        return not by_shape or self.moved < AS_MATCHED
+
+    @property
     def misses(self) -> bool:
         """Return whether the model misses more of markers at rest than their noise, here or in the
         recording that the rope is known from."""
@@ -68,28 +77,32 @@ class Fit:
     @cached_property
     def by_noise(self) -> np.ndarray:
         """Return (P, P) covariance of the search variables, what is missed taken for noise: it
-        scales the data's share of the information, not the priors'."""
-        data = self.jacobian.T @ self.jacobian / self.spread
-        return np.linalg.pinv(data + self._held, rcond=1e-14)
+        scales the data's share of the information, not the priors'. None of what neither tells."""
+        return self._by_noise(self.prior)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Return (P, P) of the search variables; at rest what the model misses misleads them."""
+        """Return (P, P) of the search variables; at rest what the model misses misleads them.
+
+        Data may tell nothing of a direction, as of a steady load's part along gravity, which acts
+        as a heavier, stiffer rope does. A pseudo-inverse has no variance there; the truth is as
+        wide as the broad prior of the effects' sizes.
+        """
+        prior = np.fmin(self.prior, self.forward.broad())
         if not self.misses:
-            return self.by_noise
-        data, s = self.jacobian.T @ self.jacobian, self.stations
-        inverse = np.linalg.pinv(data + self._held, rcond=1e-14)
+            return self._by_noise(prior)
+        data, s, held = self.jacobian.T @ self.jacobian, self.stations, _information(prior)
+        inverse = np.linalg.pinv(data + held, rcond=1e-14)
         lever = inverse @ self.whitener.weighted(self.jacobian).T
         noise = data * max(self.scale**2, 1.0) / self.problem.noise.repeats
-        out = inverse @ (noise + self._held) @ inverse
+        out = inverse @ (noise + held) @ inverse
         bias = misled(s, lever.reshape(-1, *s.residual.shape), self.problem.noise.marker)
         wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
         return wider[:, None] * out * wider
 
-    @property
-    def _held(self) -> np.ndarray:
-        """Return (P, P) the priors' information."""
-        return np.diag(np.where(np.isfinite(self.prior), 1 / self.prior**2, 0.0))
+    def _by_noise(self, prior: np.ndarray) -> np.ndarray:
+        data = self.jacobian.T @ self.jacobian / self.spread
+        return np.linalg.pinv(data + _information(prior), rcond=1e-14)
 
     @property
     def student(self) -> float:
@@ -104,6 +117,11 @@ class Fit:
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+
+def _information(prior: np.ndarray) -> np.ndarray:
+    """Return (P, P) the information of priors of one sigma (P,), inf for none."""
+    return np.diag(np.where(np.isfinite(prior), 1 / prior**2, 0.0))
 
 
 def inside(fitted: Fit) -> np.ndarray:
@@ -146,17 +164,28 @@ def fit(
     return Fit(
         forward, problem, point, current, objective.whitener, z, jacobian, prior,
         2 * float(cost), spread, freedom, samples, bool(status > 0), int(nfev),
-        best["trace"].tolist(), bool(status == STOPPED),
+        best["trace"].tolist(), bool(status == STOPPED), objective.moved(point.seen),
     )  # fmt: skip
 
 
 def attempted(
     forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float,
-    needed: float = np.inf,
+    needed: float = np.inf, matched: bool = True,
 ) -> Fit | None:  # fmt: skip
-    """Return the same; None where a rope so described does not settle, or its numbers run away."""
+    """Return the same, of shapes at rest with the points matched to the rope where the fit ends;
+    None where a rope so described does not settle, or its numbers run away.
+
+    Where it began the rope had another shape. Points matched to that one have another minimum, and
+    another scatter: costs after different matches do not compare. matched: whether that is asked
+    for; not of a fit that is continued anyway.
+    """
     try:
-        return fit(forward, problem, start, evaluations, tolerance=tolerance, needed=needed)
+        found = fit(forward, problem, start, evaluations, tolerance=tolerance, needed=needed)
+        if found.stopped or found.as_matched or not matched:
+            return found
+        forward = found.forward.starting_from(found.point.solution)
+        again = fit(forward, problem, found.point.u, min(evaluations, MATCHED), tolerance)
+        return again if len(again.z) == len(found.z) else found
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
         return None
 

@@ -50,6 +50,7 @@ class Objective:
             raise ArithmeticError("the start is a rope that no matter makes")
         if not self.settled.any():
             raise ArithmeticError("no frame reaches an equilibrium from the start")
+        self.began = first.seen
         self.problem = problem if self.settled.all() else problem.without(~self.settled)
         stations = self.problem.match(_fill(first.seen, self.settled))
         if problem.noise.white is not None and not problem.data.material:
@@ -77,6 +78,11 @@ class Objective:
                 z[np.repeat(bad[self.stations.frame], residual.shape[1])] = FAR
             self._last = key, (point, now, z)
         return self._last[1]
+
+    def moved(self, seen: np.ndarray) -> float:
+        """Return the most [m] that any node of `seen` (F, K, 3) is from where the fit began."""
+        apart = np.linalg.norm(seen - self.began, axis=-1)
+        return float(np.nanmax(apart, initial=0.0))
 
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         """Return (M D, P) whitened derivatives of the prediction."""

@@ -105,6 +105,11 @@ class Model(ABC):
         """Return (P,) one sigma of the search variables; inf for none."""
         return np.concatenate([t.prior / t.scale for t in self.terms] or [np.empty(0)])
 
+    def broad(self) -> np.ndarray:
+        """Return (P,) one sigma of the search variables by the broad prior of the effects' sizes;
+        inf for none."""
+        return np.concatenate([t.broad for t in self.terms] or [np.empty(0)])
+
     def setup(self, values: list[Tensor]) -> Setup:
         """Return the setup with values (n,) in SI of every term."""
         setup = self.base

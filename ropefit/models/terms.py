@@ -17,6 +17,7 @@ from ropefit.effects.base import Effect
 from ropefit.models.response import Change
 from ropefit.rod.setup import Setup
 
+SIZE_PRIOR_SD = 3.0  # usual sizes: of the broad prior under which effects are compared
 NEXT_TO_NOTHING = 1e-12  # of a saturating value's search variable, from where it is infinite
 
 Apply = Callable[[Setup, Tensor], Setup]
@@ -49,6 +50,14 @@ class Term:
     @property
     def size(self) -> int:
         return len(self.names)
+
+    @property
+    def broad(self) -> np.ndarray:
+        """Return (n,) one sigma of the search variables by the broad prior of an effect's sizes;
+        inf where there is a prior of its own, or no size."""
+        places = self.effect.place_names if self.effect else self.names
+        size = np.isinf(self.prior) & ~np.isin(self.names, places)
+        return np.where(size, SIZE_PRIOR_SD, np.inf)
 
     def value(self, u: np.ndarray) -> np.ndarray:
         """Return (n,) in SI from search variables (n,)."""

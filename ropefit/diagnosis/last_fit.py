@@ -1,0 +1,84 @@
+"""The last fit of a diagnosis at rest, from which sizes and intervals are reported.
+
+Points are matched to the rope where a fit begins. Where it ends elsewhere the match is a wrong one,
+and so is the minimum, along a valley by more than an interval: the fit is repeated until it stays.
+
+Some of what it then has the data may leave open. Shapes at rest show only ratios of forces to the
+weight: a steady load along gravity does what a heavier, stiffer rope does, and a fit ends anywhere
+along that valley, with all other forces as wrong as the weight. Where the data tell less of a
+direction than the broad prior of the sizes, the least sizes are taken, as that prior has it
+(`Fit.covariance` has its width).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.inference.least_squares import Fit, attempted
+
+ROUNDS = 4  # at most, of either; one where fits are slow
+STILL = 0.05  # standard errors: a fit that moves by less stays
+EVALUATIONS = 20
+OPEN = 0.5  # of the prior's variance: left open by the data
+SHARES = (1.0, 0.5)  # of the way to the least sizes, until a fit there is as good
+LEAST_MOVE = 0.05  # usual sizes
+NO_WORSE = 3.0  # of the cost: what is open costs nothing, but each fit matches the data anew
+
+
+def last_fit(found: Fit) -> Fit:
+    """Return the fit of accepted effects, at the minimum for the data as matched to its own rope,
+    and at the least sizes where these are open; of a motion as it is."""
+    if not found.forward.instantaneous:
+        return found
+    slow = any(term.effect is not None and term.effect.slow for term in found.forward.terms)
+    for _ in range(1 if slow else ROUNDS):
+        ended = found.converged and found.as_matched
+        again = None if ended else _refitted(found, np.zeros_like(found.point.u))
+        if again is None:
+            break
+        moved = np.abs(again.point.u - found.point.u) / np.maximum(again.sd(), 1e-12)
+        found = again
+        if moved.max(initial=0.0) < STILL:
+            break
+    return _with_least_sizes(found)
+
+
+def _with_least_sizes(found: Fit) -> Fit:
+    for _ in range(ROUNDS):
+        step = _to_least_sizes(found)
+        if step is None:
+            break
+        fits = (_refitted(found, share * step) for share in SHARES)
+        moved = next((f for f in fits if f is not None and f.cost < found.cost + NO_WORSE), None)
+        if moved is None:
+            break
+        found = moved
+    return found
+
+
+def _refitted(found: Fit, step: np.ndarray) -> Fit | None:
+    """Return the fit from a step (P,) away; None if it cannot be compared."""
+    low, high = found.forward.bounds()
+    forward = found.forward.starting_from(found.point.solution)
+    begin = np.clip(found.point.u + step, low, high)
+    again = attempted(forward, found.problem, begin, EVALUATIONS, tolerance=1e-6)
+    if again is None or len(again.z) != len(found.z) or not again.point.converged.all():
+        return None
+    return again
+
+
+def _to_least_sizes(found: Fit) -> np.ndarray | None:
+    """Return the step (P,) to the least sizes, to first order; None where nothing is open."""
+    broad = found.forward.broad()
+    mine = np.flatnonzero(np.isfinite(broad))
+    if not len(mine):
+        return None
+    parts = zip(found.forward.terms, found.forward.split(found.point.u), strict=True)
+    sizes = np.concatenate([(t.value(u) / t.scale) for t, u in parts])[mine] / broad[mine]
+    to_prior = found.covariance[:, mine] / broad[mine]
+    share, directions = np.linalg.eigh(to_prior[mine] / broad[mine, None])
+    left_open = directions[:, share > OPEN]
+    away = left_open.T @ sizes
+    if np.linalg.norm(away) * float(broad[mine].max()) < LEAST_MOVE:
+        return None
+    return -to_prior @ (left_open @ away)

@@ -1,0 +1,108 @@
+"""What is reported at the end: at the minimum, whatever a fit began from, and open where it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.adapters.diagnosis_content import holding_both, sizes_of
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.alternatives import alternatives
+from ropefit.diagnosis.beginning import settled_start
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.last_fit import last_fit
+from ropefit.diagnosis.reassessment import without_effects
+from ropefit.effects import DistributedLoad, GravityMisalignment, IntrinsicCurvature, PointMass
+from ropefit.inference.least_squares import attempted
+from ropefit.models.terms import SIZE_PRIOR_SD
+from tests.concealed import nominal_fit, recorded, rope
+from tests.test_followers import clamped, nominal_clamped
+
+MASS, PLACE, LOAD = 0.006, 0.37, (0.0, 0.06, 0.0)  # kg, m, N/m
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """A weight and a load across gravity, as fitted from a load that lifts the rope, too."""
+    setup = PointMass().apply(rope(144), torch.tensor([MASS, PLACE], dtype=torch.float64))
+    setup = DistributedLoad().apply(setup, torch.tensor(LOAD, dtype=torch.float64))
+    nominal = nominal_fit(recorded(setup, seed=3), 72)
+    hypotheses = [Hypothesis(effect, NO_PLACE) for effect in (DistributedLoad(), PointMass())]
+    starts = (np.array([0.0, 0.06, 0.15]), np.array([MASS, PLACE]))
+    begun = settled_start(nominal, list(zip(hypotheses, starts, strict=True)))
+    assert begun is not None
+    fitted = attempted(begun.forward, nominal.problem, begun.values, 40, tolerance=1e-6)
+    assert fitted is not None
+    pairs = zip(hypotheses, begun.terms, strict=True)
+    return [Candidate(h, term, fitted, 0.0, np.zeros(0)) for h, term in pairs], fitted
+
+
+def test_a_load_along_gravity_is_open_and_taken_as_least(loaded):
+    """No shape at rest tells it: everything else would be as wrong as the weight is."""
+    (load, mass), fitted = loaded
+    before = replace(load, fit=fitted)
+    assert abs(before.values()[2]) > 0.03  # where the fit happened to end
+    assert abs(replace(mass, fit=fitted).values()[0] / MASS - 1) > 0.05
+    usual = load.term.scale[2]
+    assert before.sd()[2] == pytest.approx(SIZE_PRIOR_SD * usual, rel=0.05)
+    found = last_fit(fitted)
+    assert found.cost == pytest.approx(fitted.cost, abs=3.0)
+    for candidate, truth in ((load, LOAD), (mass, (MASS, PLACE))):
+        one = replace(candidate, fit=found)
+        assert (np.abs(one.values() - truth) < 2 * one.sd()).all()
+    assert replace(load, fit=found).values()[2] == pytest.approx(0.0, abs=usual)
+    assert replace(mass, fit=found).values()[0] == pytest.approx(MASS, rel=0.04)
+    # The width is that of the weight, of which nothing is known but that prior.
+    assert replace(mass, fit=found).sd()[0] > 0.05 * MASS
+
+
+def test_a_well_determined_size_is_as_wide_as_the_noise_makes_it(loaded):
+    (load, _), fitted = loaded
+    along = replace(load, fit=fitted).covariance()[1, 1]
+    by_noise = replace(load, fit=fitted).covariance(by_noise=True)[1, 1]
+    assert by_noise <= along < SIZE_PRIOR_SD**2 / 20
+
+
+def test_a_weight_beside_an_error_of_gravity_may_be_that_beside_a_load(loaded):
+    """What stands in the place of one effect is fitted beside the other."""
+    (load, mass), fitted = loaded
+    tilt = Hypothesis(GravityMisalignment(), NO_PLACE)
+    without = without_effects(fitted, load)
+    assert without is not None
+    error = fit_candidate(without, tilt, np.array([0.1, 0.0]))
+    assert error is not None
+    tilted = [Accepted(error, [load], 0.0, 1.0), Accepted(mass, [], 0.0, 1.0)]
+    # As good only if that is so in data: here the weight tilts with gravity, and does not fit.
+    ((item, beside),) = alternatives(error.fit, tilted)
+    assert item is tilted[0]
+    assert beside.cost < error.fit.cost
+    assert replace(mass, fit=beside).values()[0] == pytest.approx(MASS, rel=0.04)
+    assert not alternatives(error.fit, tilted[1:])
+
+
+def test_intervals_hold_both_of_two_fits(loaded):
+    (_, mass), fitted = loaded
+    here, there = replace(mass, fit=fitted), replace(mass, fit=last_fit(fitted))
+    sizes = sizes_of(here, here.values(), here.sd())
+    both = holding_both(sizes, there)
+    other = sizes_of(there, there.values(), there.sd())["mass"].ci95
+    assert both["mass"].value == sizes["mass"].value
+    assert both["mass"].ci95[0] == min(sizes["mass"].ci95[0], other[0])
+    assert both["mass"].ci95[1] == max(sizes["mass"].ci95[1], other[1])
+    assert other != sizes["mass"].ci95
+
+
+def test_a_fit_does_not_depend_on_the_shape_it_began_from():
+    """Points are matched to the rope where a fit begins: from afar they are matched wrongly."""
+    curvature = [1.2, 0.4, 0.5, 0.6]
+    setup = IntrinsicCurvature().apply(clamped(96, 8), torch.tensor(curvature).double())
+    nominal = nominal_clamped(recorded(setup, seed=5))
+    hypothesis = Hypothesis(IntrinsicCurvature(), NO_PLACE)
+    starts = (curvature, [1.6, 0.0, 0.5, 0.8])
+    one, other = (fit_candidate(nominal, hypothesis, np.array(start)) for start in starts)
+    assert one is not None
+    assert other is not None
+    assert other.evidence == pytest.approx(one.evidence, abs=0.5)
+    assert (np.abs(other.values() - one.values()) < 0.3 * one.sd()).all()
