@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, NamedTuple, Self, TypeVar
@@ -16,7 +16,7 @@ from ropefit.models import mesh
 from ropefit.models.first_state import SMOOTHED, FirstStates, begun_smoothly, first_states
 from ropefit.models.model import Model
 from ropefit.models.response import STEP as RESPONSE
-from ropefit.models.response import Change, Point, sensor_slope, slope, turn_slope
+from ropefit.models.response import Change, Parts, Point, sensor_slope, slope, turn_slope
 from ropefit.rod.fields import MOVING_ROD, names
 from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup
@@ -64,7 +64,7 @@ class MotionPoint(Point):
             out[:, frames] = moved
         return out
 
-    def parts(self, changes: list[Change]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
         """Yield the frames of each clip, and `respond` there: of all clips together it is large."""
         if not changes:
             return
