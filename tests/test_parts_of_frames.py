@@ -46,7 +46,8 @@ def test_changes_of_some_frames_at_a_time(acts, monkeypatch):
     point = forward.at(forward.start())
     changes = forward.changes(point.u)
     whole = point.respond(changes)
-    monkeypatch.setattr(response, "AT_ONCE", 5)
+    monkeypatch.setattr(response, "AT_ONCE", 0)
+    monkeypatch.setattr(response, "FEWEST", 5)
     found = np.zeros_like(whole)
     parts = [(frames, dx) for frames, dx in point.parts(changes)]
     for frames, dx in parts:
@@ -69,7 +70,8 @@ def test_noise_measured_some_rows_at_a_time(monkeypatch):
     nominal = fitted(rope(48))
     known = sensitivities(nominal, [], ("point_mass", "end_offset", "tether"))
     whole, cost = measured_noise(nominal, known, [])
-    monkeypatch.setattr(response, "AT_ONCE", 5)
+    monkeypatch.setattr(response, "AT_ONCE", 0)
+    monkeypatch.setattr(response, "FEWEST", 5)
     monkeypatch.setattr(noise_measurement, "AT_ONCE", 100)
     monkeypatch.setattr(noise, "AT_ONCE", 100)
     again = sensitivities(nominal, [], ("point_mass", "end_offset", "tether"))

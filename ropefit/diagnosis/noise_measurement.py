@@ -94,7 +94,7 @@ def end_noise(fitted: Fit) -> EndNoise:
         clamp[:, k, end, axis] = 1.0
     parts = (
         (t, np.moveaxis(tangent(few, Directions(ends=ends[t], clamp=clamp[t]))[0], 1, 0))
-        for t, few in in_parts(point.solution)
+        for t, few in in_parts(point.solution, many)
     )
     values = collected(s, s, parts, many)
     return EndNoise(s, values[..., : len(places)], values[..., len(places) :])

@@ -30,7 +30,7 @@ Change = Callable[[float], Setup]  # the setup where one value has moved by so m
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
 STEP = 1e-5
 LOAD = Rod._fields.index("load")
-AT_ONCE = 64  # frames whose answers are in memory at once
+AT_ONCE, FEWEST = 8e6, 16  # bytes of answers in memory at once, of that many frames at least
 
 
 @dataclass
@@ -64,12 +64,12 @@ class Point:
         if not changes:
             return
         slopes = slopes_of(self.setup, changes, self.solution)
-        for index, few in in_parts(self.solution):
+        for index, few in in_parts(self.solution, len(changes)):
             yield index, self._moved(few, [s.frames(index, len(self.seen)) for s in slopes], turned)
 
     def by_loads(self, load: np.ndarray) -> Parts:
         """Yield the same for loads (F, P, K, 3) [N] on the nodes of a rope at rest."""
-        for index, few in in_parts(self.solution):
+        for index, few in in_parts(self.solution, load.shape[1]):
             dx, _ = tangent(few, Directions(load=load[index]))
             yield index, np.moveaxis(dx, 1, 0)
 
@@ -84,14 +84,16 @@ class Point:
         return add_sensor(dx, slopes, self.setup.sensor)
 
 
-def in_parts(solution: Solution) -> Iterator[tuple[np.ndarray, Solution]]:
-    """Yield indices of some frames and the solution there, until all are."""
+def in_parts(solution: Solution, many: int) -> Iterator[tuple[np.ndarray, Solution]]:
+    """Yield indices of some frames and the solution there, until all are; many: changes that are
+    asked for."""
     every = np.arange(len(solution.x))
-    if len(every) <= AT_ONCE:
+    few = max(FEWEST, int(AT_ONCE / (many * solution.x[:1].nbytes)))
+    if len(every) <= few:
         yield every, solution
         return
-    for k in range(0, len(every), AT_ONCE):
-        index = every[k : k + AT_ONCE]
+    for k in range(0, len(every), few):
+        index = every[k : k + few]
         yield index, solution.frames(index)
 
 
