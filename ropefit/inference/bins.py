@@ -187,6 +187,7 @@ def collected(
         mine, few = now.among(frames)
         kept = place[mine] >= 0
         rows[place[mine][kept]] = few.project(dx)[kept]
+        del dx  # before the next part is made
     return rows
 
 

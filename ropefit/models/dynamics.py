@@ -84,13 +84,14 @@ class MotionPoint(Point):
 
         def part(number: int) -> tuple[np.ndarray, np.ndarray]:
             clip, run = self.model.clips[number], self.runs[number]
-            out = np.zeros((len(changes), len(clip), *self.seen.shape[1:]))
             if run.trajectory.converged[0]:
                 time = self.model.time[clip]
                 driven = [finer(time, v[:, clip], run.fine, 1)[None] for v in path]
                 x0, v0, q0 = (v[number : number + 1] for v in begin)
                 directions = Directions(**rod, ends=driven[0], clamp=driven[1], x0=x0, v0=v0, q0=q0)
                 out = tangent(run.trajectory, directions, run.fine)[0]
+            else:
+                out = np.zeros((len(changes), len(clip), *self.seen.shape[1:]))
             for moved, own in zip(out, sensor, strict=True):
                 moved += own[clip] if own.ndim == 3 else own
             return clip, out
