@@ -92,7 +92,8 @@ class Saver:
             return {}
         try:
             saved, _ = read(self.path, Checkpoint)
-            return unpacked(saved.arrays, saved.data) if saved.key == self.key else {}
+            found = unpacked(saved.arrays, saved.data) if saved.key == self.key else {}
+            return {name: dict(entry) for name, entry in found.items()}
         except (RopefitError, ValueError, TypeError):
             return {}
 

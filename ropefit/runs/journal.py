@@ -48,7 +48,9 @@ class Journal:
     def recall(self, name: str) -> Arrays | None:
         """Return what was kept under a name, or None."""
         entry = self.entries.get(name)
-        return entry and {k: v.load() if isinstance(v, Spilled) else v for k, v in entry.items()}
+        if entry is None:
+            return None
+        return {key: v.load() if isinstance(v, Spilled) else v for key, v in entry.items()}
 
     def keep(self, name: str, make: Callable[[], Arrays]) -> None:
         """Keep what `make` gives, copied, and forget the parts of it.

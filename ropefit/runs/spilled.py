@@ -22,7 +22,7 @@ class Spilled:
     def of(value: np.ndarray, file: BinaryIO) -> Spilled:
         """Put an array at the end of a file. Raises OSError."""
         start = file.seek(0, os.SEEK_END)
-        file.write(np.ascontiguousarray(value).reshape(-1).view(np.uint8))
+        file.write(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
         return Spilled(file, start, value.dtype, value.shape)
 
     @property
