@@ -10,7 +10,7 @@ from types import ModuleType
 
 # Of glibc's mallopt: what is given back at once when it is freed, and by all threads' heaps.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENAS = -1, -3, -8
-LARGE = 1 << 20  # bytes of an array
+LARGE, SPARE = 4_000_000, 32_000_000  # bytes of an array; at the end of the heap
 OBJECTS = 200_000  # new ones, before the collector looks for cycles among them
 # Shapes of tensors without data, for torch.compile: a fifth of torch's import, and no use here.
 UNUSED = "torch._meta_registrations"
@@ -34,5 +34,5 @@ def _give_back() -> None:
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
     if mallopt is not None:
         mallopt(MMAP_THRESHOLD, LARGE)
-        mallopt(TRIM_THRESHOLD, LARGE)
+        mallopt(TRIM_THRESHOLD, SPARE)  # less costs more time: every page is cleared again
         mallopt(ARENAS, 1)
