@@ -13,7 +13,7 @@ import pytest
 from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.settings import DiagnoseSettings, PreprocessSettings
 from ropefit.api.pipeline import CONTROL, DIAGNOSE, IDENTIFY, PREPROCESS
-from ropefit.artifacts import Checkpoint, content_sha256, read, write
+from ropefit.artifacts import Checkpoint, content_sha256, read, store, write
 from ropefit.artifacts.packing import packed, unpacked
 from ropefit.diagnosis.rules import Rules
 from ropefit.errors import StageFailed
@@ -25,6 +25,7 @@ from ropefit.runs.checkpoint import checkpoint_name
 from ropefit.runs.execute import execute
 from ropefit.runs.journal import Entries, Journal, journal, keeping
 from ropefit.runs.protocol import Context, Outcome
+from ropefit.runs.spilled import Spilled
 from ropefit.stages import diagnose
 from tests.conftest import ROOT
 from tests.factories import marker_recording
@@ -168,6 +169,45 @@ def test_a_journal_keeps_no_gaps_when_it_is_full(monkeypatch: pytest.MonkeyPatch
     assert set(kept.entries) == {"fit 1", "fit 2"}
 
 
+def test_results_are_put_aside_and_saved_without_being_in_memory_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Memory: a diagnosis keeps the states of a hundred fits."""
+    monkeypatch.setattr(store, "LARGE", 100_000)  # written into a file, piece by piece
+    rng, path = np.random.default_rng(0), tmp_path / checkpoint_name("diagnose")
+    results = {f"fit {k}": {"x": rng.normal(size=(3, 4000)), "n": np.arange(k)} for k in range(5)}
+    with checkpoint.checkpointed(tmp_path, "diagnose", "k", [].append) as saver:
+        saver.next = np.inf
+        for name, found in results.items():
+            journal().keep(name, lambda found=found: found)
+        kept = journal().entries
+        assert all(isinstance(entry["x"], Spilled) for entry in kept.values())
+        assert all(isinstance(entry["n"], np.ndarray) for entry in kept.values())
+        saver.save(kept)
+        for name, found in results.items():
+            np.testing.assert_array_equal((journal().recall(name) or {})["x"], found["x"])
+        assert sum(one.is_file() for one in tmp_path.iterdir()) == 1  # the file aside has no name
+    saved, digest = store.read(path, Checkpoint)
+    assert digest == content_sha256(saved)
+    assert path.stat().st_size < saved.data.nbytes + 100_000
+    for name, found in unpacked(saved.arrays, saved.data).items():
+        for key, value in found.items():
+            np.testing.assert_array_equal(value, results[name][key])
+
+
+def test_a_large_file_for_which_there_is_no_room_is_not_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """HDF5 may end the process on a full disk."""
+    monkeypatch.setattr(store, "LARGE", 0)
+    monkeypatch.setattr(store, "SPARE", 1 << 60)
+    said: list[str] = []
+    saver = checkpoint.Saver(tmp_path / "a.h5", "x", "k", said.append)
+    saver.save({"fit 1": {"x": np.zeros(3)}})
+    assert "No space left" in said[0]
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_arrays_of_any_type_and_shape_come_back() -> None:
     results = {
         "a": {"x": np.arange(6.0).reshape(2, 3)[:, ::2], "n": np.array(7), "no": np.empty((0, 4))},
@@ -181,7 +221,7 @@ def test_arrays_of_any_type_and_shape_come_back() -> None:
         for name, value in found.items():
             np.testing.assert_array_equal(back[result][name], value)
             assert back[result][name].dtype == value.dtype
-    spoiled = kept.arrays[0].model_copy(update={"start": len(data)})
+    spoiled = kept.arrays[0].model_copy(update={"start": data.nbytes})
     with pytest.raises(ValueError, match="not in the data"):
         unpacked([spoiled], kept.data)
 

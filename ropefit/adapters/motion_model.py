@@ -8,32 +8,34 @@ from scipy.interpolate import CubicSpline
 
 from ropefit.adapters.motion_of import centrelines
 from ropefit.adapters.motion_setup import Span
-from ropefit.adapters.parameter_group import outcome_of_fit, parameter_group
+from ropefit.adapters.parameter_group import Outcome, parameter_group
 from ropefit.adapters.scene import build_scene
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Calibration, FittedModel, Observations, Stepped
 from ropefit.inference.bins import Data, match, offsets
 from ropefit.inference.evaluate import agreement
 from ropefit.inference.intervals import Estimates
-from ropefit.inference.least_squares import Fit
 from ropefit.models.dynamics import MotionPoint
 from ropefit.models.parameters import PARAMETERS
+
+AT_ONCE = 500  # frames whose splines are in memory at once
 
 
 def motion_model(
     o: Observations, span: Span, loss: str, node: int, clips: list[np.ndarray], out: np.ndarray,
-    found: Fit, estimates: Estimates, point: MotionPoint, first: MotionPoint,
-    train: np.ndarray,
+    outcome: Outcome, trace: list[float], estimates: Estimates, point: MotionPoint,
+    first: np.ndarray, train: np.ndarray,
 ) -> FittedModel:  # fmt: skip
-    """Return the artifact. out (F,): held out; train: indices of the frames of the fit; point and
-    first: all clips at the fitted parameters, and where the fit set out. Frames of no clip are not
-    simulated: they stay as observed, and are marked."""
+    """Return the artifact. out (F,): held out; train: indices of the frames of the fit; outcome and
+    trace: how that went; point and first: all clips at the fitted parameters, and (F, N+1, 3) [m]
+    as seen where the fit set out. Frames of no clip are not simulated: they stay as observed, and
+    are marked."""
     nodes, weight = len(o.node_arc), float(np.linalg.norm(o.gravity))
     clip = np.full(len(o.frames), -1)
     for number, frames in enumerate(clips):
         clip[frames] = number
     reached = clip >= 0
-    x, before = (at_observed_nodes(o, span, p.seen, reached) for p in (point, first))
+    x, before = (at_observed_nodes(o, span, seen, reached) for seen in (point.seen, first))
     middle = 0.5 * (o.node_arc[1:] + o.node_arc[:-1])
     segments = point.setup.segments
     share = (middle - span.first) / (span.last - span.first)
@@ -41,9 +43,9 @@ def motion_model(
     q[..., 0] = 1.0
     segment = np.clip((share * segments).astype(int), 0, segments - 1)
     q[reached] = point.solution.q[reached][:, segment]
-    rms, rms_first = (_rms(span.data, np.nan_to_num(p.seen), reached) for p in (point, first))
+    rms, rms_first = (_rms(span.data, np.nan_to_num(seen), reached) for seen in (point.seen, first))
     calibration, place = {}, 0
-    for term, u in zip(found.forward.terms, found.forward.split(found.point.u), strict=True):
+    for term, u in zip(point.model.terms, point.model.split(point.u), strict=True):
         slope = term.slope(u)  # of a grip, whose prior is that of its logarithm, relative
         for k, axis in enumerate(term.names if term.nuisance else ()):
             calibration[f"{term.name}_{axis}"] = Calibration(
@@ -64,8 +66,7 @@ def motion_model(
         groups={
             "group_0": parameter_group(
                 o.frames, estimates, {}, {n: PARAMETERS[n].range(span.setup) for n in estimates.of},
-                stated_units(o),
-                outcome_of_fit(found.trace, found.cost, found.evaluations, found.converged),
+                stated_units(o), outcome,
             )
         },
         heldout=out & reached,
@@ -83,7 +84,7 @@ def motion_model(
             bending_length=float((p.bend.mean() / (p.density.mean() * weight)) ** (1 / 3)),
             calibration=calibration,
         ),
-        trace=np.array(found.trace),
+        trace=np.array(trace),
         rms_fit=float(np.sqrt(np.mean(rms[train] ** 2))),
         rms_heldout=float(np.sqrt(np.mean(rms[out & reached] ** 2))) if out.any() else None,
     )  # fmt: skip
@@ -104,8 +105,11 @@ def at_observed_nodes(
     grips and in frames that were not reached."""
     x = np.nan_to_num(centrelines(o, o.node_arc))
     inside = (o.node_arc >= span.first) & (o.node_arc <= span.last)
-    curve = CubicSpline(span.node_arc, seen[reached], axis=1)(o.node_arc[inside])
-    x[np.ix_(reached, inside)] = curve
+    frames = np.flatnonzero(reached)
+    for k in range(0, len(frames), AT_ONCE):
+        few = frames[k : k + AT_ONCE]
+        curve = CubicSpline(span.node_arc, seen[few], axis=1)(o.node_arc[inside])
+        x[np.ix_(few, inside)] = curve
     return x
 
 

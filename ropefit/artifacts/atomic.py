@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from ropefit.errors import StageFailed
 
@@ -15,10 +17,21 @@ from ropefit.errors import StageFailed
 def write_bytes(path: Path, *parts: bytes) -> None:
     """Write parts of a file, one after the other, beside it, flush, and rename. Raises OSError; the
     old file is then unchanged."""
+    with writing(path) as out:
+        out.writelines(parts)
+
+
+@contextmanager
+def writing(path: Path, room: int = 0) -> Iterator[BinaryIO]:
+    """Give a file beside `path` to write, which is flushed and takes its place if nothing fails.
+    Raises OSError, at once where there is no room for so many bytes; the old file is then
+    unchanged."""
+    if room > shutil.disk_usage(path.parent).free:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
     try:
-        with os.fdopen(handle, "wb") as out:
-            out.writelines(parts)
+        with os.fdopen(handle, "w+b") as out:
+            yield out
             out.flush()
             os.fsync(out.fileno())
         os.chmod(temporary, 0o644)

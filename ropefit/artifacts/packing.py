@@ -2,28 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
-Results = Mapping[str, Mapping[str, np.ndarray]]  # {result: {name: array}}
+
+class Stored(Protocol):
+    """An array that is not in memory."""
+
+    @property
+    def dtype(self) -> np.dtype: ...
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    @property
+    def nbytes(self) -> int: ...
+
+    def load(self) -> np.ndarray:
+        """Return the array. Raises OSError."""
+        ...
+
+
+class Pieces:
+    """Arrays that are one row of bytes in a file, and never in memory: one after the other."""
+
+    dtype = np.dtype(np.uint8)
+
+    def __init__(self, arrays: list[np.ndarray | Stored]):
+        self.arrays = arrays
+        self.nbytes = sum(one.nbytes for one in arrays)
+        self.shape = (self.nbytes,)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.concatenate([np.empty(0, np.uint8), *self])
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        for one in self.arrays:
+            value = one if isinstance(one, np.ndarray) else one.load()
+            if value.size:
+                yield np.ascontiguousarray(value).reshape(-1).view(np.uint8)
+
+
+Results = Mapping[str, Mapping[str, np.ndarray | Stored]]  # {result: {name: array}}
 KINDS = "biufU"
 
 
-def packed(results: Results) -> tuple[list[dict[str, Any]], np.ndarray]:
-    """Return (what lies where, bytes (n,) uint8)."""
+def packed(results: Results) -> tuple[list[dict[str, Any]], Pieces]:
+    """Return (what lies where, the bytes)."""
     arrays, parts, start = [], [], 0
     for result, found in results.items():
         for name, value in found.items():
-            value = np.asarray(value, order="C")
             arrays.append({
                 "result": result, "name": name, "dtype": value.dtype.str,
                 "shape": list(value.shape), "start": start,
             })  # fmt: skip
-            parts.append(value.reshape(-1).view(np.uint8) if value.size else np.empty(0, np.uint8))
+            parts.append(value)
             start += value.nbytes
-    return arrays, np.concatenate(parts) if parts else np.empty(0, np.uint8)
+    return arrays, Pieces(parts)
 
 
 def unpacked(arrays: Iterable[Any], data: np.ndarray) -> dict[str, dict[str, np.ndarray]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 SIZE = 256  # bytes, padded with spaces
@@ -31,15 +32,20 @@ class Seal:
 
 def sealed(image: bytes, seal: Seal) -> tuple[bytes, bytes]:
     """Return the two parts of a file: an HDF5 image and its seal."""
+    return image, end_of([image], seal)
+
+
+def end_of(image: Iterable[bytes], seal: Seal) -> bytes:
+    """Return the seal of an HDF5 image, given in parts, as the last bytes of a file."""
     line = f"ropefit-seal/1 {seal.schema_name} {seal.schema_version} {seal.content_sha256}".encode()
-    return image, (line + b" " + _hash(image, line)).ljust(SIZE - 1) + b"\n"
+    return (line + b" " + _hash(image, line)).ljust(SIZE - 1) + b"\n"
 
 
 def opened(image: bytes, end: bytes) -> tuple[Seal | None, bytes]:
     """Return (the seal, or None where there is none; the HDF5 image), from a file's last SIZE bytes
     and those before. Raises Broken."""
     found = LINE.fullmatch(end)
-    if found and _hash(image, found[1]) == found[5]:
+    if found and _hash([image], found[1]) == found[5]:
         return _seal(found), image
     if found or MARK in end:  # also one that is cut off
         raise Broken
@@ -56,7 +62,9 @@ def _seal(found: re.Match[bytes]) -> Seal:
     return Seal(found[2].decode(), int(found[3]), found[4].decode())
 
 
-def _hash(image: bytes, line: bytes) -> bytes:
-    digest = hashlib.sha256(image)
+def _hash(image: Iterable[bytes], line: bytes) -> bytes:
+    digest = hashlib.sha256()
+    for part in image:
+        digest.update(part)
     digest.update(line)
     return digest.hexdigest().encode()

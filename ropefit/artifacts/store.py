@@ -15,17 +15,18 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, BinaryIO, TypeVar, get_args, get_origin
 
 import h5py
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from ropefit.artifacts.atomic import write_bytes
+from ropefit.artifacts.atomic import write_bytes, writing
 from ropefit.artifacts.base import Artifact, array_spec
 from ropefit.artifacts.migrations import migrated
+from ropefit.artifacts.packing import Pieces
 from ropefit.artifacts.probe import readable
-from ropefit.artifacts.seal import SIZE, Broken, Seal, claimed, opened, sealed
+from ropefit.artifacts.seal import SIZE, Broken, Seal, claimed, end_of, opened, sealed
 from ropefit.artifacts.tree import (
     MAX_BYTES,
     UNREADABLE,
@@ -40,7 +41,10 @@ from ropefit.errors import BadInput, StageFailed
 NOT_CONTENT = {"provenance/created", "provenance/seconds"}
 
 A = TypeVar("A", bound=Artifact)
-Leaf = tuple[str, "np.ndarray | str", dict[str, Any]]
+Leaf = tuple[str, "np.ndarray | Pieces | str", dict[str, Any]]
+LARGE = 32_000_000  # bytes of arrays that are not to be in memory once more as a file
+PIECE = 1 << 20  # bytes that are hashed at once
+SPARE = 4_000_000  # bytes that a large file may have besides its arrays
 
 
 def leaves(part: BaseModel, prefix: str = "") -> Iterator[Leaf]:
@@ -84,14 +88,15 @@ def content_sha256(artifact: Artifact) -> str:
     return digest.hexdigest()
 
 
-def _add(digest: Any, path: str, value: np.ndarray | str) -> None:
+def _add(digest: Any, path: str, value: np.ndarray | Pieces | str) -> None:
     """Add one entry of an artifact to its hash."""
     digest.update(path.encode())
     if isinstance(value, str):
         digest.update(value.encode())
     else:
         digest.update(f"{value.dtype.str}{value.shape}".encode())
-        digest.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8))  # no copy
+        for part in value if isinstance(value, Pieces) else [value]:
+            digest.update(np.ascontiguousarray(part).reshape(-1).view(np.uint8))  # no copy
 
 
 def write(path: Path, artifact: Artifact) -> str:
@@ -100,7 +105,16 @@ def write(path: Path, artifact: Artifact) -> str:
     digest = content_sha256(artifact)
     try:
         seal = Seal(artifact.schema_name, artifact.schema_version, digest)
-        write_bytes(path, *sealed(_image(artifact, digest), seal))
+        size = sum(value.nbytes for _, value, _ in leaves(artifact) if not isinstance(value, str))
+        if size > LARGE:
+            with writing(path, size + SPARE) as out:
+                _fill(out, artifact, digest)
+                out.seek(0)
+                out.write(end_of(iter(lambda: out.read(PIECE), b""), seal))
+        else:
+            image = io.BytesIO()  # HDF5's own driver for memory makes a second copy
+            _fill(image, artifact, digest)
+            write_bytes(path, *sealed(image.getvalue(), seal))
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
         raise StageFailed(
@@ -110,10 +124,9 @@ def write(path: Path, artifact: Artifact) -> str:
     return digest
 
 
-def _image(artifact: Artifact, digest: str) -> bytes:
-    """Return the bytes of the file. HDF5 makes them in memory: on a full disk it may end the
+def _fill(image: BinaryIO, artifact: Artifact, digest: str) -> None:
+    """Write the bytes of the file. There must be room for them: on a full disk HDF5 may end the
     process."""
-    image = io.BytesIO()  # HDF5's own driver for memory makes a second copy
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema_name"] = artifact.schema_name
         file.attrs["schema_version"] = artifact.schema_version
@@ -121,11 +134,16 @@ def _image(artifact: Artifact, digest: str) -> bytes:
         for name, value, attributes in leaves(artifact):
             parent, _, leaf = name.rpartition("/")
             group = _group(file, parent) if parent else file
-            dataset = group.create_dataset(
-                leaf, data=_fixed(value), **_compression(artifact, value)
-            )
+            if isinstance(value, Pieces):
+                dataset, start = group.create_dataset(leaf, value.shape, value.dtype), 0
+                for part in value:
+                    dataset[start : start + len(part)] = part
+                    start += len(part)
+            else:
+                dataset = group.create_dataset(
+                    leaf, data=_fixed(value), **_compression(artifact, value)
+                )
             dataset.attrs.update(attributes)
-    return image.getvalue()
 
 
 def _group(file: h5py.File, path: str) -> h5py.Group:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.diagnosis.sensitivities import loads_to_nodes
 from ropefit.effects.misfit import Push
-from ropefit.inference.least_squares import Fit, attempted, sensitivity
+from ropefit.inference.least_squares import Fit, attempted, by_parts
 
 OUTSTANDING_SD = 3.0  # standard errors by which such a frame is worse than usual
 MOST_DROPPED = 0.6  # of the frames
@@ -73,7 +72,7 @@ def pushes(fitted: Fit) -> list[Push]:
     load = np.zeros((frames, 2 * len(at), nodes, 3))
     for k, node in enumerate(at):
         load[:, 2 * k : 2 * k + 2, node] = across[k]
-    columns = sensitivity(loads_to_nodes(point, load), s, s, fitted.whitener)
+    columns = by_parts(fitted, point.by_loads(load), load.shape[1])
     data = s.places(point.solution.x) + s.offset
     arc = point.setup.arc.detach().numpy()
     rows, out = np.repeat(s.frame, s.residual.shape[1]), []

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
@@ -21,8 +22,7 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 
 
-@dataclass
-class Prepared:
+class Prepared(NamedTuple):
     """The nominal model, fitted with the measured noise; of the nominal model before that, what
     was computed for the noise: its sensitivities, and fits of what no scan shows."""
 

@@ -12,8 +12,7 @@ import numpy as np
 import torch
 
 from ropefit.diagnosis.scan import Projection
-from ropefit.diagnosis.sensitivities import loads_to_nodes
-from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.inference.least_squares import Fit, by_parts
 from ropefit.models.response import Change
 from ropefit.rod.setup import Setup
 
@@ -67,16 +66,16 @@ def latent_force(fitted: Fit, project: Projection) -> LatentForce:
         0, 1 - np.abs(arc[:, None] / length - knots) * (ARC_KNOTS - 1)
     )  # (K, ARC_KNOTS)
     weight = float(setup.weight) / length
-    load = np.zeros((frames, ARC_KNOTS * 3, nodes, 3))
+    load = np.zeros((ARC_KNOTS * 3, nodes, 3))
     for k in range(ARC_KNOTS):
         for a in range(3):
-            load[:, 3 * k + a, :, a] = hats[:, k] * (length / (nodes - 1)) * weight
+            load[3 * k + a, :, a] = hats[:, k] * (length / (nodes - 1)) * weight
     if fitted.forward.instantaneous:
-        moves, many = loads_to_nodes(point, load), TIME_KNOTS
+        parts, many = point.by_loads(np.broadcast_to(load, (frames, *load.shape))), TIME_KNOTS
     else:  # what a force does lasts: a steady one
-        steady = torch.from_numpy(load[0])
-        moves, many = point.respond([_loaded(setup, one) for one in steady]), 1
-    whitened = sensitivity(moves, s, s, fitted.whitener)
+        steady = torch.from_numpy(load)
+        parts, many = point.parts([_loaded(setup, one) for one in steady]), 1
+    whitened = by_parts(fitted, parts, len(load))
     times = np.linspace(0, 1, many)
     over = np.linspace(0, 1, frames)
     when = np.maximum(0, 1 - np.abs(over[:, None] - times) * (many - 1))  # (F, many)

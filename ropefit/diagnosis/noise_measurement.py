@@ -13,11 +13,13 @@ import numpy as np
 import torch
 
 from ropefit.diagnosis.sensitivities import Sensitivity
-from ropefit.inference.bins import Stations
+from ropefit.inference.bins import Stations, collected
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import EndNoise, Noise, likeliest
+from ropefit.models.response import in_parts
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
+AT_ONCE = 2048  # rows
 EFFECT_PRIOR_SD = 10.0  # usual sizes
 FREE_PRIOR_SD = 10.0  # search variables: of parameters without a prior
 FITTED_PRIOR_SD = 3.0  # times what a fit says: of effects that were fitted
@@ -35,19 +37,45 @@ def measured_noise(
 
     moves: (M, D) [m] each, what further effects may have done to the stations.
     """
-    physics = [c.values for c in sensitivities if c.hypothesis.effect.kind == "physics"]
-    steady = [EFFECT_PRIOR_SD * values.reshape(len(values), -1) for values in physics]
-    spread = np.where(np.isfinite(fitted.prior), fitted.prior, FREE_PRIOR_SD)
-    design = np.concatenate([fitted.jacobian * spread, *steady], axis=1)
-    strength, directions = np.linalg.eigh(design.T @ design)
-    design = fitted.whitener.undo(design @ directions[:, strength > WEAKEST_MODE**2])
-    design = np.column_stack([design, *(FITTED_PRIOR_SD * move.ravel() for move in moves)])
+    design = _design(fitted, sensitivities, moves)
     residual = fitted.whitener.undo(fitted.z).reshape(fitted.stations.residual.shape)
     every = replace(fitted.stations, residual=residual)
     mine = _usual_frames(every, residual)
     few = Stations(*(getattr(every, name)[mine] for name in Stations.__dataclass_fields__))
-    rows = np.repeat(mine, fitted.stations.residual.shape[1])
-    return likeliest(few, replace(fitted.problem.noise, ends=end_noise(fitted)), design[rows])
+    design = design[np.repeat(mine, fitted.stations.residual.shape[1])]
+    return likeliest(few, replace(fitted.problem.noise, ends=end_noise(fitted)), design)
+
+
+def _design(fitted: Fit, sensitivities: list[Sensitivity], moves: list[np.ndarray]) -> np.ndarray:
+    """Return (M D, P) [m] what may be in the residual besides noise: of what the rope's parameters,
+    the calibration and every steady effect do, the directions that move stations; and the moves.
+
+    All columns together are large: they are put together some rows at a time.
+    """
+    physics = [c.values for c in sensitivities if c.hypothesis.effect.kind == "physics"]
+    steady = [values.reshape(len(values), -1) for values in physics]
+    spread = np.where(np.isfinite(fitted.prior), fitted.prior, FREE_PRIOR_SD)
+    many = sum(block.shape[1] for block in steady)
+    scale = np.concatenate([spread, np.full(many, EFFECT_PRIOR_SD)])
+    some = [slice(k, k + AT_ONCE) for k in range(0, len(fitted.jacobian), AT_ONCE)]
+
+    def every(rows: slice) -> np.ndarray:
+        return np.concatenate([block[rows] for block in (fitted.jacobian, *steady)], 1) * scale
+
+    gram = np.zeros((len(scale), len(scale)))
+    for rows in some:
+        part = every(rows)
+        gram += part.T @ part
+    strength, directions = np.linalg.eigh(gram)
+    directions = directions[:, strength > WEAKEST_MODE**2]
+    out = np.empty((len(fitted.jacobian), directions.shape[1] + len(moves)))
+    of_all = out[:, : directions.shape[1]]
+    for rows in some:
+        of_all[rows] = every(rows) @ directions
+    fitted.whitener.undo(of_all, of_all)
+    for k, move in enumerate(moves):
+        out[:, directions.shape[1] + k] = FITTED_PRIOR_SD * move.ravel()
+    return out
 
 
 def end_noise(fitted: Fit) -> EndNoise:
@@ -64,8 +92,11 @@ def end_noise(fitted: Fit) -> EndNoise:
         ends[:, k, end, axis] = 1.0
     for k, (end, axis) in enumerate(turns, len(places)):
         clamp[:, k, end, axis] = 1.0
-    dx, _ = tangent(point.solution, Directions(ends=ends, clamp=clamp))
-    values = s.project(np.moveaxis(dx, 1, 0))
+    parts = (
+        (t, np.moveaxis(tangent(few, Directions(ends=ends[t], clamp=clamp[t]))[0], 1, 0))
+        for t, few in in_parts(point.solution, many)
+    )
+    values = collected(s, s, parts, many)
     return EndNoise(s, values[..., : len(places)], values[..., len(places) :])
 
 

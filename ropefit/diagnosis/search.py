@@ -97,16 +97,17 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
     progress(0.05, "noise")
-    start = prepared(nominal, rules)
-    nominal, known, fitted = start.nominal, start.sensitivities, start.candidates
+    nominal, known, fitted = prepared(nominal, rules)
     current, accepted, refused = nominal, [], []
-    first, limits, crowded, most = None, None, False, rules.most_effects
+    scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
+        scan = None  # it is large: one at a time
         scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
-        if first is None or limits is None:
-            first, limits = scan, _limits(scan, rng, rules)
+        known = []  # of the nominal model
+        if scores is None or limits is None:
+            scores, limits = scan.scores, _limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
         scan.latent.threshold, latent = limits.latent, scan.latent
         if len(accepted) == most:
@@ -121,7 +122,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         )  # fmt: skip
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
-        known, fitted = [], []  # of the nominal model
+        fitted = []  # to the nominal model
         if far_beyond_sensor(current):
             if not candidates or far_beyond_sensor(candidates[0].fit):  # it explains too little
                 scanned = [s.hypothesis for s in scan.sensitivities]
@@ -164,12 +165,12 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if len(accepted) == 2 and current.forward.instantaneous:
             current, accepted = two_instead(current, accepted, limits.threshold, rules.effects)
     progress(0.98, "intervals, and what a next motion would show")
-    assert first is not None
+    assert scores is not None
     assert limits is not None
     current = last_fit(current) if accepted else current
     return Diagnosis(
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
-        first.scores, limits.threshold, latent, limits.detectable, limits.units, refused,
+        scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
 
 

@@ -8,30 +8,30 @@ import numpy as np
 import torch
 
 from ropefit.diagnosis.hypotheses import Hypothesis
-from ropefit.inference.bins import aligned
+from ropefit.inference.bins import aligned, collected
 from ropefit.inference.least_squares import Fit
-from ropefit.models.response import Point
+from ropefit.inference.noise import Whitener
+from ropefit.models.response import Parts
 from ropefit.models.terms import change_by
-from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 NEAR = 1e-3  # of the length: shapes that differ by less answer alike
 NEAR_IN_MOTION = 0.1  # of what is missed, rms: the same of motions
 STRAIGHT = 1e-9  # of the rest vectors of bend elements
-AT_ONCE = 16  # changes of a rope at rest: each has a rod for every frame
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity, and those
-    that they come from, of a rope `seen` (F, K, 3) [m]: moved (Q k, F, K, 3) [m] of the nodes, or
-    (M, D, Q k) of the stations in a motion, of which all frames of all clips are too many, and of
-    markers, whose places along the rope are known."""
+    """Of one hypothesis: values (M D, Q, k), changes per usual size of each quantity, whitened, of
+    a rope `seen` (F, K, 3) [m]; moved (Q k, F, K, 3) [m] of the nodes, where the stations' places
+    along the rope depend on its shape: neither in a motion, of which all frames of all clips are
+    too many, nor of markers."""
 
     hypothesis: Hypothesis
     values: np.ndarray
-    moved: np.ndarray
+    whitener: Whitener
     seen: np.ndarray
+    moved: np.ndarray | None = None
 
 
 class Sensitivities:
@@ -46,16 +46,33 @@ class Sensitivities:
     def of(self, hypothesis: Hypothesis, known: Sensitivity | None = None) -> Sensitivity:
         """Return the sensitivity to a hypothesis: by its loads, its tangent or finite responses, or
         from one that is known of a rope in nearly the same shapes."""
-        seen = self.point.seen
-        placed = self.fit.problem.data.material or not self.fit.forward.instantaneous
+        s, shape = self.fit.stations, (len(hypothesis.places), hypothesis.size)
         if known is not None and self._alike(hypothesis, known):
             moved, seen = known.moved, known.seen
+            rows = self._whitened_anew(known)
         else:
-            moved = np.nan_to_num(self._nodes(hypothesis), copy=False)
-            moved = self._at_stations(moved) if placed else moved
-        rows = self.fit.whitener(moved if placed else self._at_stations(moved))
-        shape = (len(rows), len(hypothesis.places), hypothesis.size)
-        return Sensitivity(hypothesis, rows.reshape(shape), moved, seen)
+            parts = (
+                (frames, np.nan_to_num(dx, copy=False)) for frames, dx in self._nodes(hypothesis)
+            )
+            moved, seen, many = None, self.point.seen, shape[0] * shape[1]
+            if self.fit.problem.data.material or not self.fit.forward.instantaneous:
+                rows = self.fit.whitener(collected(self.now, s, parts, many), own=True)
+            else:
+                moved = np.zeros((many, *seen.shape))
+                for frames, dx in parts:
+                    moved[:, frames] = dx
+                rows = self.fit.whitener(self._at_stations(moved))
+        values = rows.reshape(len(rows), *shape)
+        return Sensitivity(hypothesis, values, self.fit.whitener, seen, moved)
+
+    def _whitened_anew(self, known: Sensitivity) -> np.ndarray:
+        """Return (M D, P) known changes, whitened with this fit's noise."""
+        if known.moved is not None:
+            return self.fit.whitener(self._at_stations(known.moved))
+        rows, shape = known.values.reshape(len(known.values), -1), self.fit.stations.residual.shape
+        if known.whitener is self.fit.whitener:
+            return rows
+        return self.fit.whitener(known.whitener.undo(rows).reshape(*shape, -1))
 
     def _at_stations(self, dx: np.ndarray) -> np.ndarray:
         """Return (M, D, P) [m] what changes dx (P, F, K, 3) [m] of the nodes change there."""
@@ -69,6 +86,8 @@ class Sensitivities:
         length = float(self.setup.properties.length.sum())
         if (np.abs(places - hypothesis.places) >= NEAR * length).any():
             return False
+        if known.moved is None and len(known.values) != self.fit.stations.residual.size:
+            return False
         if self.fit.forward.instantaneous:
             return bool((np.abs(seen - self.point.seen) < NEAR * length).all())
         stations = self.fit.stations
@@ -76,18 +95,20 @@ class Sensitivities:
             self.earlier = seen, self.fit.problem.match(np.nan_to_num(seen)).residual
         apart = self.earlier[1] - self.now.residual
         missed = np.linalg.norm(stations.residual)
-        same = apart.shape == stations.residual.shape == known.moved.shape[:2]
-        return same and bool(np.linalg.norm(apart) < NEAR_IN_MOTION * missed)
+        return apart.shape == stations.residual.shape and bool(
+            np.linalg.norm(apart) < NEAR_IN_MOTION * missed
+        )
 
-    def _nodes(self, hypothesis: Hypothesis) -> np.ndarray:
+    def _nodes(self, hypothesis: Hypothesis) -> Parts:
+        """Return frames and the changes of the nodes there (Q k, f, K, 3) [m], until all are."""
         loads = self._loads(hypothesis) if self.fit.forward.instantaneous else None
         if loads is not None:
-            return loads_to_nodes(self.point, loads)
+            return self.point.by_loads(loads)
         if hypothesis.effect.turns_rope and self._spins_freely():
             return self._tangents(hypothesis, turned=True)
         if hypothesis.effect.tangent:
             return self._tangents(hypothesis)
-        return self._finite_responses(hypothesis)
+        return iter([(np.arange(len(self.point.seen)), self._finite_responses(hypothesis))])
 
     def _spins_freely(self) -> bool:
         """Return whether the rope may spin at no cost: it is straight without loads, and has no
@@ -96,7 +117,7 @@ class Sensitivities:
         straight = float(rod.rest.abs().max()) < STRAIGHT
         return self.fit.forward.instantaneous and not setup.remembers and straight
 
-    def _tangents(self, hypothesis: Hypothesis, turned: bool = False) -> np.ndarray:
+    def _tangents(self, hypothesis: Hypothesis, turned: bool = False) -> Parts:
         zero = np.zeros(hypothesis.size)
         terms = [
             hypothesis.term_at(self.setup, np.concatenate([zero, place]))
@@ -105,13 +126,9 @@ class Sensitivities:
         if hypothesis.effect.path_dependent:
             start = np.zeros(sum(term.size for term in terms))
             model = self.fit.forward.of_setup(self.setup, self.point.solution, terms)
-            return model.jacobian(model.at(start))
+            return model.at(start).parts(model.changes(start))
         changes = [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
-        if not self.fit.forward.instantaneous or self.setup.remembers or not changes:
-            return self.point.respond(changes)
-        more = {"turned": True} if turned else {}
-        parts = [changes[k : k + AT_ONCE] for k in range(0, len(changes), AT_ONCE)]
-        return np.concatenate([self.point.respond(part, **more) for part in parts])
+        return self.point.parts(changes, turned)
 
     def _finite_responses(self, hypothesis: Hypothesis) -> np.ndarray:
         scales, out = hypothesis.scales(self.setup), []
@@ -136,11 +153,6 @@ class Sensitivities:
             if loads is None:
                 return None
             out.append(loads)
-        scales = hypothesis.scales(self.setup)[:, None, None]
-        return (np.stack(out, axis=1) * scales).reshape(len(x), -1, x.shape[1], 3)
-
-
-def loads_to_nodes(point: Point, load: np.ndarray) -> np.ndarray:
-    """Return (P, F, K, 3) [m] changes of the nodes for loads (F, P, K, 3) [N] on them."""
-    dx, _ = tangent(point.solution, Directions(load=load))
-    return np.moveaxis(dx, 1, 0)
+        load = np.stack(out, axis=1)
+        load *= hypothesis.scales(self.setup)[:, None, None]
+        return load.reshape(len(x), -1, x.shape[1], 3)

@@ -11,6 +11,7 @@ from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.motion_model import motion_model
 from ropefit.adapters.motion_of import clips_of, times_of
 from ropefit.adapters.motion_setup import FINER_SEGMENTS, Span, span_of
+from ropefit.adapters.parameter_group import outcome_of_fit
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.restore import with_causes
 from ropefit.adapters.rope_setup import STATIONS
@@ -73,13 +74,17 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
         u = fit(forward, problem, u, settings.evaluations, tolerance=1e-4).point.u
         forward = forward.corrected(u)
     found = fit(forward, problem, u, settings.evaluations, tolerance=1e-4)
+    estimates = block_estimates(found, train, times_of(o))
+    u, trace = found.point.u, found.trace
+    outcome = outcome_of_fit(trace, found.cost, found.evaluations, found.converged)
+    del found  # its slopes, and the motion that they are of, are large
     context.progress(0.8, "all clips")
     whole = _forward(o, span, terms, clips)
-    point, first = whole.corrected(found.point.u).at(found.point.u), whole.at(forward.start())
+    first = whole.at(whole.start()).seen
+    point = whole.corrected(u).at(u)
     _check(point, clips)
-    estimates = block_estimates(found, train, times_of(o))
     return motion_model(
-        o, span, settings.loss, node, clips, out, found, estimates, point, first,
+        o, span, settings.loss, node, clips, out, outcome, trace, estimates, point, first,
         np.concatenate(train),
     )  # fmt: skip
 

@@ -9,6 +9,7 @@ the side of the ray counts.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -168,6 +169,26 @@ def aligned(now: Stations, stations: Stations, values: np.ndarray) -> np.ndarray
     here, there = shared(now, stations)
     out[here] = values[there]
     return out
+
+
+def collected(
+    now: Stations, stations: Stations, parts: Iterator[tuple[np.ndarray, np.ndarray]], many: int
+) -> np.ndarray:
+    """Return (M, D, P) what changes of the nodes change at the stations of a first match, where
+    another match has them.
+
+    parts: indices (f,) of frames with `many` changes (P, f, K, 3) there.
+    """
+    rows = np.zeros((*stations.residual.shape, many))
+    here, there = shared(now, stations)
+    place = np.full(len(now.frame), -1)
+    place[there] = here
+    for frames, dx in parts:
+        mine, few = now.among(frames)
+        kept = place[mine] >= 0
+        rows[place[mine][kept]] = few.project(dx)[kept]
+        del dx  # before the next part is made
+    return rows
 
 
 def shared(now: Stations, stations: Stations) -> tuple[np.ndarray, np.ndarray]:

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from scipy.special import stdtrit
 
-from ropefit.inference.bins import Stations, aligned
+from ropefit.inference.bins import Stations, aligned, collected
 from ropefit.inference.discrepancy import inflation, misled
 from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.objective import STOPPED, Objective
 from ropefit.inference.problem import FitProblem
 from ropefit.models.model import Model
-from ropefit.models.response import Point
+from ropefit.models.response import Parts, Point
 
 NORMAL_QUANTILE = 1.96  # of 95 %
 AS_MATCHED = 0.002  # m: points match a rope whose nodes have moved by less as they did before
@@ -195,3 +195,9 @@ def sensitivity(
 ) -> np.ndarray:
     """Return (M D, P) whitened change of the model at the stations for changes dx (P, F, K, 3)."""
     return whitener(aligned(now, stations, now.project(dx)))
+
+
+def by_parts(fitted: Fit, parts: Parts, many: int) -> np.ndarray:
+    """Return (M D, P) the same at a fit's own stations for `many` changes, some frames at once."""
+    s = fitted.stations
+    return fitted.whitener(collected(s, s, parts, many), own=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +22,8 @@ RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white 
 POSITIONS = (0.0, 5e-5, 1e-4, 1.5e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)
 TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
 MISFIT = 1.25  # times the noise: more is what the model misses
+PLACES = ("frame", "bin", "share", "count", "scatter", "fall")  # what covariances depend on
+MOST_KEPT = 2  # whiteners of one noise
 AT_ONCE = 8192  # rows that are whitened at once: their copies are small
 COST = 2.0  # nats that a further kind of noise must earn
 
@@ -67,6 +70,11 @@ class Noise:
     white: tuple[float, ...] | None = None
     ends: EndNoise | None = None
 
+    @cached_property
+    def whiteners(self) -> list[tuple[Stations, Whitener]]:
+        """Return the latest whiteners of this noise, and of which stations they are."""
+        return []
+
     @property
     def misfit(self) -> bool:
         """Return whether it is mostly what a model of the same rope missed elsewhere."""
@@ -98,29 +106,37 @@ class Whitener:
 
     @staticmethod
     def of(s: Stations, noise: Noise) -> Whitener:
+        """Return the whitener of stations: one for all fits that compare the same places."""
+        for known, whitener in noise.whiteners:
+            if all(np.array_equal(getattr(known, name), getattr(s, name)) for name in PLACES):
+                return whitener
         rows, factors = [], []
         for part, covariance in covariances(s, noise):
             rows.append(part)
             factors.append(np.linalg.cholesky(covariance))
-        return Whitener(rows, factors, [np.linalg.inv(factor) for factor in factors])
+        whitener = Whitener(rows, factors, [np.linalg.inv(factor) for factor in factors])
+        noise.whiteners[MOST_KEPT - 1 :] = []
+        noise.whiteners.insert(0, (s, whitener))
+        return whitener
 
-    def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Return whitened rows of values (M, D) or (M, D, P): (M D,) or (M D, P)."""
+    def __call__(self, values: np.ndarray, own: bool = False) -> np.ndarray:
+        """Return whitened rows of values (M, D) or (M, D, P): (M D,) or (M D, P); in their place,
+        where they are the caller's own."""
         flat = values.reshape(values.shape[0] * values.shape[1], -1)
-        out = np.empty_like(flat)
+        out = flat if own else np.empty_like(flat)
         for rows, inverse in zip(self.rows, self.inverses, strict=True):
-            few = max(1, AT_ONCE // rows.shape[1])
-            for k in range(0, len(rows), few):
-                part = rows[k : k + few]
-                out[part] = inverse[k : k + few] @ flat[part]
+            for k, part in some_of(rows):
+                out[part] = inverse[k] @ flat[part]
         return out[:, 0] if values.ndim == 2 else out
 
-    def undo(self, z: np.ndarray) -> np.ndarray:
-        """Return (M D, ...) in metres from whitened values (M D, ...)."""
-        out = np.empty_like(z)
+    def undo(self, z: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Return (M D, ...) in metres from whitened values (M D, ...), which may be `out`."""
+        out = np.empty_like(z) if out is None else out
         for rows, factor in zip(self.rows, self.factors, strict=True):
-            own = z[rows]
-            out[rows] = (factor @ own.reshape(*rows.shape, -1)).reshape(own.shape)
+            for k, part in some_of(rows):
+                own = z[part]
+                whole = factor[k] @ own.reshape(*part.shape, -1)
+                out[part] = whole.reshape(own.shape)
         return out
 
     def weighted(self, z: np.ndarray) -> np.ndarray:
@@ -130,6 +146,13 @@ class Whitener:
         for rows, inverse in zip(self.rows, self.inverses, strict=True):
             out[rows] = np.swapaxes(inverse, 1, 2) @ z[rows]
         return out
+
+
+def some_of(rows: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield some of rows (n, k) at once, and which of the n they are, until all are."""
+    few = max(1, AT_ONCE // rows.shape[1])
+    for k in range(0, len(rows), few):
+        yield slice(k, k + few), rows[k : k + few]
 
 
 def covariances(s: Stations, noise: Noise) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -182,8 +205,6 @@ def likeliest(s: Stations, known: Noise, design: np.ndarray | None = None) -> tu
     own = np.diagonal(s.white(), axis1=1, axis2=2) + FLOOR**2 + known.marker**2
     typical = float(np.sqrt(np.median(own)))
 
-    both = np.column_stack([design, flat])
-    white = np.empty_like(both)
     computed: dict[tuple[float, ...], float] = {}
 
     def worth(noise: Noise) -> float:
@@ -195,11 +216,15 @@ def likeliest(s: Stations, known: Noise, design: np.ndarray | None = None) -> tu
 
     def against(noise: Noise, kinds: tuple[float, ...]) -> float:
         total = COST * sum(kind > 0 for kind in kinds)
+        gram = np.zeros((design.shape[1] + 1, design.shape[1] + 1))
         for rows, covariance in covariances(s, noise):
             factor = np.linalg.cholesky(covariance)
             total += float(np.log(np.diagonal(factor, axis1=1, axis2=2)).sum())
-            white[rows] = np.linalg.inv(factor) @ both[rows]
-        gram = white.T @ white  # in one go, which is quicker than frame by frame
+            inverse = np.linalg.inv(factor)
+            for k, part in some_of(rows):  # many frames in one go, which is quicker than each
+                both = np.concatenate([design[part], flat[part][..., None]], axis=-1)
+                white = (inverse[k] @ both).reshape(part.size, -1)
+                gram += white.T @ white
         total += 0.5 * float(gram[-1, -1])
         left = np.linalg.cholesky(gram[:-1, :-1] + np.eye(len(gram) - 1))
         fitted = np.linalg.solve(left, gram[:-1, -1])

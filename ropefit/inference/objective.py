@@ -9,7 +9,7 @@ from scipy import optimize
 from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
-from ropefit.inference.bins import Stations, aligned, shared
+from ropefit.inference.bins import Stations, aligned, collected
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Whitener
 from ropefit.inference.problem import FitProblem
@@ -88,15 +88,9 @@ class Objective:
         """Return (M D, P) whitened derivatives of the prediction."""
         point, now, _ = self.at(u)
         if self._slopes is None:
-            rows = np.zeros((*self.stations.residual.shape, len(u)))
-            here, there = shared(now, self.stations)
-            place = np.full(len(now.frame), -1)
-            place[there] = here
-            for frames, dx in point.parts(self.forward.changes(u)):
-                mine, few = now.among(frames)
-                kept = place[mine] >= 0
-                rows[place[mine][kept]] = few.project(dx)[kept]
-            self._slopes = self.whitener(rows)
+            parts = point.parts(self.forward.changes(u))
+            rows = collected(now, self.stations, parts, len(u))
+            self._slopes = self.whitener(rows, own=True)
         return self._slopes
 
     def whole(self, u: np.ndarray) -> np.ndarray:

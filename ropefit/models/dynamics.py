@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, NamedTuple, Self, TypeVar
@@ -16,7 +16,7 @@ from ropefit.models import mesh
 from ropefit.models.first_state import SMOOTHED, FirstStates, begun_smoothly, first_states
 from ropefit.models.model import Model
 from ropefit.models.response import STEP as RESPONSE
-from ropefit.models.response import Change, Point, sensor_slope, slope, turn_slope
+from ropefit.models.response import Change, Parts, Point, sensor_slope, slope, turn_slope
 from ropefit.rod.fields import MOVING_ROD, names
 from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup
@@ -64,7 +64,7 @@ class MotionPoint(Point):
             out[:, frames] = moved
         return out
 
-    def parts(self, changes: list[Change]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
         """Yield the frames of each clip, and `respond` there: of all clips together it is large."""
         if not changes:
             return
@@ -84,13 +84,14 @@ class MotionPoint(Point):
 
         def part(number: int) -> tuple[np.ndarray, np.ndarray]:
             clip, run = self.model.clips[number], self.runs[number]
-            out = np.zeros((len(changes), len(clip), *self.seen.shape[1:]))
             if run.trajectory.converged[0]:
                 time = self.model.time[clip]
                 driven = [finer(time, v[:, clip], run.fine, 1)[None] for v in path]
                 x0, v0, q0 = (v[number : number + 1] for v in begin)
                 directions = Directions(**rod, ends=driven[0], clamp=driven[1], x0=x0, v0=v0, q0=q0)
                 out = tangent(run.trajectory, directions, run.fine)[0]
+            else:
+                out = np.zeros((len(changes), len(clip), *self.seen.shape[1:]))
             for moved, own in zip(out, sensor, strict=True):
                 moved += own[clip] if own.ndim == 3 else own
             return clip, out

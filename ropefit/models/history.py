@@ -28,6 +28,7 @@ from ropefit.models.increments import in_increments, increments_of
 from ropefit.models.response import (
     STEP,
     Change,
+    Parts,
     Point,
     add_sensor,
     directions_of,
@@ -75,7 +76,10 @@ class WalkedPoint(Point):
     path: States
     increments: np.ndarray
 
-    def respond(self, changes: list[Change]) -> np.ndarray:
+    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
+        yield np.arange(len(self.seen)), self.respond(changes)
+
+    def respond(self, changes: list[Change], turned: bool = False) -> np.ndarray:
         """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
         if not changes:
             return np.zeros((0, *self.seen.shape))

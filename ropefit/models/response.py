@@ -8,7 +8,7 @@ numbers through the setup load torch's compiler and go through Python for every 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from ropefit.models.bends import vectors
 from ropefit.rod.axial import at_tension
 from ropefit.rod.bending import Springs, moment_changes, springs
 from ropefit.rod.quaternion import conjugate_product
-from ropefit.rod.rod import Rod
+from ropefit.rod.rod import DIMS, Rod
 from ropefit.rod.setup import SensorModel, Setup
 from ropefit.solvers.equilibrium.followers import loads, rotated
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
@@ -26,8 +26,11 @@ from ropefit.solvers.equilibrium.potentials import force_and_stiffness
 from ropefit.solvers.equilibrium.solution import Solution, States
 
 Change = Callable[[float], Setup]  # the setup where one value has moved by so many of its scales
+# Indices (f,) of frames, and changes (P, f, K, 3) of the nodes there.
+Parts = Iterator[tuple[np.ndarray, np.ndarray]]
 STEP = 1e-5
 LOAD = Rod._fields.index("load")
+AT_ONCE, FEWEST = 8e6, 16  # bytes of answers in memory at once, of that many frames at least
 
 
 @dataclass
@@ -53,17 +56,45 @@ class Point:
         if not changes:
             return np.zeros((0, *self.seen.shape))
         slopes = slopes_of(self.setup, changes, self.solution)
-        directions = directions_of(self.solution.rod, slopes, len(self.seen))
+        return self._moved(self.solution, slopes, turned)
+
+    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
+        """Yield indices (f,) of frames and `respond` (P, f, K, 3) there, until all are: of all
+        frames together it is large."""
+        if not changes:
+            return
+        slopes = slopes_of(self.setup, changes, self.solution)
+        for index, few in in_parts(self.solution, len(changes)):
+            yield index, self._moved(few, [s.frames(index, len(self.seen)) for s in slopes], turned)
+
+    def by_loads(self, load: np.ndarray) -> Parts:
+        """Yield the same for loads (F, P, K, 3) [N] on the nodes of a rope at rest."""
+        for index, few in in_parts(self.solution, load.shape[1]):
+            dx, _ = tangent(few, Directions(load=load[index]))
+            yield index, np.moveaxis(dx, 1, 0)
+
+    def _moved(self, solution: Solution, slopes: list[Slopes], turned: bool) -> np.ndarray:
+        """Return (P, f, K, 3) changes of the nodes as seen in the frames of a solution."""
+        directions = directions_of(solution.rod, slopes, len(solution.x))
         if turned:
-            directions = _turned(directions, self.solution)
-        directions = with_law(directions, self.solution, slopes)
-        directions = with_axial_law(directions, self.solution.rod, [self.solution], slopes)
-        dx, _ = tangent(self.solution, directions)
+            directions = _turned(directions, solution)
+        directions = with_law(directions, solution, slopes)
+        directions = with_axial_law(directions, solution.rod, [solution], slopes)
+        dx, _ = tangent(solution, directions)
         return add_sensor(dx, slopes, self.setup.sensor)
 
-    def parts(self, changes: list[Change]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield indices (f,) of frames and `respond` (P, f, K, 3) there, until all are."""
-        yield np.arange(len(self.seen)), self.respond(changes)
+
+def in_parts(solution: Solution, many: int) -> Iterator[tuple[np.ndarray, Solution]]:
+    """Yield indices of some frames and the solution there, until all are; many: changes that are
+    asked for."""
+    every = np.arange(len(solution.x))
+    few = max(FEWEST, int(AT_ONCE / (many * solution.x[:1].nbytes)))
+    if len(every) <= few:
+        yield every, solution
+        return
+    for k in range(0, len(every), few):
+        index = every[k : k + few]
+        yield index, solution.frames(index)
 
 
 def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
@@ -74,7 +105,8 @@ def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slo
 
 
 def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
-    """Return all changes at once, with a row for each frame if one of them needs it."""
+    """Return all changes at once; of each field with a row for each frame where one of them needs
+    it, else with one."""
     # Loads that differ from frame to frame: of inertia, and the forces of potentials.
     if any(s.force is not None or s.rod[LOAD].ndim == 3 for s in slopes):
         rods = rods.each(frames)
@@ -83,10 +115,10 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
         values = [s.rod[k] for s in slopes]
         if k == LOAD:
             values = [s.rod[k] if s.force is None else s.rod[k] + s.force for s in slopes]
-        if rods.length.ndim == 1:
+        own = rods[k].shape[rods.length.ndim - 1 :]
+        if all(v.ndim == len(own) for v in values):
             fields.append(np.stack(values)[None])
         else:
-            own = rods[k].shape[1:]
             fields.append(np.stack([np.broadcast_to(v, (frames, *own)) for v in values], axis=1))
     return Directions(
         *fields,
@@ -176,6 +208,17 @@ class Slopes:
     seen: np.ndarray
     springs: tuple[Springs, Springs] | None
     axial: np.ndarray | None
+
+    def frames(self, index: np.ndarray, frames: int) -> Slopes:
+        """Return the slopes in some of the frames; what is the same in all stays as it is."""
+        if len(index) == frames:
+            return self
+        rod = [v[index] if v.ndim > d else v for v, d in zip(self.rod, DIMS, strict=True)]
+        force = None if self.force is None else self.force[index]
+        seen = self.seen[index] if self.seen.ndim == 3 else self.seen
+        return replace(
+            self, rod=rod, force=force, ends=self.ends[index], clamp=self.clamp[index], seen=seen
+        )
 
 
 def _slopes(

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from ropefit.models.model import Model
-from ropefit.models.response import Change, Point
+from ropefit.models.response import Change, Parts, Point
 from ropefit.models.xpbd_rope import Algorithm, XpbdRope, build_rope
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
@@ -27,6 +27,9 @@ class XpbdPoint(Point):
     """A `Point` of the paper's simulation."""
 
     model: Xpbd
+
+    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
+        yield np.arange(len(self.seen)), self.respond(changes)
 
     def respond(self, changes: list[Change], turned: bool = False) -> np.ndarray:
         """Return (P, F, K, 3) first-order changes of the nodes as seen, zero in frames that

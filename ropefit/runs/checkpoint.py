@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from ropefit import __version__
 from ropefit.artifacts import Checkpoint, Provenance, read, write
@@ -32,9 +33,17 @@ def checkpointed(
     An interrupted stage saves at once. One that fails by itself would fail again: it keeps nothing.
     """
     saver = Saver(directory / checkpoint_name(stage), stage, key, say)
-    kept = Journal(saver.restored(), saver)
+    with ExitStack() as held:
+        try:
+            aside = held.enter_context(TemporaryFile(dir=directory))
+        except OSError:  # no room
+            aside = None
+        yield from _kept(Journal(saver.restored(), saver, aside), saver)
+
+
+def _kept(kept: Journal, saver: Saver) -> Iterator[Saver]:
     if kept.entries:
-        say(f"{stage}: resumed where it was interrupted")
+        saver.say(f"{saver.stage}: resumed where it was interrupted")
     try:
         with keeping(kept):
             yield saver
@@ -67,7 +76,10 @@ class Saver:
         arrays, data = packed(entries)
         provenance = Provenance(stage=self.stage, package_version=__version__)
         items = [KeptArray(**item) for item in arrays]
-        checkpoint = Checkpoint(provenance=provenance, key=self.key, arrays=items, data=data)
+        # Not validated: the data are never in memory as one.
+        checkpoint = Checkpoint.model_construct(
+            provenance=provenance, key=self.key, arrays=items, data=data
+        )
         try:
             write(self.path, checkpoint)
         except StageFailed as error:
@@ -80,7 +92,8 @@ class Saver:
             return {}
         try:
             saved, _ = read(self.path, Checkpoint)
-            return unpacked(saved.arrays, saved.data) if saved.key == self.key else {}
+            found = unpacked(saved.arrays, saved.data) if saved.key == self.key else {}
+            return {name: dict(entry) for name, entry in found.items()}
         except (RopefitError, ValueError, TypeError):
             return {}
 
