@@ -235,7 +235,7 @@ def test_friction_is_found_where_a_rope_lies():
 
 def lifted() -> Setup:
     """A rope that lies on the table in its first frames, is lifted, and put down again."""
-    setup = swept(40, 14)
+    setup = swept(60, 14)
     ends = setup.ends.clone()
     ends[3:5, :, 2] += LIFT
     return setup._replace(ends=ends)
