@@ -27,9 +27,10 @@ SLOW_MOVE_TIME = 1.5  # s, where the way matters: drag stays a few hundredths of
 REST_SPEED = 5e-5  # m/s, largest velocity of a rope at rest
 # The same where friction holds it: MuJoCo's friction gives way slowly for ever, and any state
 # that it holds is one of rest.
-HELD_SPEED = 3e-4
+HELD_SPEED = 1e-4
 MOST_TIME = 30.0  # s, to come to rest
 HARDER = 100  # friction against normal force, as constraints
+EXACT = 1e-14  # tolerance of the solver of constraints where there is friction
 EDGES = 120
 LONG_BAR = 5.0  # m
 STILL = (np.zeros(3), np.zeros(3))
@@ -84,8 +85,12 @@ class Rope:
         )
         self._weigh(rod, spacing)
         self._stiffen(rod)
+        if rough:
+            self._untwist()
         self.model.dof_armature[: 3 * self.held] = 1e3  # the rope cannot push what leads it
-        self.model.dof_armature[3 * EDGES :] = 1e-7  # or thin edges would ring about themselves
+        # Or thin edges would ring about themselves. A rope that is free to spin rolls sideways
+        # instead of rubbing: where it rubs, its edges do not spin.
+        self.model.dof_armature[3 * EDGES :] = 1e3 if rough else 1e-7
         self.data = mujoco.MjData(self.model)
         mujoco.mj_setConst(self.model, self.data)
         self._load(rod, spacing)
@@ -201,6 +206,11 @@ class Rope:
                     self.model.flex_bending[record + BENDING] *= part.bending
                     self.model.flex_bending[record + TWISTING] *= part.bending
 
+    def _untwist(self) -> None:
+        """Have no bend resist twist, which edges that do not spin could not give way to."""
+        for k in range(int(self.model.flex_bending[0])):
+            self.model.flex_bending[1 + RECORD * k + TWISTING] = 0.0
+
     def _load(self, rod: Rod, spacing: float) -> None:
         """Apply steady forces; note where tethers pull."""
         steady = np.zeros((self.model.nbody, 3))
@@ -220,7 +230,8 @@ class Rope:
 def _xml(rod: Rod, points: Array, diameter: float, held: int, rough: float) -> str:
     """Return the MJCF of the rope, straight through `points` (n, 3) [m], and of obstacles."""
     # Friction is a soft constraint that creeps: the less, the harder it is against the normal one.
-    solver = f'cone="elliptic" impratio="{HARDER}"' if rough else ""
+    # Solved less exactly, nodes tremble, and a rope that trembles slides down to no friction.
+    solver = f'cone="elliptic" impratio="{HARDER}" tolerance="{EXACT}"' if rough else ""
     rubs = f'condim="3" friction="{rough:.6g} 0.005 0.0001"' if rough else 'condim="1"'
     radius = 0.5 * diameter
     young = rod.bending / (0.25 * np.pi * radius**4)  # Pa, so that E I = EI

@@ -1,14 +1,20 @@
 """Ropes that rub on what they lie on: Coulomb's law, a rope that is dragged, derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from ropefit.diagnosis.accepted import Accepted
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.beginning import settled_start
+from ropefit.diagnosis.candidate import compared, fit_candidate
+from ropefit.diagnosis.first_noise import _beside
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
+from ropefit.diagnosis.rules import RULES
+from ropefit.diagnosis.search import _with_known_past
 from ropefit.effects import ContactFriction, SupportPlane
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -25,6 +31,7 @@ from tests.concealed import BINS, EI, EYE, recorded
 from tests.test_memory import difference
 
 WEIGHT, ROUGH = 0.06 * 9.81, 0.4  # N/m, coefficient
+LIFT = 0.3  # m
 
 
 def table(ends: np.ndarray, clamp: torch.Tensor, segments: int, height: float) -> Setup:
@@ -68,7 +75,10 @@ def test_a_node_sticks_then_slides_at_the_coefficient_times_the_normal_force():
             grip = friction.after(contact, grip, at)
     away = torch.tensor([[0.0, 0.0, 0.001]], dtype=torch.float64)
     assert friction.force(contact, grip, away).abs().max() == 0
-    assert not friction.after(contact, grip, away).touched.any()
+    # Where it touches down again it is dragged from where it was in the air.
+    down = torch.tensor([[0.004, 0.0, -deep]], dtype=torch.float64)
+    force = friction.force(contact, friction.after(contact, grip, away), down)
+    np.testing.assert_allclose(force.numpy()[0], [-0.3, 0, 0], atol=1e-12)
 
 
 def test_a_dragged_rope_is_as_taut_as_what_it_drags():
@@ -221,6 +231,47 @@ def test_friction_is_found_where_a_rope_lies():
         "contact_friction",
     ]
     assert kept.cost == drag.fit.cost
+
+
+def lifted() -> Setup:
+    """A rope that lies on the table in its first frames, is lifted, and put down again."""
+    setup = swept(60, 14)
+    ends = setup.ends.clone()
+    ends[3:5, :, 2] += LIFT
+    return setup._replace(ends=ends)
+
+
+def test_frames_until_a_rope_first_lifts_have_an_unknown_past():
+    for setup, wanted in [(lifted(), [0, 1, 2]), (swept(), [])]:
+        x = Equilibrium(setup, []).at(np.empty(0)).solution.x
+        assert np.flatnonzero(ContactFriction().begun_before(setup, x)).tolist() == wanted
+
+
+def test_friction_is_looked_for_without_the_frames_of_an_unknown_past():
+    """Where something is left to explain, and beside what is known of the noise; its fit begins
+    with the best of several coefficients."""
+    bend = PARAMETERS["EI"].within(Range(EI, EI / 100, 100 * EI))
+    dropped = {}
+    for mu in (0.0, ROUGH):
+        data = recorded(rough(lifted(), mu), seed=2)
+        alone = Equilibrium(lifted()._replace(potentials=()), [bend])
+        problem = FitProblem(data, Noise(), BINS).settled(alone.at(np.zeros(1)).seen)
+        nominal = fit(alone, problem, evaluations=1)  # at its true rigidity
+        hypothesis = Hypothesis(SupportPlane(), NO_PLACE)
+        height = -0.15 - LIFT * 2 / 14  # against the mean height of the ends
+        term = hypothesis.term(alone.base, np.array([height, 0.0, 0.0]))
+        fitted = fit(alone.with_terms([bend, term]), problem, evaluations=3)
+        plane = compared(hypothesis, term, nominal, fitted)
+        data = _with_known_past(problem.data, nominal, fitted)
+        dropped[mu] = np.flatnonzero(problem.data.mask.any(1) & ~data.mask.any(1)).tolist()
+    assert dropped == {0.0: [], ROUGH: [0, 1, 2]}
+    (move,) = _beside(nominal, [plane], RULES)
+    assert move.shape == nominal.stations.residual.shape
+    assert np.abs(move).max() > 0.005
+    without = fit(plane.fit.forward, replace(problem, data=data), plane.fit.point.u, 10)
+    begun = settled_start(without, [(Hypothesis(ContactFriction(), NO_PLACE), np.array([0.3]))])
+    assert begun is not None
+    assert begun.terms[0].start == pytest.approx(0.39)
 
 
 def test_closed_derivatives_of_friction_are_those_of_its_energy():

@@ -21,13 +21,17 @@ POSES = 20
 STEPS = 8  # in which it is raised
 
 
-def make(seed: int, calibration: bool) -> Made:
-    """Make a pinned rope of which about half lies on the table in some frames."""
+def make(seed: int, calibration: bool, rough: float | None = None) -> Made:
+    """Make a pinned rope of which about half lies on the table in some frames.
+
+    rough: its coefficient of friction; None: drawn.
+    """
     rng = np.random.default_rng(seed)
     setting = draw(False, rng, back=True, count=POSES)
     low = float(setting.states[..., 2].min())
     room = float(setting.held.positions[..., 2].min()) - low
-    height, rough = float(rng.uniform(*HIGH)) * room, float(rng.uniform(*ROUGH))
+    height, drawn = float(rng.uniform(*HIGH)) * room, float(rng.uniform(*ROUGH))
+    rough = drawn if rough is None else rough
     rest = None
     for part in np.linspace(1 / STEPS, 1, STEPS):
         _, rest = shapes(setting, on_table(setting.world, low + part * height), rest)

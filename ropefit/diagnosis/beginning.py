@@ -72,9 +72,12 @@ def settled_start(
     smaller sizes if those make the misfit no smaller, the model refitted to first order; None if
     they do not settle. of_any_size: the largest that settle, whatever they make of the misfit."""
     setup = smaller.forward.base
-    origin = calm(smaller) if any(h.effect.slow for h, _ in starts) else smaller
+    # What depends on the way there moves the frames after, too: none is without it.
+    some = any(h.effect.slow and not h.effect.path_dependent for h, _ in starts)
+    origin = calm(smaller) if some else smaller
     project, best, least = Projection(origin), None, np.inf
-    for share in START_SHARES if all(h.effect.linear for h, _ in starts) else (1.0,):
+    sizes, tried = _shares(starts)
+    for share in sizes:
         terms = [_started(setup, hypothesis, start, share) for hypothesis, start in starts]
         forward = smaller.forward.with_terms(
             [*smaller.forward.terms, *terms], origin.point.solution
@@ -87,9 +90,17 @@ def settled_start(
         misfit = float(left @ left)
         if best is None or misfit < least:
             best, least = Beginning(origin, terms, forward, begin, first), misfit
-        if of_any_size or least < float(project.z @ project.z):
+        if not tried and (of_any_size or least < float(project.z @ project.z)):
             break
     return best
+
+
+def _shares(starts: Sequence[tuple[Hypothesis, np.ndarray]]) -> tuple[tuple[float, ...], bool]:
+    """Return the shares of sizes to begin with, and whether all of them are to be compared."""
+    tried = max((h.effect.tried for h, _ in starts), key=len)
+    if tried:
+        return tried, True
+    return START_SHARES if all(h.effect.linear for h, _ in starts) else (1.0,), False
 
 
 def _started(setup: Setup, hypothesis: Hypothesis, start: np.ndarray, share: float) -> Term:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.candidates import explained, fit_candidates, unexplained
 from ropefit.diagnosis.full_scan import Scan, sensitivities
+from ropefit.diagnosis.hypotheses import effects_of
 from ropefit.diagnosis.noise_measurement import measured_noise
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.rules import Rules
@@ -84,6 +87,7 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
     candidates = [c for c in candidates if c.evidence > rules.least_evidence]
     seen = nominal.stations.residual
     moves = [seen - c.fit.stations.residual for c in candidates]
+    moves += _beside(nominal, candidates, rules)
     if moves:
         measured, cost = measured_noise(nominal, steady, moves)
     if not candidates or not explained(nominal, candidates[0].fit):
@@ -97,3 +101,17 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
             beside, left = measured_noise(nominal, steady, moves + further)
             measured = beside if left < cost - rules.least_evidence else measured
     return measured, known, candidates
+
+
+def _beside(nominal: Fit, candidates: list[Candidate], rules: Rules) -> list[np.ndarray]:
+    """Return (M, D) [m] each, what effects do to the stations, to first order, that can occur only
+    beside one of the candidates: what is touched may also be rough."""
+    known = {effect.name for effect in effects_of(nominal.point.setup, rules.effects)}
+    out: list[np.ndarray] = []
+    for candidate in candidates:
+        every = effects_of(candidate.fit.point.setup, rules.effects)
+        further = tuple(effect.name for effect in every if effect.name not in known)
+        for choices in proposals(candidate.fit, slow=True, names=further) if further else []:
+            tried = (first_order_move(candidate.fit, *start) for start in choices)
+            out += [move for move in tried if move is not None][:1]
+    return out

@@ -53,8 +53,10 @@ def two_instead(
     one effect each on top of the model without any.
     """
     held = [a.candidate for a in accepted]
+    if any(c.hypothesis.effect.slow for c in held):
+        return current, accepted
     base = without_effects(current, *held) if held else current
-    if base is None or any(c.hypothesis.effect.slow for c in held):
+    if base is None:
         return current, accepted
     now = together(base, current, len(held)) if held else 0.0
     known = sensitivities(base, [], names)

@@ -70,8 +70,10 @@ def as_points(
     if len(accepted) != 2 or not current.forward.instantaneous:
         return current, accepted
     one, other = (a.candidate.hypothesis.effect for a in accepted)
+    if type(one) is not type(other) or one.locus != "interval":
+        return current, accepted
     base = without_effects(current, *(a.candidate for a in accepted))
-    if type(one) is not type(other) or one.locus != "interval" or base is None:
+    if base is None:
         return current, accepted
     setup, responses = base.forward.base, Sensitivities(base)
     points = [

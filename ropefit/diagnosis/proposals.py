@@ -30,7 +30,8 @@ def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) ->
     effects = [e for e in every if (e.slow or e.late) == slow]
     if not effects:
         return []
-    misfit = misfit_of(calm(current) if slow else current)
+    in_some = any(effect.slow and not effect.path_dependent for effect in effects)
+    misfit = misfit_of(calm(current) if in_some else current)
     return [
         [(Hypothesis(effect, NO_PLACE), values) for values in choices]
         for effect in effects

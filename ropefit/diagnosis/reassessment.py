@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept
@@ -33,11 +34,11 @@ def reassessed(
     for index, one in enumerate(accepted):
         if one is accepted[-1] and not changed:
             break
-        without = without_effects(current, one.candidate)
         after = [f.candidate for f in accepted[index + 1 :]]
-        if without is None or not all(
-            c.hypothesis.effect.applies(without.point.setup) for c in after
-        ):  # a later effect needs it, as friction needs contact
+        if _needed(current, one.candidate, after):
+            continue
+        without = without_effects(current, one.candidate)
+        if without is None:
             continue
         held = _refitted_beside(replace(one.candidate, fit=current), [], without)
         if held is None:
@@ -77,6 +78,14 @@ def _refitted_beside(
     if fitted is None or len(fitted.z) != len(without.z):
         return None
     return compared(candidate.hypothesis, candidate.term, without, fitted)
+
+
+def _needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:
+    """Return whether a later effect needs a candidate's, as friction needs contact."""
+    rest = [part for part in _parts(current) if part[0] is not candidate.term]
+    values = [torch.from_numpy(term.value(u)) for term, u in rest]
+    setup = current.forward.with_terms([term for term, _ in rest]).setup(values)
+    return not all(c.hypothesis.effect.applies(setup) for c in later)
 
 
 def without_effects(current: Fit, *candidates: Candidate) -> Fit | None:

@@ -21,6 +21,7 @@ from ropefit.diagnosis.candidates import Progress, completed, started_from, unex
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
+from ropefit.diagnosis.hypotheses import effects_of
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.mixed_pairs import two_instead
@@ -37,12 +38,14 @@ from ropefit.diagnosis.wander import (
     with_what_is_missed_alike,
 )
 from ropefit.effects.base import MAY_LEAVE
+from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
+LEFT_SD = 3.0  # standard errors of χ²: more is left by something
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -158,6 +161,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         accepted.append(accept(best, candidates, current, len(scan.sensitivities)))
         best = accepted[-1].candidate
         most += not best.hypothesis.effect.counted
+        every = _with_known_past(every, current, best.fit)
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
         current, accepted = reassessed(current, accepted, limits.threshold, len(scan.scorers))
@@ -172,6 +176,21 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _with_known_past(data: Data, before: Fit, found: Fit) -> Data:
+    """Return the data without the frames in which effects that can occur only now, as friction on
+    what is touched, would act by what was before the recording; all, where nothing is left for
+    these to explain."""
+    rows = len(found.z)
+    if unexplained(found) < LEFT_SD * np.sqrt(2 * rows):
+        return data
+    setup, keys = found.point.setup, {type(e) for e in effects_of(before.point.setup)}
+    lost = np.zeros(len(data.mask), dtype=bool)
+    for effect in effects_of(setup):
+        if type(effect) not in keys:
+            lost |= effect.begun_before(setup, found.point.solution.x)
+    return replace(data, mask=data.mask & ~lost[:, None])
 
 
 def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) -> Fit:

@@ -130,6 +130,9 @@ class Effect(ABC):
     # tries them at these multiples of their usual sizes.
     shaping: ClassVar[int] = 0
     tries: ClassVar[tuple[float, ...]] = (1.0,)
+    # Multiples of a start's sizes, the best of which a fit begins with, where a fit that begins
+    # elsewhere stops in a local minimum; by default the first that makes the misfit smaller.
+    tried: ClassVar[tuple[float, ...]] = ()
     # Quantities that are components of one vector are reported as its size, of this name and unit.
     vector: ClassVar[tuple[str, str] | None] = None
 
@@ -235,6 +238,11 @@ class Effect(ABC):
         if self.locus == "point":
             return points_along(setup)
         return intervals_along(setup) if self.locus == "interval" else np.zeros((1, 0))
+
+    def begun_before(self, setup: Setup, x: np.ndarray) -> np.ndarray:
+        """Return (F,) bool: frames in which the effect would act by what was before the recording,
+        with the nodes at x (F, N+1, 3) [m]; by default none."""
+        return np.zeros(len(x), dtype=bool)
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
         """Return values (n,) from which full fits start, as proposed by what a fit leaves.

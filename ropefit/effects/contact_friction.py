@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from ropefit import attachments as records
@@ -14,20 +15,21 @@ from ropefit.effects.contact import has_free_end, touching
 from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.revisit import FEWEST
+from ropefit.rod import memory
+from ropefit.rod.friction import push
 from ropefit.rod.setup import Setup
 
-START = 0.3  # coefficient: a small one does not show what a large one does
+START = 0.3  # coefficient
+TRIED = (0.3, 0.7, 1.3, 2.3)  # times that: the misfit has many minima
+LEAST_TOUCHED = 3  # frames in which a rope touches something, to tell friction from
 
 
 class ContactFriction(Effect):
-    """Coulomb's `coefficient` on every plane and bar that the rope touches already. A node that has
-    only just touched down is not held yet.
+    """Coulomb's `coefficient` on every plane and bar that the rope touches already.
 
     Between two frames a rope is dragged straight from one to the other, in increments where nodes
-    touch down on the way (`models/increments.py`). In four recordings of another simulator that
-    tell the coefficient, all else known, the shapes are then most alike at 0.7 to 1.0 times its
-    value, as its rope swings and its friction creeps; without increments at 1.7 times and more. The
-    relative error of a quarter is a judgement from these.
+    touch down on the way (`models/increments.py`). What it lay on before the recording is not
+    known: frames until it first touches nothing are left out (`begun_before`).
     """
 
     name = "contact_friction"
@@ -35,6 +37,7 @@ class ContactFriction(Effect):
     quantities = (Quantity("coefficient", "1", 0.3, 0.0, 2.0, inexact=0.25),)
     path_dependent = True
     slow = True
+    tried = TRIED
     exact = False  # how a rope was dragged between two frames is not recorded
 
     def applies(self, setup: Setup) -> bool:
@@ -48,6 +51,20 @@ class ContactFriction(Effect):
             for p in setup.potentials
         )
         return setup._replace(potentials=rough)
+
+    def begun_before(self, setup: Setup, x: np.ndarray) -> np.ndarray:
+        """Return the frames from a clip's first one until the rope touches nothing: how it came to
+        lie there was not recorded. None where it hardly touches in the others, or these are few."""
+        whole, shown = setup.whole()
+        begins, at = memory.restarts(whole.clock[shown]), torch.from_numpy(np.nan_to_num(x))
+        contacts = [p for p in setup.potentials if p.hardness is not None]
+        touches = [(push(p, at) != 0).any(-1).any(-1).numpy() for p in contacts]
+        lies = np.any(touches, axis=0)
+        out, held = np.zeros(len(x), dtype=bool), False
+        for t in range(len(x)):
+            out[t] = held = bool(lies[t] and (held or begins[t]))
+        enough = (~out).sum() >= FEWEST and (lies & ~out).sum() >= LEAST_TOUCHED
+        return out if enough else np.zeros(len(x), dtype=bool)
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
         """Propose a usual coefficient: friction holds the rope back from the first frame on."""

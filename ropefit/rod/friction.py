@@ -1,9 +1,10 @@
 """Coulomb friction of nodes on what they touch, by increments from frame to frame.
 
-A node that touched in the frame before is held, across the normal, by a spring of the contact's
-hardness at the place where it was; the spring bears no more than the coefficient times the normal
-force, and what is too long is dragged along (Wriggers, Computational Contact Mechanics, 5.2). A
-node that has only just touched down is not held yet.
+A node is held, across the normal, by a spring of the contact's hardness at the place where it was
+in the frame before; the spring bears no more than the coefficient times the normal force, and what
+is too long is dragged along (Wriggers, Computational Contact Mechanics, 5.2). So is one that only
+now touches down: it slides the way that it comes. Were it free until the next frame, part of the
+rope would not rub at the end of every increment, and shapes would jump with what touches when.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ TINY = 1e-30  # m², N²: keeps the direction of nothing at zero
 
 
 class Grip(NamedTuple):
-    """place (..., N+1, 3) [m] where the nodes are held, touched (..., N+1): those that are."""
+    """place (..., N+1, 3) [m] where the nodes are held, held (..., N+1): those that are, once
+    they touch."""
 
     place: Tensor
-    touched: Tensor
+    held: Tensor
 
 
 def push(contact: Potential, x: Tensor) -> Tensor:
@@ -40,7 +42,7 @@ def dragged(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
     offset, reach = _offset(grip, x, push(contact, x), contact)
     length = torch.sqrt((offset**2).sum(-1) + TINY)
     kept = torch.where(length > reach, reach / length, 1.0)
-    return torch.where(grip.touched[..., None], x - kept[..., None] * offset, x)
+    return torch.where(grip.held[..., None], x - kept[..., None] * offset, x)
 
 
 def force(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
@@ -53,8 +55,8 @@ def force(contact: Potential, grip: Grip, x: Tensor) -> Tensor:
 def after(contact: Potential, grip: Grip, x: Tensor) -> Grip:
     """Return the grip once a frame has settled at x."""
     assert contact.rubbing is not None
-    touching = (push(contact, x) != 0).any(-1) & (contact.rubbing > 0)
-    return Grip(dragged(contact, grip, x).detach(), touching)
+    held = (contact.rubbing > 0).expand(x.shape[:-1])
+    return Grip(dragged(contact, grip, x).detach(), held)
 
 
 def potential(contact: Potential, grip: Grip) -> Potential:
@@ -71,14 +73,14 @@ def potential(contact: Potential, grip: Grip) -> Potential:
         length, reach = lengths(x)
         inside, beyond = 0.5 * length**2, reach * (length - 0.5 * reach)
         value = hardness * torch.where(length > reach, beyond, inside)
-        return torch.where(grip.touched, value, 0.0)
+        return torch.where(grip.held, value, 0.0)
 
     def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
         pushed = push(contact, x)
         offset, reach = _offset(grip, x, pushed, contact)
         length = torch.sqrt((offset**2).sum(-1) + TINY)
         slides = length > reach
-        held = hardness * grip.touched * torch.where(slides, reach / length, 1.0)
+        held = hardness * grip.held * torch.where(slides, reach / length, 1.0)
         way = torch.where(slides, 1 / length, 0.0)[..., None] * offset
         across = torch.eye(3, dtype=x.dtype) - way[..., :, None] * way[..., None, :]
         normal = pushed / torch.sqrt((pushed**2).sum(-1) + TINY)[..., None]
