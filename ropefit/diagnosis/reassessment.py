@@ -82,7 +82,7 @@ def _refitted_beside(
 
 def _needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:
     """Return whether a later effect needs a candidate's, as friction needs contact."""
-    rest = [part for part in _parts(current) if part[0] is not candidate.term]
+    rest = [part for part in parts_of(current) if part[0] is not candidate.term]
     values = [torch.from_numpy(term.value(u)) for term, u in rest]
     setup = current.forward.with_terms([term for term, _ in rest]).setup(values)
     return not all(c.hypothesis.effect.applies(setup) for c in later)

@@ -68,7 +68,7 @@ def entries(artifact: Artifact | BaseModel) -> list[dict[str, str]]:
         else:
             dims = attributes["dims"]
             shape = " x ".join(f"{d} {n}" for d, n in zip(dims, value.shape, strict=True))
-            text = _range(value)
+            text = _range(np.asarray(value))
         unit = attributes.get("unit", "")
         rows.append({"name": name, "shape": shape, "unit": unit, "value": text})
     return rows
