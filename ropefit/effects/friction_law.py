@@ -21,7 +21,7 @@ from ropefit.rod.setup import Setup
 
 # Relative errors (one sigma) of Dahl's moment and range without noise: where the ends turn between
 # two frames, how far they had gone is not known, and what has faded across is not all of it.
-INEXACT = (0.03, 0.06)
+INEXACT = (0.03, 0.08)
 RANGES = np.geomspace(0.2, 5.0, 25)  # that are tried, over the fitted one
 NEVER = torch.tensor(math.inf, dtype=torch.float64)
 
