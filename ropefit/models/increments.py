@@ -14,7 +14,7 @@ from ropefit.rod import memory
 from ropefit.rod.friction import push
 from ropefit.rod.setup import Motion, Potential, Setup
 
-STRIDE = 0.016  # of the length: a fifth of it changes shapes by a tenth of what friction does
+STRIDE = 0.016  # of the length: with a fifth of it the χ² of a dragged rope changed by 5 %
 MOST = 6  # increments from one frame to the next
 
 
