@@ -4,7 +4,7 @@
         [--out DIR] [--json FILE] [--write docs/results.md]
 
 Every seed draws a rope, a table, a path and a camera (`dragging.py`); seeds whose rope does not
-come to rest are left out and counted. Asked is the coefficient that `ropefit diagnose` gives,
+come to rest are excluded and counted. Asked is the coefficient that `ropefit diagnose` gives,
 nothing told of the table. Finished seeds are kept in DIR.
 """
 

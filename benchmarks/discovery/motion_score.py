@@ -1,5 +1,5 @@
-"""How visible what is concealed in a motion is: signal over noise, the nominal rope's share left
-out.
+"""How visible what is concealed in a motion is: signal over noise, without what the nominal rope
+explains.
 
 The signal is the reference simulator's: the recording against the same film of the rope as told.
 What stiffness and dampings may explain of it, to first order, is projected out by the sensitivities

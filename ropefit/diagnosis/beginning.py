@@ -76,8 +76,8 @@ def settled_start(
     some = any(h.effect.slow and not h.effect.path_dependent for h, _ in starts)
     origin = calm(smaller) if some else smaller
     project, best, least = Projection(origin), None, np.inf
-    sizes, tried = _shares(starts)
-    for share in sizes:
+    shares, all_compared = _shares(starts)
+    for share in shares:
         terms = [_started(setup, hypothesis, start, share) for hypothesis, start in starts]
         forward = smaller.forward.with_terms(
             [*smaller.forward.terms, *terms], origin.point.solution
@@ -90,16 +90,16 @@ def settled_start(
         misfit = float(left @ left)
         if best is None or misfit < least:
             best, least = Beginning(origin, terms, forward, begin, first), misfit
-        if not tried and (of_any_size or least < float(project.z @ project.z)):
+        if not all_compared and (of_any_size or least < float(project.z @ project.z)):
             break
     return best
 
 
 def _shares(starts: Sequence[tuple[Hypothesis, np.ndarray]]) -> tuple[tuple[float, ...], bool]:
     """Return the shares of sizes to begin with, and whether all of them are to be compared."""
-    tried = max((h.effect.tried for h, _ in starts), key=len)
-    if tried:
-        return tried, True
+    own = max((h.effect.start_shares for h, _ in starts), key=len)
+    if own:
+        return own, True
     return START_SHARES if all(h.effect.linear for h, _ in starts) else (1.0,), False
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.diagnosis.scan import Projection
-from ropefit.inference.least_squares import Fit, sensitivity
+from ropefit.inference.least_squares import Fit, by_parts
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 
 MOST_FRAMES = 16
@@ -31,12 +31,11 @@ class ForcesOnNodes:
         for k, node in enumerate(nodes):
             load[:, k, range(3), node, range(3)] = 1.0
         load = load.reshape(len(used), -1, every, 3)
-        moved = np.zeros((load.shape[1], frames, every, 3))
         dx, _ = tangent(point.solution.frames(used), Directions(load=load))
-        moved[:, used] = np.moveaxis(np.nan_to_num(dx), 1, 0)
+        parts = iter([(used, np.moveaxis(np.nan_to_num(dx), 1, 0))])
         of = np.repeat(s.frame, s.residual.shape[1])
         mine = np.isin(of, used)
-        columns = sensitivity(moved, s, s, fitted.whitener)[mine]
+        columns = by_parts(fitted, parts, load.shape[1])[mine]
         self._rows = [of[mine] == t for t in used]
         self._columns = [columns[rows] for rows in self._rows]
         few = replace(fitted, jacobian=fitted.jacobian[mine], z=fitted.z[mine])

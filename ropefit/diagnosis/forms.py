@@ -14,7 +14,7 @@ import torch
 
 from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, occam_factor
 from ropefit.effects.law import Constant, Form, Law
-from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted
 from ropefit.models.terms import Term
 
 HOPELESS = 40.0  # nats behind the free curve: a form's fit without prospect of less is stopped
@@ -25,7 +25,6 @@ WIDER = 1.5  # times the largest value of the data: where the curve ends
 DEPARTURES = (0.1, 0.2, 0.4, 0.8, 1.6)  # sd of departures from a smooth curve that are tried
 BROAD = 3.0  # usual sizes: sd of the prior of a smooth curve's values
 LEAST_SHARE = 1e-3  # of the largest: smaller values of x are as good as zero
-NORMAL_95 = 1.96  # sd to either side of a mean
 INSIDE = (0.02, 0.98)  # quantiles of the values of the data: where the curve is visited
 
 
@@ -194,7 +193,7 @@ def _factor(law: Law, y: np.ndarray, wanted: np.ndarray) -> float:
 
 def _with_inexact(constant: Constant, low: float, high: float) -> tuple[float, float]:
     """Return a 95 % interval with the constant's error that is none of noise."""
-    value, more = constant.value, NORMAL_95 * constant.inexact * constant.value
+    value, more = constant.value, NORMAL_QUANTILE * constant.inexact * constant.value
     if more == 0.0:
         return float(low), float(high)
     return float(value - np.hypot(value - low, more)), float(value + np.hypot(high - value, more))

@@ -132,7 +132,7 @@ class Effect(ABC):
     tries: ClassVar[tuple[float, ...]] = (1.0,)
     # Multiples of a start's sizes, the best of which a fit begins with, where a fit that begins
     # elsewhere stops in a local minimum; by default the first that makes the misfit smaller.
-    tried: ClassVar[tuple[float, ...]] = ()
+    start_shares: ClassVar[tuple[float, ...]] = ()
     # Quantities that are components of one vector are reported as its size, of this name and unit.
     vector: ClassVar[tuple[str, str] | None] = None
 

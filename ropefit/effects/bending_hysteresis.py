@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from torch import Tensor
@@ -32,6 +32,7 @@ class BendingHysteresis(Effect):
     shaping = 1
     looks_like_noise = True
     tries = (0.3, 2.0)
+    builds_up: ClassVar[Literal["Prandtl", "Dahl"]] = "Prandtl"
 
     def applies(self, setup: Setup) -> bool:
         return revisits(setup)
@@ -47,7 +48,7 @@ class BendingHysteresis(Effect):
     ) -> Exported:
         if values["moment"] <= 0:
             return Exported(beside, settles=False)
-        friction = BendingFriction(values["moment"], values["range"])
+        friction = BendingFriction(values["moment"], values["range"], self.builds_up)
         return Exported((*beside, friction), settles=False)
 
     def exported_form(

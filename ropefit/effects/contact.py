@@ -72,6 +72,15 @@ def with_body(setup: Setup, *row: Tensor) -> Setup:
     return setup._replace(bodies=bodies)
 
 
+def bears_most(depth: np.ndarray, place: np.ndarray) -> tuple[int, np.ndarray] | None:
+    """Return the frame in which nodes at place (F, N+1, 3) [m] are deepest in a body, by the sum of
+    their depths (F, N+1) [m], and the centre (3,) [m] of these; None where none is inside."""
+    frame = int(depth.sum(axis=1).argmax())
+    if not depth[frame].any():
+        return None
+    return frame, np.average(place[frame], axis=0, weights=depth[frame])
+
+
 def touching(segments: int) -> Tensor:
     """Return (N+1,) shares of the nodes in contact, of which some stand for the others."""
     every = max(1, segments // MOST_CONTACT_NODES)

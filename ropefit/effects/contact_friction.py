@@ -20,7 +20,7 @@ from ropefit.rod.friction import push
 from ropefit.rod.setup import Setup
 
 START = 0.3  # coefficient
-TRIED = (0.3, 0.7, 1.3, 2.3)  # times that: the misfit has many minima
+START_SHARES = (0.3, 0.7, 1.3, 2.3)  # times that: the misfit has many minima
 LEAST_TOUCHED = 3  # frames in which a rope touches something, to tell friction from
 
 
@@ -29,7 +29,7 @@ class ContactFriction(Effect):
 
     Between two frames a rope is dragged straight from one to the other, in increments where nodes
     touch down on the way (`models/increments.py`). What it lay on before the recording is not
-    known: frames until it first touches nothing are left out (`begun_before`).
+    known: frames until it first touches nothing are excluded (`begun_before`).
     """
 
     name = "contact_friction"
@@ -37,7 +37,7 @@ class ContactFriction(Effect):
     quantities = (Quantity("coefficient", "1", 0.3, 0.0, 2.0, inexact=0.25),)
     path_dependent = True
     slow = True
-    tried = TRIED
+    start_shares = START_SHARES
     exact = False  # how a rope was dragged between two frames is not recorded
 
     def applies(self, setup: Setup) -> bool:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from torch import Tensor
 
-from ropefit.attachments import BendingFriction
-from ropefit.effects.base import Effect, Exported
+from ropefit.effects.base import Effect
 from ropefit.effects.bending_hysteresis import BendingHysteresis
 from ropefit.effects.friction_law import dahl, with_friction
 from ropefit.effects.misfit import Misfit
@@ -25,6 +22,7 @@ class GradualFriction(BendingHysteresis):
     """
 
     scanned = False
+    builds_up = "Dahl"
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         return with_friction(setup, dahl(values[0], values[1]))
@@ -34,14 +32,6 @@ class GradualFriction(BendingHysteresis):
     ) -> list[list[np.ndarray]]:
         """Propose the friction that a sliding one was fitted to."""
         return [[values * USUAL]] if type(leader) is BendingHysteresis else []
-
-    def exported(
-        self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
-    ) -> Exported:
-        if values["moment"] <= 0:
-            return Exported(beside, settles=False)
-        friction = BendingFriction(values["moment"], values["range"], "Dahl")
-        return Exported((*beside, friction), settles=False)
 
     def sentence(self, values: dict[str, float]) -> str:
         return (

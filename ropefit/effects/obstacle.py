@@ -13,6 +13,7 @@ from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.contact import (
     NO_SPREAD,
     Contact,
+    bears_most,
     has_free_end,
     up_of,
     with_body,
@@ -156,12 +157,12 @@ class Obstacle(Contact):
         arm = place - values[:3]
         arm = arm - (arm @ axis)[..., None] * axis
         depth = np.nan_to_num(np.maximum(radius - np.linalg.norm(arm, axis=-1), 0.0))
-        most = int(depth.sum(axis=1).argmax())
-        if not depth[most].any():
+        found = bears_most(depth, place)
+        if found is None:
             return None
-        normal = np.average(arm[most], axis=0, weights=depth[most])
-        normal /= np.linalg.norm(normal)
-        return np.average(place[most], axis=0, weights=depth[most]), normal
+        frame, centre = found
+        normal = np.average(arm[frame], axis=0, weights=depth[frame])
+        return centre, normal / np.linalg.norm(normal)
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]

@@ -13,6 +13,7 @@ from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.contact import (
     NO_SPREAD,
     Contact,
+    bears_most,
     has_free_end,
     touching,
     up_and_normal,
@@ -94,10 +95,8 @@ class SupportPlane(Contact):
         up, normal = (v.numpy() for v in up_and_normal(misfit.setup, *slopes))
         place = misfit.nodes - middle_of(misfit.setup).numpy()
         depth = np.nan_to_num(np.maximum(-((place - height * up) @ normal), 0.0))
-        most = int(depth.sum(axis=1).argmax())
-        if not depth[most].any():
-            return None
-        return np.average(place[most], axis=0, weights=depth[most]), normal
+        found = bears_most(depth, place)
+        return None if found is None else (found[1], normal)
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
