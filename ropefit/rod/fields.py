@@ -25,13 +25,14 @@ class Field(NamedTuple):
     """One array of the rod.
 
     shape: of one rope, its axes as numbers, or by name: "N" segments, "N+1" nodes (and, in other
-    tables, what `shapes` is given by name).
+    tables, what `shapes` is given by name). dtype: of the array, as compiled loops take it.
     """
 
     name: str
     shape: tuple[Axis, ...]
     unit: str
     meaning: str
+    dtype: type = np.float64
 
 
 ROD = (
@@ -85,6 +86,5 @@ def zeros(
     fields: tuple[Field, ...], lead: tuple[int, ...], segments: int, **sizes: int
 ) -> dict[str, np.ndarray]:
     """Return arrays of zeros for each field, with the dimensions `lead` in front."""
-    return {
-        name: np.zeros((*lead, *shape)) for name, shape in shapes(fields, segments, **sizes).items()
-    }
+    shape = shapes(fields, segments, **sizes)
+    return {f.name: np.zeros((*lead, *shape[f.name]), f.dtype) for f in fields}

@@ -102,7 +102,6 @@ def _rods(kind: Any, fields: tuple[Field, ...]) -> Any:
 def _equilibrium() -> list[Call]:
     n, s, e = SEGMENTS, SUPPORTS, equilibrium
     arrays = zeros(settled.HELD, (0,), n, S=s, B=0, A=0)
-    arrays["active"] = arrays["active"].astype(np.bool_)
     held = settled.Held(node=np.zeros(s, np.int64), free=False, **arrays)
     none, whole, x = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, n + 1, 3))
     q, lam, x0 = np.zeros((0, n, 4)), np.zeros((0, s)), np.zeros((0, 3))

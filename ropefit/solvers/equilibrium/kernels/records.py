@@ -19,12 +19,12 @@ HELD = (
     Field("direction", ("S", 3), "1", "of each support"),
     Field("offset", ("S",), "m", "direction · x + compliance λ = offset"),
     Field("compliance", ("S",), "m/N", "of each support"),
-    Field("active", ("S",), "", "which supports are there"),
+    Field("active", ("S",), "", "which supports are there", np.bool_),
     Field("drag", ("B", "N+1"), "N m", "stiffness of the friction elements"),
     Field("centre", ("B", "N+1", 2), "1", "where they are unloaded"),
     Field("slip", ("B", "N+1"), "1", "length beyond which they slip, or their range"),
     Field("strain", ("B", "N+1", 2), "1", "at their centre, of those that build up gradually"),
-    Field("gradual", ("B",), "", "which build up gradually (Dahl)"),
+    Field("gradual", ("B",), "", "which build up gradually (Dahl)", np.bool_),
     # A = 0: a strain in proportion to tension; else TENSIONS values.
     Field(
         "axial", ("A",), "1", "logarithm of the factor on axial flexibility, over that of tension"
