@@ -10,7 +10,7 @@ from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, hypotheses
 from ropefit.diagnosis.rules import RULES, Rules, Selection
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.search import search
-from ropefit.diagnosis.sensitivities import Sensitivities, loads_to_nodes
+from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import ClampedEnd
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -28,7 +28,8 @@ WAY = DIRECTION / np.linalg.norm(DIRECTION)
 def test_the_scan_sees_what_a_soft_clamp_does(end):
     setup, effect, way = rope(72, 4), ClampedEnd(end), DIRECTION / np.linalg.norm(DIRECTION)
     point, soft = Equilibrium(setup, []).at(np.empty(0)), 1e-7
-    scanned = soft * loads_to_nodes(point, effect.unit_loads(setup, point.solution.x, way))[0]
+    parts = point.by_loads(effect.unit_loads(setup, point.solution.x, way))
+    scanned = soft * np.concatenate([moved for _, moved in parts], axis=1)[0]
     changed = effect.apply(setup, torch.tensor([soft, *way], dtype=torch.float64))
     moved = Equilibrium(changed, [], point.solution).at(np.empty(0)).seen - point.seen
     assert np.abs(moved).max() > 1e-7
