@@ -5,12 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ropefit.diagnosis import candidates
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
-from ropefit.diagnosis.candidates import completed, fit_candidates
-from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.candidates import Fits, completed, fit_candidates
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities
-from ropefit.effects import PointMass, SoftSection, StiffSection
+from ropefit.effects import (
+    DistributedLoad,
+    GravityMisalignment,
+    PointMass,
+    SoftSection,
+    StiffSection,
+)
 from ropefit.inference.noise import Noise
 from ropefit.models.terms import Term
 from tests.concealed import nominal_fit, recorded, with_effect
@@ -88,3 +95,23 @@ def test_what_the_data_want_beyond_a_bound(wanted: float, beyond: bool):
     )  # fmt: skip
     one = Candidate(None, term, fit, 0.0, np.zeros(0))  # type: ignore[arg-type]
     assert one.wants_beyond_bounds() == beyond
+
+
+@pytest.mark.parametrize(("behind", "sufficient"), [(1.0, True), (10.0, False)])
+def test_an_error_of_the_set_up_within_reach_makes_slow_fits_needless(
+    behind, sufficient, monkeypatch
+):
+    """A load is ahead of a tilt of gravity, by less than a tie, and leaves some frames worse."""
+    monkeypatch.setattr(candidates, "uneven", lambda fitted: True)
+
+    def one(effect, evidence):
+        fitted = SimpleNamespace(z=np.full(100, 1.5))
+        return SimpleNamespace(
+            hypothesis=Hypothesis(effect, NO_PLACE), fit=fitted, evidence=evidence
+        )
+
+    fits = Fits(SimpleNamespace(z=np.full(100, 1000.0)), 6.0)  # type: ignore[arg-type]
+    assert not fits.sufficient()
+    for candidate in one(DistributedLoad(), 500.0), one(GravityMisalignment(), 500.0 - behind):
+        fits.best_of[candidate.hypothesis.key] = candidate  # type: ignore[assignment]
+    assert fits.sufficient() is sufficient

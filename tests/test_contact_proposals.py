@@ -8,7 +8,7 @@ import torch
 
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.proposals import proposals
+from ropefit.diagnosis.proposals import misfit_of, proposals, proposals_beside
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import Obstacle, PointMass, SupportPlane
 from ropefit.effects.misfit import Misfit
@@ -29,8 +29,9 @@ def of(point: Point) -> Misfit:
     """What a fit at a point leaves, without data."""
     none = np.empty((0, 3))
     return Misfit(
-        point.setup, point.seen, np.empty(0, int), none, none, 0.0, np.zeros(len(point.seen)),
-        frozenset(), list, forces=lambda _: pytest.fail("contact tries no fields"),
+        point.setup, point.setup, point.seen, np.empty(0, int), none, none, 0.0,
+        np.zeros(len(point.seen)), frozenset(), list,
+        forces=lambda _: pytest.fail("contact tries no fields"),
     )  # fmt: skip
 
 
@@ -99,6 +100,17 @@ def test_there_is_no_bar_where_nothing_is_touched():
     point = Equilibrium(rope(288), []).at(np.empty(0))
     below = np.array([-2.0, 0.0, 0.0])
     assert Obstacle().starts_beside(SupportPlane(), below, of(point)) == []
+
+
+def test_no_plane_is_proposed_beside_a_plane():
+    """What is fitted already is no other effect: from its own values it would be fitted again."""
+    free = rope(144)
+    nominal = nominal_fit(recorded(free, seed=2))
+    lowest = float(nominal.point.seen[..., 2].min()) - float(middle_of(free)[2])
+    values = np.array([lowest + DEPTH, 0.0, 0.0])
+    assert SupportPlane().starts_beside(SupportPlane(), values, misfit_of(nominal))
+    beside = proposals_beside(SupportPlane(), values, nominal)
+    assert {choices[0][0].name for choices in beside} == {"obstacle"}
 
 
 def test_bars_are_proposed_beside_planes_only():

@@ -17,6 +17,7 @@ from ropefit.diagnosis.held_out import heldout_rms, predicted
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.latent_force import latent_force
 from ropefit.diagnosis.noise_measurement import on_edge
+from ropefit.diagnosis.proposals import misfit_of
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.regions import misfit, regions
 from ropefit.diagnosis.rules import RULES, Selection
@@ -32,11 +33,12 @@ from ropefit.effects import (
     StiffSection,
     SupportPlane,
 )
+from ropefit.effects.gravity_misalignment import CONFUSED
 from ropefit.effects.place import middle_of
 from ropefit.errors import WrongUsage
 from ropefit.fitting.nominal import calibrated
 from ropefit.inference.bins import Data, match
-from ropefit.inference.least_squares import fit
+from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Equilibrium
@@ -126,18 +128,34 @@ def test_an_error_of_the_set_up_is_named_before_physics():
 
 def test_gravity_stated_along_another_axis_is_found():
     """As of clouds in a camera's axes, y down, taken as z up; no force, no contact is named."""
-    setup = rope(96, 8)
-    stated = setup.gravity[[0, 2, 1]]  # 90 degrees away
-    data = recorded(setup)
-    coarse = rope(48, 8)._replace(gravity=stated)
-    terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))]
-    forward = Equilibrium(coarse, [*terms, *calibration(coarse, Priors(), False)])
-    d = search(fit(forward, FitProblem(data, Noise(), BINS)), 0, lambda share, text: None)
+    nominal = confused_axes()
+    d = search(nominal, 0, lambda share, text: None)
     assert d.verdict == "found"
     (one,) = d.accepted
     assert one.candidate.hypothesis.name == "gravity_misalignment"
     down = d.final.point.setup.gravity
-    assert float(down @ setup.gravity) > 9.81**2 * np.cos(0.02)
+    assert float(down @ rope(96, 8).gravity) > 9.81**2 * np.cos(0.02)
+
+
+def confused_axes() -> Fit:
+    """The nominal fit of a rope whose gravity is stated 90 degrees away."""
+    setup = rope(96, 8)
+    coarse = rope(48, 8)._replace(gravity=setup.gravity[[0, 2, 1]])
+    terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0))]
+    forward = Equilibrium(coarse, [*terms, *calibration(coarse, Priors(), False)])
+    return fit(forward, FitProblem(recorded(setup), Noise(), BINS))
+
+
+def test_gravity_is_proposed_from_the_stated_ends():
+    """Ends that are read off the data are moved far by a fit that finds no other way."""
+    misfit = misfit_of(confused_axes())
+    (expected,) = GravityMisalignment().starts(misfit)
+    ends = misfit.setup.ends + torch.tensor([0.0, -0.3, 0.3], dtype=torch.float64)
+    (proposed,) = GravityMisalignment().starts(
+        replace(misfit, setup=misfit.setup._replace(ends=ends))
+    )
+    assert proposed[0] == pytest.approx(expected[0])
+    assert np.linalg.norm(proposed[0]) > CONFUSED
 
 
 def test_the_null_is_what_noise_gives():

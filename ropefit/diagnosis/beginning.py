@@ -21,6 +21,7 @@ from ropefit.rod.setup import Setup
 START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
 DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
+MUCH_LESS = 0.5  # of the misfit
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
 
@@ -48,7 +49,7 @@ def beginning(
     if least_gain and _gain_along(smaller, moved)[0] < least_gain:
         return None
     if begun.origin is smaller and _distorted(smaller):
-        begun.values[: -begun.terms[0].size] = _refitted_beside(smaller, moved)
+        begun.values = _undistorted(smaller, begun, moved)
     return begun
 
 
@@ -128,6 +129,30 @@ def _distorted(smaller: Fit) -> bool:
     """Return whether a calibration error is too large to be one: it stands for missing physics."""
     held = np.isfinite(smaller.prior)
     return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
+
+
+def _undistorted(smaller: Fit, begun: Beginning, moved: np.ndarray) -> np.ndarray:
+    """Return (P,) where to begin beside an effect that moves the rope by `moved` (M D,) so that no
+    error stands for that effect: the smaller model refitted to first order, or all errors zero,
+    where that leaves a much smaller misfit (a large effect has no first order)."""
+    size = begun.terms[0].size
+    refitted, plain = begun.values.copy(), begun.values.copy()
+    refitted[:-size] = _refitted_beside(smaller, moved)
+    plain[:-size][np.isfinite(smaller.prior)] = 0.0
+    least = MUCH_LESS * _misfit_at(smaller, begun, refitted)
+    return plain if _misfit_at(smaller, begun, plain) < least else refitted
+
+
+def _misfit_at(smaller: Fit, begun: Beginning, values: np.ndarray) -> float:
+    """Return the χ² of the larger model at values (P,), priors included; inf if a frame does not
+    settle."""
+    point = settled(begun.forward, values)
+    if not point.converged.all():
+        return np.inf
+    left = smaller.z - _whitened_change(smaller, point.seen)
+    held = np.isfinite(smaller.prior)
+    unlikely = values[: len(held)][held] / smaller.prior[held]
+    return float(left @ left + unlikely @ unlikely)
 
 
 def _whitened_change(smaller: Fit, seen: np.ndarray) -> np.ndarray:

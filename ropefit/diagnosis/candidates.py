@@ -62,7 +62,7 @@ class Fits:
             if OPTIMISM * gain_of(candidate) < self._share(few) * self._least_evidence():
                 continue
             best, close = self.best(), CLOSE_EVIDENCE * explored[0].evidence
-            if best and self.sufficient(best) and candidate.evidence < close:
+            if best and self.sufficient() and candidate.evidence < close:
                 break
             if not candidate.fit.stopped:
                 start = (candidate.hypothesis, candidate.values())
@@ -131,9 +131,18 @@ class Fits:
         """Return whether a candidate leaves next to nothing."""
         return explained(self.current, candidate.fit)
 
-    def sufficient(self, candidate: Candidate) -> bool:
-        """Return whether no slow fit is needed: a candidate explains all frames alike, or is an
-        error of the set-up that explains nearly all; contact is then fitted beside it."""
+    def sufficient(self) -> bool:
+        """Return whether no slow fit is needed: a candidate within reach of the best explains all
+        frames alike, or is an error of the set-up that explains nearly all; contact is then fitted
+        beside it."""
+        best = self.best()
+        return best is not None and any(
+            self._suffices(one)
+            for one in self.best_of.values()
+            if best.evidence - one.evidence < TIE_NATS
+        )
+
+    def _suffices(self, candidate: Candidate) -> bool:
         measurement = candidate.hypothesis.effect.kind == "measurement"
         left, was = unexplained(candidate.fit), unexplained(self.current)
         if measurement and left <= NEARLY_NOTHING * was:
@@ -168,7 +177,7 @@ def fit_candidates(
         start = significant_interval(current, first.hypothesis)
         fits.add([] if start is None else [(first.hypothesis, start)])
         first = fits.best()
-    if first is None or not fits.sufficient(first):
+    if not fits.sufficient():
         late = [choices for choices in slow if choices[0][0].effect.late]
         for choices in slow:
             if not choices[0][0].effect.late:
@@ -176,7 +185,7 @@ def fit_candidates(
         for name in dict.fromkeys(choices[0][0].name for choices in late):
             first = fits.best()
             # Effects of one name are kinds of one law, and compared in any case.
-            if not (first and fits.sufficient(first)) or first.hypothesis.name == name:
+            if not (first and fits.sufficient()) or first.hypothesis.name == name:
                 fits.add_kinds([choices for choices in late if choices[0][0].name == name])
     first = fits.best()
     if first and first.evidence > threshold:

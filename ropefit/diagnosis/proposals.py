@@ -47,6 +47,7 @@ def proposals_beside(
     return [
         [(Hypothesis(effect, NO_PLACE), at) for at in choices]
         for effect in effects_of(misfit.setup, names)
+        if type(effect) is not type(leader)
         for choices in effect.starts_beside(leader, values, misfit)
     ]
 
@@ -62,6 +63,7 @@ def misfit_of(fitted: Fit) -> Misfit:
     nodes = np.where(np.isnan(point.seen), np.nan, point.solution.x)
     return Misfit(
         setup=point.setup,
+        stated=fitted.forward.base,
         nodes=nodes,
         frame=s.frame,
         places=s.places(nodes),

@@ -37,8 +37,9 @@ class GravityMisalignment(Effect):
         """Propose the direction in which the recorded rope sags, if it is far from the stated one.
 
         A scan looks at small tilts; a rope whose gravity is stated along another axis fits nothing.
+        Its fit has distorted the errors of the ends, too: ends and gravity are those stated.
         """
-        setup = misfit.setup
+        setup = misfit.stated
         length, gravity = float(setup.properties.length.sum()), setup.gravity.detach().numpy()
         rms = np.sqrt((misfit.moves**2).sum(1).mean()) if len(misfit.frame) else 0.0
         ends = setup.whole()[0].ends.detach().numpy()
