@@ -14,6 +14,7 @@ from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import (
     DistributedLoad,
     GravityMisalignment,
+    MassSection,
     PointMass,
     SoftSection,
     StiffSection,
@@ -115,3 +116,21 @@ def test_an_error_of_the_set_up_within_reach_makes_slow_fits_needless(
     for candidate in one(DistributedLoad(), 500.0), one(GravityMisalignment(), 500.0 - behind):
         fits.best_of[candidate.hypothesis.key] = candidate  # type: ignore[assignment]
     assert fits.sufficient() is sufficient
+
+
+@pytest.mark.parametrize(("behind", "kept"), [(1.0, 1), (10.0, 0)])
+def test_of_a_tie_of_one_hypothesis_the_significant_one_is_kept(behind, kept, monkeypatch):
+    """That one part of a rope weighs less is as good as that another part weighs more."""
+    monkeypatch.setattr(candidates, "on_right_branches", lambda fitted: fitted)
+    hypothesis, fits = Hypothesis(MassSection(), NO_PLACE), Fits(SimpleNamespace(), 6.0)  # type: ignore[arg-type]
+
+    def one(evidence, significance):
+        return SimpleNamespace(
+            hypothesis=hypothesis, fit=None, evidence=evidence, significance=lambda: significance
+        )
+
+    every = [one(100.0, 0.5), one(100.0 - behind, 8.0), one(50.0, 9.0)]
+    for k in np.random.default_rng(3).permutation(3):
+        fits._keep(every[k])  # type: ignore[arg-type]
+    assert fits.best() is every[0]
+    assert fits.found() == [every[kept]]

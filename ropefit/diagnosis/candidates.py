@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ropefit.diagnosis.acceptance import LEAST_SIGNIFICANCE
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
 from ropefit.diagnosis.beginning import LATE_GAIN
 from ropefit.diagnosis.branch_repair import on_right_branches
@@ -45,6 +46,7 @@ class Fits:
     progress: Progress = silent
     due: int = 1  # starts that may be fitted
     best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
+    tied: list[Candidate] = field(default_factory=list)  # with the best one of their hypothesis
     begun: int = 0
 
     def add(self, choices: list[Start]) -> None:
@@ -98,9 +100,22 @@ class Fits:
         if better is not candidate.fit:
             again = self._fitted((candidate.hypothesis, candidate.values()))
             candidate = again or candidate
-        known = self.best_of.get(candidate.hypothesis.key)
-        if known is None or candidate.evidence > known.evidence:
-            self.best_of[candidate.hypothesis.key] = candidate
+        better, *others = best_first([*self.of_hypothesis(candidate.hypothesis), candidate])
+        self.best_of[better.hypothesis.key] = better
+        self.tied = [c for c in self.tied if c.hypothesis.key != better.hypothesis.key]
+        self.tied += [c for c in others if better.evidence - c.evidence < TIE_NATS]
+
+    def of_hypothesis(self, hypothesis: Hypothesis) -> list[Candidate]:
+        """Return the best candidate of a hypothesis and those that tie with it, best first."""
+        best = self.best_of.get(hypothesis.key)
+        return [best, *(c for c in self.tied if c.hypothesis.key == hypothesis.key)] if best else []
+
+    def found(self) -> list[Candidate]:
+        """Return the best candidate of each hypothesis, best first; of a tie the best of a
+        significant size. (A stretch that weighs less ties with the rest of the rope weighing more,
+        and where it ends is open.)"""
+        tied = [self.of_hypothesis(best.hypothesis) for best in self.best_of.values()]
+        return best_first([next(filter(significant, every), every[0]) for every in tied])
 
     def _fitted(self, start: Start, least_gain: float = 0.0) -> Candidate | None:
         best = self.best()
@@ -192,7 +207,17 @@ def fit_candidates(
         effect, values = first.hypothesis.effect, first.values()
         for choices in proposals_beside(effect, values, first.fit, names):
             fits.add(choices)
-    return sorted(fits.best_of.values(), key=lambda c: -c.evidence)
+    return fits.found()
+
+
+def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return candidates by their evidence, highest first."""
+    return sorted(candidates, key=lambda c: -c.evidence)
+
+
+def significant(candidate: Candidate) -> bool:
+    """Return whether a candidate's size is significantly different from zero."""
+    return candidate.significance() >= LEAST_SIGNIFICANCE
 
 
 def started_from(known: list[Candidate], starts: list[list[Start]]) -> list[list[Start]]:
@@ -215,7 +240,7 @@ def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:
         (fit_candidate(current, c.hypothesis, c.values()) or c) if c.fit.stopped else c
         for c in candidates
     ]
-    return sorted(every, key=lambda c: -c.evidence)
+    return best_first(every)
 
 
 def _leaders(
