@@ -29,7 +29,8 @@ def of(point: Point) -> Misfit:
     """What a fit at a point leaves, without data."""
     none = np.empty((0, 3))
     return Misfit(
-        point.setup, point.setup, point.seen, np.empty(0, int), none, none, 0.0,
+        point.setup, point.setup, np.empty((0, 0, 3)), np.empty((0, 0), bool), point.seen,
+        np.empty(0, int), none, none, 0.0,
         np.zeros(len(point.seen)), frozenset(), list,
         forces=lambda _: pytest.fail("contact tries no fields"),
     )  # fmt: skip

@@ -48,7 +48,7 @@ def beginning(
     moved = _whitened_change(smaller, begun.point.seen)
     if least_gain and _gain_along(smaller, moved)[0] < least_gain:
         return None
-    if begun.origin is smaller and _distorted(smaller):
+    if begun.origin is smaller and distorted(smaller):
         begun.values = _undistorted(smaller, begun, moved)
     return begun
 
@@ -125,7 +125,7 @@ def _revived(smaller: Fit) -> np.ndarray:
     return u
 
 
-def _distorted(smaller: Fit) -> bool:
+def distorted(smaller: Fit) -> bool:
     """Return whether a calibration error is too large to be one: it stands for missing physics."""
     held = np.isfinite(smaller.prior)
     return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
@@ -134,25 +134,22 @@ def _distorted(smaller: Fit) -> bool:
 def _undistorted(smaller: Fit, begun: Beginning, moved: np.ndarray) -> np.ndarray:
     """Return (P,) where to begin beside an effect that moves the rope by `moved` (M D,) so that no
     error stands for that effect: the smaller model refitted to first order, or all errors zero,
-    where that leaves a much smaller misfit (a large effect has no first order)."""
+    where that misses the data by much less (a large effect has no first order)."""
     size = begun.terms[0].size
     refitted, plain = begun.values.copy(), begun.values.copy()
     refitted[:-size] = _refitted_beside(smaller, moved)
     plain[:-size][np.isfinite(smaller.prior)] = 0.0
-    least = MUCH_LESS * _misfit_at(smaller, begun, refitted)
-    return plain if _misfit_at(smaller, begun, plain) < least else refitted
+    least = MUCH_LESS * _missed_by(smaller, begun, refitted)
+    return plain if _missed_by(smaller, begun, plain) < least else refitted
 
 
-def _misfit_at(smaller: Fit, begun: Beginning, values: np.ndarray) -> float:
-    """Return the χ² of the larger model at values (P,), priors included; inf if a frame does not
-    settle."""
+def _missed_by(smaller: Fit, begun: Beginning, values: np.ndarray) -> float:
+    """Return the rms [m] of the data about the larger model at values (P,), matched anew; inf if a
+    frame does not settle."""
     point = settled(begun.forward, values)
     if not point.converged.all():
         return np.inf
-    left = smaller.z - _whitened_change(smaller, point.seen)
-    held = np.isfinite(smaller.prior)
-    unlikely = values[: len(held)][held] / smaller.prior[held]
-    return float(left @ left + unlikely @ unlikely)
+    return float(np.sqrt((smaller.problem.match(point.seen).residual ** 2).mean()))
 
 
 def _whitened_change(smaller: Fit, seen: np.ndarray) -> np.ndarray:

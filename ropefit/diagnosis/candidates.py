@@ -9,7 +9,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import LEAST_SIGNIFICANCE
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
-from ropefit.diagnosis.beginning import LATE_GAIN
+from ropefit.diagnosis.beginning import LATE_GAIN, distorted
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate, gain_of
 from ropefit.diagnosis.equivalence import TIE_NATS
@@ -177,7 +177,11 @@ def fit_candidates(
     leaders, further = _leaders(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
     fits = Fits(current, threshold, progress, due)
-    for choices in leaders + quick:
+    for choices in quick:
+        fits.add(choices)
+    if distorted(current) and fits.sufficient():  # what a scan about it says is of no use
+        leaders, further = [], []
+    for choices in leaders:
         fits.add(choices)
     first = fits.best()
     if further and not (first and fits.explained_by(first)):

@@ -64,20 +64,21 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
         return wandering_noise(nominal, steady), steady, []
     if rules.noise == "white":
         return replace(noise, correlated=0.0, ends=None), [], []
-    at_rest = nominal
+    at_rest, quick = nominal, []
     for choices in proposals(nominal, slow=False, names=rules.effects):
         fitted = (fit_candidate(nominal, *start) for start in choices)
         moving = next((c for c in fitted if c is not None), None)
         if moving is not None and moving.evidence > rules.least_evidence:
             nominal = moving.fit
+            quick.append(moving)
     steady = sensitivities(nominal, [], rules.effects)
     known = steady if nominal is at_rest else []
     measured, cost = measured_noise(nominal, steady, [])
     if not measured.coloured:
-        return measured, known, []
+        return measured, known, quick
     scan = Scan(nominal, steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
-        return measured, known, []
+        return measured, known, quick
     # For the noise, the best place of each is enough.
     hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
     slow, late = [], []
@@ -100,7 +101,7 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
             # Started where most of the misfit points to, they gain by noise of the ends, too.
             beside, left = measured_noise(nominal, steady, moves + further)
             measured = beside if left < cost - rules.least_evidence else measured
-    return measured, known, candidates
+    return measured, known, quick + candidates
 
 
 def _beside(nominal: Fit, candidates: list[Candidate], rules: Rules) -> list[np.ndarray]:

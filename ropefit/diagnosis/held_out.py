@@ -110,10 +110,12 @@ def weighted_error(fitted: Fit, along: bool = False) -> float:
 def heldout_rms(fitted: Fit, along: bool = False) -> tuple[float, float]:
     """Return the predicted rms distance of the points from the model, and a point's noise [m].
 
-    The scatter within stations is noise and not counted twice.
+    The scatter within stations is noise and not counted twice. No rope is further off than it is
+    long: a prediction of first order may be, where the model is next to unstable.
     """
-    s = fitted.stations
+    s, length = fitted.stations, float(fitted.point.setup.properties.length.sum())
     residual = fitted.whitener.undo(predicted(fitted, along)).reshape(s.residual.shape)
+    residual = np.clip(residual, -length, length)
     white = s.scatter.mean(axis=0)
     noise = float(np.sqrt(white.sum()))
     if not white.any():  # markers: theirs alone, without what the ends do to all of them

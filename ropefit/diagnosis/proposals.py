@@ -54,7 +54,7 @@ def proposals_beside(
 
 def misfit_of(fitted: Fit) -> Misfit:
     """Return what a fit leaves, as effects see it."""
-    s, point = fitted.stations, fitted.point
+    s, point, data = fitted.stations, fitted.point, fitted.problem.data
 
     @cache
     def forces(on: tuple[int, ...]) -> ForcesOnNodes:
@@ -64,6 +64,8 @@ def misfit_of(fitted: Fit) -> Misfit:
     return Misfit(
         setup=point.setup,
         stated=fitted.forward.base,
+        points=data.points,
+        counts=data.mask & data.depth,
         nodes=nodes,
         frame=s.frame,
         places=s.places(nodes),

@@ -39,7 +39,11 @@ class Projection:
         # Parameters without any sensitivity (an edge beyond the rope) are held by a broad prior.
         weight = np.where(held, 1 / fit.prior**2, FREE_PRIOR_SD**-2)
         information = self.jacobian.T @ self.jacobian + np.diag(weight)
-        self.inverse = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
+        # In units in which all are as well known: what a rope far off responds to by a million
+        # times more would make the priors of the others rounding errors.
+        unit = np.sqrt(np.diag(information))
+        scaled = information / np.outer(unit, unit)
+        self.inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(unit, unit)
         # One at its bound is not allowed for: in simulated recordings it would look like an effect.
         self.prior_sd = np.where(held & free, fit.prior, 0.0)
         prior = np.where(held & free, fit.point.u / fit.prior**2, 0.0)

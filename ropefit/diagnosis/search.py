@@ -118,8 +118,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             highest = scan.scores[0].log_factor / (CROWDED_FACTOR * limits.threshold)
             crowded = min(highest, latent.evidence / limits.latent) > 1
             break
+        quick = proposals(current, slow=False, names=rules.effects)
         candidates = rules.selection.candidates(
-            current, scan.scores, proposals(current, slow=False, names=rules.effects),
+            current, scan.scores, started_from(fitted, quick),
             started_from(fitted, scan.contact(rules)), limits.threshold, rules.effects,
             _fits_of_round(progress, round_),
         )  # fmt: skip

@@ -37,35 +37,42 @@ class GravityMisalignment(Effect):
         """Propose the direction in which the recorded rope sags, if it is far from the stated one.
 
         A scan looks at small tilts; a rope whose gravity is stated along another axis fits nothing.
-        Its fit has distorted the errors of the ends, too: ends and gravity are those stated.
+        Its fit has distorted the errors of the ends, too: ends, gravity and data are those stated.
         """
         setup = misfit.stated
         length, gravity = float(setup.properties.length.sum()), setup.gravity.detach().numpy()
         rms = np.sqrt((misfit.moves**2).sum(1).mean()) if len(misfit.frame) else 0.0
         ends = setup.whole()[0].ends.detach().numpy()
+        frame, slot = np.nonzero(misfit.counts)
         if rms < FAR * length or self.name in misfit.terms or np.isnan(ends).any():
             return []
-        chord = ends[misfit.frame, 1] - ends[misfit.frame, 0]
+        chord = ends[frame, 1] - ends[frame, 0]
         chord /= np.maximum(np.linalg.norm(chord, axis=1), SMALL)[:, None]
-        sag = misfit.places + misfit.moves - ends[misfit.frame, 0]
+        sag = misfit.points[frame, slot] - ends[frame, 0]
         sag -= (sag * chord).sum(1)[:, None] * chord
         down, stated = (v / np.linalg.norm(v) for v in (sag.mean(0), gravity))
         axis = np.cross(stated, down)
         size, angle = np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), stated @ down)
         first, second = (a.numpy() for a in horizontal(setup.gravity))
         axis = axis / size if size > 1e-6 else first
-        if not angle > CONFUSED:
+        if not (len(frame) and angle > CONFUSED):
             return []
         return [[angle * np.array([axis @ first, axis @ second])]]
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["angle_1"] ** 2 + values["angle_2"] ** 2) ** 0.5
         confused = " (were the axes confused?)" if size > CONFUSED else ""
-        return f"gravity points {size * 57.2958:.2g}° away from its recorded direction{confused}"
+        return f"gravity points {_degrees(size)}° away from its recorded direction{confused}"
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
         angles = torch.tensor([values["angle_1"], values["angle_2"]], dtype=torch.float64)
         return Drawn("gravity", vector=turned(torch.tensor(gravity), angles).numpy())
+
+
+def _degrees(angle: float) -> str:
+    """Return an angle [rad] in degrees, of two digits at least."""
+    degrees = np.degrees(angle)
+    return f"{degrees:.0f}" if degrees >= 10 else f"{degrees:.2g}"
 
 
 def turned(gravity: Tensor, angles: Tensor) -> Tensor:

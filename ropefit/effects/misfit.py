@@ -38,17 +38,19 @@ class Forces(Protocol):
 class Misfit:
     """Where data and fitted rope differ.
 
-    setup: as fitted; stated: as recorded, before any fit; nodes (F, N+1, 3) [m] of the rope, where
-    they are and not where a misplaced camera reports them, NaN in frames without equilibrium. At
-    the M stations: frame (M,), places (M, 3) [m] on the rope, moves (M, 3) [m] from the rope to the
-    data. variance [m²] of the noise of a point, summed over the components that count; excess (F,)
-    standard errors by which a frame's mean square exceeds the median one; terms: names of all parts
-    of the model; pushes(): of frames that stand out, the strongest first; forces(nodes): on these L
-    nodes.
+    setup: as fitted; stated: as recorded, before any fit; points (F, P, 3) [m] of the recording and
+    which count (F, P); nodes (F, N+1, 3) [m] of the rope, where they are and not where a misplaced
+    camera reports them, NaN in frames without equilibrium. At the M stations: frame (M,), places
+    (M, 3) [m] on the rope, moves (M, 3) [m] from the rope to the data. variance [m²] of the noise
+    of a point, summed over the components that count; excess (F,) standard errors by which a
+    frame's mean square exceeds the median one; terms: names of all parts of the model; pushes(): of
+    frames that stand out, the strongest first; forces(nodes): on these L nodes.
     """
 
     setup: Setup
     stated: Setup
+    points: np.ndarray
+    counts: np.ndarray
     nodes: np.ndarray
     frame: np.ndarray
     places: np.ndarray

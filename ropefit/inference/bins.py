@@ -19,6 +19,7 @@ from ropefit.inference.round_surface import axis, information
 
 WINDOW = 0.08  # of the length: how far a point may lie from where preprocess put it
 FEWEST = 3  # points of a station that say anything
+LEAST_BESIDE = 0.5  # of a frame's points lie beside the curve: else the curve is off, not they
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ def match(data: Data, x: np.ndarray, bins: int) -> Stations:
     data, frames = data.as_deep_as(x), len(x)
     fine = refined(x)
     share, offset, good = feet(data.points, data.share, data.mask, fine, WINDOW)
-    good = data.mask if data.firm else good
+    good = _counted(data, good)
     slot = np.clip((data.share * bins).astype(np.int64), 0, bins - 1)
     key = (np.arange(frames)[:, None] * bins + slot)[good]
     offset, share = offset[good], share[good]
@@ -209,7 +210,17 @@ def offsets(data: Data, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return out, data.mask
     data = data.as_deep_as(x)
     _, offset, good = feet(data.points, data.share, data.mask, refined(x), WINDOW)
-    return offset, data.mask if data.firm else good
+    return offset, _counted(data, good)
+
+
+def _counted(data: Data, beside: np.ndarray) -> np.ndarray:
+    """Return which points (F, P) count; beside: those that lie across from an inner point of their
+    window. In a frame most of whose points do not, all count, at the window's edge: else a curve
+    that is far off would have few data against it."""
+    if data.firm:
+        return data.mask
+    off = beside.sum(axis=1) < LEAST_BESIDE * data.mask.sum(axis=1)
+    return np.where(off[:, None], data.mask, beside)
 
 
 def _markers(data: Data, x: np.ndarray) -> Stations:
