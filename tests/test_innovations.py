@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ropefit.diagnosis import acceptance
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
@@ -62,3 +63,20 @@ def test_short_predictions_of_a_fit_are_simulated_once(weighted, monkeypatch):
     assert innovations_rms(nominal) == before
     with pytest.raises(TypeError):  # another point has others
         innovations_rms(replace(nominal, point=nominal.point))
+
+
+@pytest.mark.parametrize(
+    ("gains", "enough"),
+    [([4.4, 1.7, 0.9, 1.7, 5.4], True), ([2.0, 1.5, 0.2, 0.2, 0.2], False)],
+)
+def test_of_much_that_is_missed_held_out_clips_need_gain_on_average_only(
+    weighted, monkeypatch, gains, enough
+):
+    """A cable is missed by 20 mm whatever is found: a small part of it, well supported, counts."""
+    nominal, found = weighted
+    monkeypatch.setattr(acceptance, "far_beyond_sensor", lambda fitted: True)
+    monkeypatch.setattr(
+        acceptance, "_error", lambda fitted, along: 0.93 if fitted is found.fit else 1.0
+    )
+    why = refusal(replace(found, gains=np.array(gains)), nominal)
+    assert why == ("" if enough else "the error of held-out clips falls by too little")

@@ -10,12 +10,14 @@ import pytest
 import torch
 
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
-from ropefit.adapters.taken_over import as_found, of_rope
+from ropefit.adapters.taken_over import as_found, held_alike, of_rope
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
 from ropefit.fitting import diagnosed as diagnoses
 from ropefit.models.correlated import Correlated
+from ropefit.models.grips import grips
+from ropefit.models.priors import DEGREE, PAIR
 from ropefit.runs.loading import load
 from ropefit.runs.protocol import Context
 from ropefit.stages import diagnose
@@ -127,6 +129,25 @@ def test_in_motion_what_was_found_of_the_rope_is_known_and_no_effect_of_rest():
     added = changed.properties.curvature - setup.properties.curvature
     assert float(added[0, 0]) == pytest.approx(1.0, rel=0.05)
     assert float(added[-1, 1]) == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("diagnosed", [False, True])
+def test_in_motion_the_line_of_a_held_pair_is_known_and_its_roll_is_not(diagnosed):
+    def calibration(value: float) -> dict[str, Any]:
+        return {f"clamp_0_{axis}": SimpleNamespace(value=value, sd=0.02) for axis in "xyz"}
+
+    stepped = SimpleNamespace(calibration=calibration(0.1))
+    model: Any = SimpleNamespace(nominal=SimpleNamespace(stepped=stepped))
+    found: Any = SimpleNamespace(calibration=calibration(0.2)) if diagnosed else None
+    setup = driven(24)
+    pair, other = (held_alike(term, 0, model, found) for term in grips(setup, PAIR)[::2])
+    value = 0.2 if diagnosed else 0.1  # as fitted along with what was found
+    np.testing.assert_allclose(pair.value(pair.search(pair.start)), [value, value, 0.0])
+    sd = np.hypot(0.02, DEGREE)
+    np.testing.assert_allclose(pair.prior, [sd, sd, PAIR * DEGREE])
+    assert other.prior == pytest.approx(PAIR * DEGREE)  # of the other end, which may be no pair
+    (told, *_) = grips(setup, 1.0)  # a clamp whose direction is recorded is held anew
+    assert held_alike(told, 0, model, found).start == pytest.approx(0.0)
 
 
 class Reached(Exception):

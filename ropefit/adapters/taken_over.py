@@ -1,4 +1,4 @@
-"""What a diagnosis of another recording says of the same rope: taken over by `--nominal`."""
+"""What another recording says of the same rope and its markers: taken over by `--nominal`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.frozen import weight_factor
 from ropefit.adapters.restore import effect_of
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.models.correlated import correlated
+from ropefit.models.priors import DEGREE, Priors
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 
@@ -78,3 +80,23 @@ def of_rope(model: Model, found: Diagnosis, o: Observations, setup: Setup) -> li
         term = replace(correlated(effect.name, [term], covariance), effect=effect)
         out.append((f"known_{name}", cause, term))
     return out
+
+
+def held_alike(term: Term, end: int, model: Model, found: Diagnosis | None) -> Term:
+    """Return the turn of a clamp that a held pair of markers tells, as another run knows it.
+
+    The pair sits on the rope: how far its line lies from the rope's own goes with it from recording
+    to recording, give or take how well a clamp's direction is known at all. Its roll does not.
+    """
+    stepped = model.nominal.stepped
+    if term.name != f"clamp_{end}" or stepped is None:
+        return term
+    known = found.calibration if found else stepped.calibration
+    start, prior = term.start.copy(), term.prior.copy()
+    for k, axis in enumerate(term.names[:2]):
+        there = known.get(calibration_name(term, axis))
+        if there is not None and np.isfinite(there.sd):
+            sd = float(np.hypot(there.sd, Priors.end_orientation * DEGREE))
+            if sd < prior[k]:
+                start[k], prior[k] = there.value, sd
+    return replace(term, start=start, prior=prior)
