@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
-from ropefit.adapters.taken_over import as_found, held_alike, of_rope
+from ropefit.adapters.taken_over import as_found, held_alike, of_rope, over_mass
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
@@ -129,6 +129,23 @@ def test_in_motion_what_was_found_of_the_rope_is_known_and_no_effect_of_rest():
     added = changed.properties.curvature - setup.properties.curvature
     assert float(added[0, 0]) == pytest.approx(1.0, rel=0.05)
     assert float(added[-1, 1]) == pytest.approx(2.0, rel=0.05)
+
+
+def test_in_motion_a_rope_of_unknown_mass_keeps_its_rigidity_over_the_mass(identified):
+    """Half the gravity told here: the same rope has twice the ratio to what it would weigh."""
+    o, model = identified
+    there = o.model_copy(update={"mass": None})
+    here = there.model_copy(update={"gravity": 0.5 * o.gravity})
+    moving = model.nominal.model_copy(update={"stepped": model.nominal.balance})
+    stepped = model.model_copy(update={"models": {"nominal": moving}})
+    before, after = (
+        next(iter(m.nominal.groups.values())).parameters
+        for m in (stepped, over_mass(stepped, there, here))
+    )
+    assert after["EI"].value == pytest.approx(2 * before["EI"].value)
+    assert after["length"].value == before["length"].value
+    assert over_mass(stepped, there, there.model_copy(update={"mass": 0.1})) is stepped
+    assert over_mass(model, there, here) is model  # shapes at rest show the ratio to the weight
 
 
 @pytest.mark.parametrize("diagnosed", [False, True])

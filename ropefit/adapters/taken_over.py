@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ropefit.adapters.equilibrium_model import calibration_name
-from ropefit.adapters.frozen import weight_factor
+from ropefit.adapters.frozen import PER_WEIGHT, weight_factor
 from ropefit.adapters.restore import effect_of
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
@@ -44,6 +44,27 @@ def as_found(model: Model, found: Diagnosis) -> Model:
     where = "balance" if fitted.balance else "stepped"
     changed = {"groups": groups, where: changed, "rms_fit": left}
     models = model.models | {"nominal": fitted.model_copy(update=changed)}
+    return model.model_copy(update={"models": models})
+
+
+def over_mass(model: Model, there: Observations, here: Observations) -> Model:
+    """Return a rope in motion, of unknown mass, with the ratios to the weight that it has under the
+    gravity told here: a motion shows rigidities over the mass, whatever gravity is said to be."""
+    fitted = model.nominal
+    if fitted.stepped is None or there.mass or here.mass:
+        return model
+    factor = float(np.linalg.norm(there.gravity) / np.linalg.norm(here.gravity))
+    name, group = next(iter(fitted.groups.items()))
+    parameters = {
+        key: p.model_copy(
+            update={"value": factor * p.value, "ci95": p.ci95 and tuple(factor * v for v in p.ci95)}
+        )
+        if key in PER_WEIGHT
+        else p
+        for key, p in group.parameters.items()
+    }
+    groups = {name: group.model_copy(update={"parameters": parameters})}
+    models = model.models | {"nominal": fitted.model_copy(update={"groups": groups})}
     return model.model_copy(update={"models": models})
 
 
