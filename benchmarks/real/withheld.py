@@ -202,9 +202,9 @@ def withheld_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
     whats = list(dict.fromkeys(what for one in found.values() for what in one if what != "nothing"))
     rows = [
         f"Causes withheld on these cables: {CLIPS} other training clips of {FRAMES} frames, with a",
-        f"run on {CLIPS} of {WHOLE}, diagnosed, as `--nominal`; one thing is told falsely, or taken",
-        "away from that run. **Bold**: named, and the true size in its 95 % interval (true → found).",
-        "Seconds are processor time of all stages. Written by",
+        f"run on {CLIPS} of {WHOLE} frames, diagnosed, as `--nominal`; one thing is told falsely,",
+        "or taken away from that run. **Bold**: named, and the true size in its 95 % interval",
+        "(true → found). Seconds are processor time of all stages. Written by",
         "`python -m benchmarks.real --only withheld`.",
         "",
         "| withheld | " + " | ".join(found) + " |",
