@@ -10,12 +10,14 @@ import pytest
 import torch
 
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
-from ropefit.adapters.taken_over import as_found, of_rope
+from ropefit.adapters.taken_over import as_found, held_alike, of_rope, over_mass
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
 from ropefit.fitting import diagnosed as diagnoses
 from ropefit.models.correlated import Correlated
+from ropefit.models.grips import grips
+from ropefit.models.priors import DEGREE, PAIR
 from ropefit.runs.loading import load
 from ropefit.runs.protocol import Context
 from ropefit.stages import diagnose
@@ -127,6 +129,42 @@ def test_in_motion_what_was_found_of_the_rope_is_known_and_no_effect_of_rest():
     added = changed.properties.curvature - setup.properties.curvature
     assert float(added[0, 0]) == pytest.approx(1.0, rel=0.05)
     assert float(added[-1, 1]) == pytest.approx(2.0, rel=0.05)
+
+
+def test_in_motion_a_rope_of_unknown_mass_keeps_its_rigidity_over_the_mass(identified):
+    """Half the gravity told here: the same rope has twice the ratio to what it would weigh."""
+    o, model = identified
+    there = o.model_copy(update={"mass": None})
+    here = there.model_copy(update={"gravity": 0.5 * o.gravity})
+    moving = model.nominal.model_copy(update={"stepped": model.nominal.balance})
+    stepped = model.model_copy(update={"models": {"nominal": moving}})
+    before, after = (
+        next(iter(m.nominal.groups.values())).parameters
+        for m in (stepped, over_mass(stepped, there, here))
+    )
+    assert after["EI"].value == pytest.approx(2 * before["EI"].value)
+    assert after["length"].value == before["length"].value
+    assert over_mass(stepped, there, there.model_copy(update={"mass": 0.1})) is stepped
+    assert over_mass(model, there, here) is model  # shapes at rest show the ratio to the weight
+
+
+@pytest.mark.parametrize("diagnosed", [False, True])
+def test_in_motion_the_line_of_a_held_pair_is_known_and_its_roll_is_not(diagnosed):
+    def calibration(value: float) -> dict[str, Any]:
+        return {f"clamp_0_{axis}": SimpleNamespace(value=value, sd=0.02) for axis in "xyz"}
+
+    stepped = SimpleNamespace(calibration=calibration(0.1))
+    model: Any = SimpleNamespace(nominal=SimpleNamespace(stepped=stepped))
+    found: Any = SimpleNamespace(calibration=calibration(0.2)) if diagnosed else None
+    setup = driven(24)
+    pair, other = (held_alike(term, 0, model, found) for term in grips(setup, PAIR)[::2])
+    value = 0.2 if diagnosed else 0.1  # as fitted along with what was found
+    np.testing.assert_allclose(pair.value(pair.search(pair.start)), [value, value, 0.0])
+    sd = np.hypot(0.02, DEGREE)
+    np.testing.assert_allclose(pair.prior, [sd, sd, PAIR * DEGREE])
+    assert other.prior == pytest.approx(PAIR * DEGREE)  # of the other end, which may be no pair
+    (told, *_) = grips(setup, 1.0)  # a clamp whose direction is recorded is held anew
+    assert held_alike(told, 0, model, found).start == pytest.approx(0.0)
 
 
 class Reached(Exception):

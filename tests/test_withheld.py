@@ -5,10 +5,12 @@ from __future__ import annotations
 import shutil
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from benchmarks.real import withheld
 from benchmarks.real.falsehoods import FALSEHOODS, LATE, Told
 from benchmarks.real.withheld import Case, judged, taken_away
 from ropefit.artifacts import Diagnosis, Model
@@ -103,6 +105,22 @@ def test_a_cause_counts_as_named_with_its_size_in_its_interval(name, equivalent,
         "answer": {"effects": [effect]}, "true": {"names": ["time_lag"], "sizes": {"lag": 0.03}},
     })  # fmt: skip
     assert (found["named"], found["in_set"], found["inside"]) == expected
+
+
+def test_dampings_are_told_as_fitted_with_what_was_found_and_as_the_effect_has_them(monkeypatch):
+    """Of a rope of unknown mass parameters are per weight, sizes of effects per kg/m."""
+
+    def model(air: float) -> SimpleNamespace:
+        values = {"air_damping": air, "bend_damping": 1e-4}
+        group = SimpleNamespace(parameters={k: SimpleNamespace(value=v) for k, v in values.items()})
+        return SimpleNamespace(nominal=SimpleNamespace(groups={"all": group}))
+
+    o = SimpleNamespace(mass=None, gravity=np.array([0.0, 0.0, -9.81]))
+    files = {Model: model(0.9), Diagnosis: None, withheld.Observations: o}
+    monkeypatch.setattr(withheld, "read", lambda path, kind: (files[kind], None))
+    monkeypatch.setattr(withheld, "as_found", lambda told, found: model(0.03))
+    true = withheld._true(Case(undamped=True), Path("nominal"), {"effects": []})
+    assert true["sizes"] == pytest.approx({"air": 0.03 * 9.81, "bend": 1e-4 * 9.81})
 
 
 def test_nothing_answered_is_nothing_named():

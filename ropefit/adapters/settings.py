@@ -27,7 +27,8 @@ class PreprocessSettings(StageSettings):
     mask: str | None = None
 
 
-NOMINAL_DIAGNOSIS = "nominal_diagnosis"  # under which a stage is given that of the nominal run
+# Under which a stage is given what the nominal run has besides its model.
+NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS = "nominal_diagnosis", "nominal_observations"
 
 
 class DiagnoseSettings(StageSettings):

@@ -1,4 +1,4 @@
-"""What a diagnosis of another recording says of the same rope: taken over by `--nominal`."""
+"""What another recording says of the same rope and its markers: taken over by `--nominal`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.adapters.frozen import weight_factor
+from ropefit.adapters.equilibrium_model import calibration_name
+from ropefit.adapters.frozen import PER_WEIGHT, weight_factor
 from ropefit.adapters.restore import effect_of
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.models.correlated import correlated
+from ropefit.models.priors import DEGREE, Priors
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 
@@ -42,6 +44,27 @@ def as_found(model: Model, found: Diagnosis) -> Model:
     where = "balance" if fitted.balance else "stepped"
     changed = {"groups": groups, where: changed, "rms_fit": left}
     models = model.models | {"nominal": fitted.model_copy(update=changed)}
+    return model.model_copy(update={"models": models})
+
+
+def over_mass(model: Model, there: Observations, here: Observations) -> Model:
+    """Return a rope in motion, of unknown mass, with the ratios to the weight that it has under the
+    gravity told here: a motion shows rigidities over the mass, whatever gravity is said to be."""
+    fitted = model.nominal
+    if fitted.stepped is None or there.mass or here.mass:
+        return model
+    factor = float(np.linalg.norm(there.gravity) / np.linalg.norm(here.gravity))
+    name, group = next(iter(fitted.groups.items()))
+    parameters = {
+        key: p.model_copy(
+            update={"value": factor * p.value, "ci95": p.ci95 and tuple(factor * v for v in p.ci95)}
+        )
+        if key in PER_WEIGHT
+        else p
+        for key, p in group.parameters.items()
+    }
+    groups = {name: group.model_copy(update={"parameters": parameters})}
+    models = model.models | {"nominal": fitted.model_copy(update={"groups": groups})}
     return model.model_copy(update={"models": models})
 
 
@@ -78,3 +101,23 @@ def of_rope(model: Model, found: Diagnosis, o: Observations, setup: Setup) -> li
         term = replace(correlated(effect.name, [term], covariance), effect=effect)
         out.append((f"known_{name}", cause, term))
     return out
+
+
+def held_alike(term: Term, end: int, model: Model, found: Diagnosis | None) -> Term:
+    """Return the turn of a clamp that a held pair of markers tells, as another run knows it.
+
+    The pair sits on the rope: how far its line lies from the rope's own goes with it from recording
+    to recording, give or take how well a clamp's direction is known at all. Its roll does not.
+    """
+    stepped = model.nominal.stepped
+    if term.name != f"clamp_{end}" or stepped is None:
+        return term
+    known = found.calibration if found else stepped.calibration
+    start, prior = term.start.copy(), term.prior.copy()
+    for k, axis in enumerate(term.names[:2]):
+        there = known.get(calibration_name(term, axis))
+        if there is not None and np.isfinite(there.sd):
+            sd = float(np.hypot(there.sd, Priors.end_orientation * DEGREE))
+            if sd < prior[k]:
+                start[k], prior[k] = there.value, sd
+    return replace(term, start=start, prior=prior)

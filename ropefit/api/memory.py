@@ -18,6 +18,7 @@ from ropefit.adapters.contents import read_run
 from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.settings import (
     NOMINAL_DIAGNOSIS,
+    NOMINAL_OBSERVATIONS,
     DiagnoseSettings,
     PreprocessSettings,
 )
@@ -154,6 +155,7 @@ def diagnose(
     *,
     nominal: Model | None = None,
     nominal_diagnosis: Diagnosis | None = None,
+    nominal_observations: Observations | None = None,
     calibration: Model | None = None,
     simulation: Observations | None = None,
     progress: Progress | None = None,
@@ -163,7 +165,8 @@ def diagnose(
     (docs/diagnosis.md).
 
     nominal: the same rope's model from another recording, taken as known, and nominal_diagnosis:
-    what was found there, of which all that belongs to the rope is taken over; calibration: the
+    what was found there, of which all that belongs to the rope is taken over; nominal_observations:
+    that recording, of which a motion needs the gravity that is told there; calibration: the
     model of another recording of the same set-up, for its camera and gravity; simulation: what
     preprocess makes of another simulator's recording of the same motion. settings: any other of
     `ropefit diagnose`. Raises BadInput, NotConverged, WrongUsage.
@@ -171,8 +174,8 @@ def diagnose(
     given = {"nominal": nominal, "calibration": calibration, "simulation": simulation}
     external = {name: other for name, other in given.items() if other is not None}
     chosen = checked_settings(DiagnoseSettings, **dict.fromkeys(external, True), **settings)
-    if nominal_diagnosis is not None:
-        external[NOMINAL_DIAGNOSIS] = nominal_diagnosis
+    besides = {NOMINAL_DIAGNOSIS: nominal_diagnosis, NOMINAL_OBSERVATIONS: nominal_observations}
+    external |= {name: other for name, other in besides.items() if other is not None}
     hashes = _of(observations, model)
     hashes |= {name: content_sha256(other) for name, other in external.items()}
     return _compute(

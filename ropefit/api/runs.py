@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.settings import (
     NOMINAL_DIAGNOSIS,
+    NOMINAL_OBSERVATIONS,
     DiagnoseSettings,
     PreprocessSettings,
 )
@@ -132,8 +133,9 @@ def diagnose(
         if other is not None:
             objects[name], external[name] = load(existing_run(other), Model)
     given = dict.fromkeys(objects, True)
-    if nominal is not None and (nominal / Diagnosis.file_name).exists():
-        objects[NOMINAL_DIAGNOSIS], external[NOMINAL_DIAGNOSIS] = load(nominal, Diagnosis)
+    for name, kind in ((NOMINAL_DIAGNOSIS, Diagnosis), (NOMINAL_OBSERVATIONS, Observations)):
+        if nominal is not None and (nominal / kind.file_name).exists():
+            objects[name], external[name] = load(nominal, kind)
     if simulation is not None:
         objects["simulation"], external["--simulation"] = load(
             existing_run(simulation), Observations

@@ -16,8 +16,6 @@ MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate
 # The same of a motion: a coarse mesh and a wrong first state miss as much as small effects explain.
 MOST_RMS_RATIO_IN_MOTION = 0.85
 AT_LIMIT = 0.01  # of the range of a quantity, in SI: fits end a little short of it
-# Where the mesh explains next to nothing of what is missed, and all held-out clips gain.
-MOST_RMS_RATIO_ALIKE = 0.95
 BEYOND_SENSOR = 3.0  # times what markers and mesh explain
 CHANCE_GAIN = 1.0  # nats that a held-out block may gain by chance
 LEAST_BLOCKS = 2  # that gain more than that
@@ -57,9 +55,8 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     supported = effect.prior_decides or agreeing(candidate.gains)
     if after > MOST_RMS_RATIO * before or not supported:
         return "held-out frames do not support it"
-    alike = far_beyond_sensor(current) and bool((candidate.gains > CHANCE_GAIN).all())
-    most = MOST_RMS_RATIO_ALIKE if alike else MOST_RMS_RATIO_IN_MOTION
-    if moving and not _allowed_for(effect, current) and after > most * before:
+    little = moving and after > MOST_RMS_RATIO_IN_MOTION * before
+    if little and not (_allowed_for(effect, current) or _large(candidate, current, after / before)):
         return "the error of held-out clips falls by too little"
     if contradicted(candidate.fit, current):
         return "short predictions contradict it"
@@ -87,9 +84,27 @@ def far_beyond_sensor(fitted: Fit) -> bool:
     sensor = fitted.problem.noise.sensor
     if fitted.forward.instantaneous or not sensor:
         return False
-    length = float(fitted.point.setup.properties.length.sum())
     missed = float(np.sqrt((fitted.stations.residual**2).mean()))
-    return missed > BEYOND_SENSOR * float(np.hypot(sensor, MESH_ERROR * length))
+    return missed > BEYOND_SENSOR * _markers_and_mesh(fitted)
+
+
+def _markers_and_mesh(fitted: Fit) -> float:
+    """Return what markers and mesh explain of what a motion is missed by, rms [m]."""
+    length = float(fitted.point.setup.properties.length.sum())
+    return float(np.hypot(fitted.problem.noise.sensor, MESH_ERROR * length))
+
+
+def _large(candidate: Candidate, current: Fit, ratio: float) -> bool:
+    """Return whether a candidate that lowers the error of held-out clips by some ratio explains far
+    more of them than markers and mesh do, though little of all that is missed.
+
+    Folds gain more than chance on average, not each: one of few independent samples loses by chance
+    what the effect gains it. The noise of a motion is what a typical clip is missed by.
+    """
+    if not far_beyond_sensor(current) or not candidate.gains.mean() > CHANCE_GAIN:
+        return False
+    explained = current.problem.noise.marker * float(np.sqrt(max(1 - ratio**2, 0.0)))
+    return explained > BEYOND_SENSOR * _markers_and_mesh(current)
 
 
 def _error(fitted: Fit, along: bool) -> float:

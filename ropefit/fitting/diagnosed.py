@@ -12,8 +12,8 @@ from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.motion_model import at_observed_nodes
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
-from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
-from ropefit.adapters.taken_over import TakenOver, as_found, of_rope
+from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS, DiagnoseSettings
+from ropefit.adapters.taken_over import TakenOver, as_found, of_rope, over_mass
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.diagnosis import search as engine
@@ -45,6 +45,7 @@ def in_motion(
     source, found = None, None
     if settings.nominal:
         source, found = _as_diagnosed(context.external["nominal"], context)
+        source = over_mass(source, context.external.get(NOMINAL_OBSERVATIONS, o), o)
     calibration = context.external["calibration"] if settings.calibration else None
     span, nominal, known = nominal_in_motion(
         o, model, settings.most_frames, source, found, calibration

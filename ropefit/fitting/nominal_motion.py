@@ -11,7 +11,7 @@ from ropefit.adapters.motion_of import times_of
 from ropefit.adapters.motion_setup import Span
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS
-from ropefit.adapters.taken_over import TakenOver, of_rope
+from ropefit.adapters.taken_over import TakenOver, held_alike, of_rope
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import NotConverged
@@ -49,6 +49,7 @@ def nominal_in_motion(
     taken: list[TakenOver] = []
     if known:
         forward, start = _known_rope(o, forward, start, known)
+        forward, start = _known_pairs(o, span, forward, start, known, found)
         taken = of_rope(known, found, o, span.setup) if found else []
         begin = [np.zeros(term.size) for _, _, term in taken]
         forward = forward.with_terms([*(term for _, _, term in taken), *forward.terms])
@@ -101,3 +102,20 @@ def _known_rope(
     errors = [t for t in forward.terms if t.nuisance]
     begin += [own[t.name] for t in errors]
     return forward.with_terms([*terms, *errors]), np.concatenate(begin)
+
+
+def _known_pairs(
+    o: Observations, span: Span, forward: Dynamics, start: np.ndarray, known: Model,
+    found: Diagnosis | None,
+) -> tuple[Dynamics, np.ndarray]:  # fmt: skip
+    """Return the model with the lines of held pairs of markers as another run knows them, and the
+    search variables (P,) that it starts from."""
+    terms, begin = [], []
+    pairs = [end for end, pair in enumerate((span.first > 0, span.last < o.length)) if pair]
+    for term, u in zip(forward.terms, forward.split(start), strict=True):
+        own = term
+        for end in pairs:
+            own = held_alike(own, end, known, found)
+        terms.append(own)
+        begin.append(u if own is term else own.search(own.start))
+    return forward.with_terms(terms), np.concatenate(begin)
