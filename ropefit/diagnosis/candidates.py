@@ -153,7 +153,9 @@ def fit_candidates(
     leaders, further = _leaders(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
     fits = Fits(current, threshold, progress, due)
-    for choices in leaders + quick:
+    # With contact, what remembers is settled frame after frame, which takes minutes.
+    last = [c for c in leaders if c[0][0].effect.path_dependent and current.point.setup.potentials]
+    for choices in [c for c in leaders if c not in last] + quick:
         fits.add(choices)
     first = fits.best()
     if further and not (first and fits.explained_by(first)):
@@ -178,6 +180,9 @@ def fit_candidates(
             # Effects of one name are kinds of one law, and compared in any case.
             if not (first and fits.sufficient(first)) or first.hypothesis.name == name:
                 fits.add_kinds([choices for choices in late if choices[0][0].name == name])
+    first = fits.best()
+    for choices in last if not (first and fits.sufficient(first)) else []:
+        fits.add(choices)
     first = fits.best()
     if first and first.evidence > threshold:
         effect, values = first.hypothesis.effect, first.values()

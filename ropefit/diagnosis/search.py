@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,14 +18,16 @@ from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of
 from ropefit.diagnosis.candidates import Progress, completed, started_from, unexplained
+from ropefit.diagnosis.companions import Companions, accepted_companions
 from ropefit.diagnosis.confounding import confounded
+from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import effects_of
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.mixed_pairs import two_instead
-from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
+from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
@@ -100,29 +102,31 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
     progress(0.05, "noise")
-    nominal, known, fitted = prepared(nominal, rules)
+    nominal, known, fitted, both = prepared(nominal, rules)
     current, accepted, refused = nominal, [], []
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = None  # it is large: one at a time
-        scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
+        scan = Scan(current, partial(sensitivities, current, accepted, rules.effects, known))
         known = []  # of the nominal model
         if scores is None or limits is None:
             scores, limits = scan.scores, _limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
         scan.latent.threshold, latent = limits.latent, scan.latent
         if len(accepted) == most:
-            # One effect more may be there; if no known one is like it, a free force shows it.
-            highest = scan.scores[0].log_factor / (CROWDED_FACTOR * limits.threshold)
-            crowded = min(highest, latent.evidence / limits.latent) > 1
+            crowded = _one_more(nominal, accepted, scan, limits)
             break
+        late = [] if both else started_from(fitted, scan.contact(rules))
         candidates = rules.selection.candidates(
-            current, scan.scores, proposals(current, slow=False, names=rules.effects),
-            started_from(fitted, scan.contact(rules)), limits.threshold, rules.effects,
-            _fits_of_round(progress, round_),
+            current, scan.scores, proposals(current, slow=False, names=rules.effects), late,
+            limits.threshold, rules.effects, _fits_of_round(progress, round_),
         )  # fmt: skip
+        if both is not None:
+            accepted, current = _with_both(current, every, both, candidates, scan, limits.threshold)
+            both = None  # if not accepted, what is slow is a candidate as ever
+            continue
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
         fitted = []  # to the nominal model
@@ -176,6 +180,42 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _with_both(
+    current: Fit, every: Data, both: Companions, candidates: list[Candidate], scan: Scan,
+    threshold: float,
+) -> tuple[list[Accepted], Fit]:  # fmt: skip
+    """Return two effects that were found at once as accepted, and the fit of them to the data of
+    the frames that count; none, and the current model, where a single candidate is as good or they
+    do not pass the tests."""
+    pair = accepted_companions(current, both, threshold)
+    alone = candidates[0].evidence if candidates else 0.0
+    if pair is None or together(current, pair[1]) <= alone + TIE_NATS:
+        return [], current
+    accepted, found = accepted_pair(pair, len(scan.sensitivities))
+    counts = current.problem.data.mask.any(axis=1, keepdims=True)
+    data = replace(every, mask=every.mask & counts).settled(found.point.seen)
+    return accepted, _with_it(found, replace(current.problem, data=data), scan.sensitivities)
+
+
+def _one_more(nominal: Fit, accepted: list[Accepted], scan: Scan, limits: Limits) -> bool:
+    """Return whether one effect more than may be accepted is there: a free force shows it, and a
+    known one is like it. Not asked where effects that are not exact explain a recording: with
+    friction, whose scan takes minutes."""
+    if scan.latent.evidence <= limits.latent:
+        return False
+    effects = [one.candidate.hypothesis.effect for one in accepted]
+    if _explained(nominal, scan.current, accepted) and not all(e.exact for e in effects):
+        return False
+    return scan.scores[0].log_factor > CROWDED_FACTOR * limits.threshold
+
+
+def _explained(nominal: Fit, final: Fit, accepted: list[Accepted]) -> bool:
+    """Return whether the accepted effects leave no more than they may."""
+    may_leave = [one.candidate.hypothesis.effect.may_leave for one in accepted]
+    was = max(unexplained(nominal), 1e-9)
+    return bool(accepted) and unexplained(final) <= max(may_leave) * was
 
 
 def _with_known_past(data: Data, before: Fit, found: Fit) -> Data:
@@ -235,11 +275,8 @@ def _verdict(
 ) -> str:  # fmt: skip
     """Return none, found or unknown. crowded: more effects would be needed than may be accepted;
     refused: candidates that were not accepted, and why."""
-    left, was = unexplained(final), max(unexplained(nominal), 1e-9)
-    effects = [one.candidate.hypothesis.effect for one in accepted]
-    may_leave = max((effect.may_leave for effect in effects), default=0.0)
-    explained = bool(accepted) and left <= may_leave * was
-    if crowded and not (explained and any(not effect.exact for effect in effects)):
+    explained = _explained(nominal, final, accepted)
+    if crowded:
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"
