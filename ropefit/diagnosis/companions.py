@@ -46,13 +46,15 @@ def companions(
     None unless they leave next to nothing."""
     best, least = None, 1.0
     for starts in _pairs(current, proposed, names):
-        smaller = _with_known_past(current, starts)
+        smaller = _with_known_beginning(current, starts)
         begun = None if smaller is None else settled_start(smaller, starts)
         if smaller is None or begun is None:
             continue
         share = begun.misfit / float(smaller.z @ smaller.z)
         if share < least:
             best, least = (starts, smaller, begun), share
+        if least < MAY_LEAVE:  # as it begins: walks are slow
+            break
     if best is None:
         return None
     starts, smaller, begun = best
@@ -68,14 +70,15 @@ def _pairs(
     setup, misfit = origin.point.setup, misfit_of(origin)
     known = {type(effect) for effect in effects_of(setup, names)}
     for hypothesis, values in (choices[0] for choices in proposed):
-        changed = setup.after(lambda s: hypothesis.effect.apply(s, torch.from_numpy(values)))  # noqa: B023
+        at = torch.from_numpy(values)
+        changed = setup.after(lambda s, h=hypothesis, at=at: h.effect.apply(s, at))
         for effect in effects_of(changed, names):
             if type(effect) not in known:
                 for others in effect.starts(replace(misfit, setup=changed)):
                     yield [(hypothesis, values), (Hypothesis(effect, NO_PLACE), others[0])]
 
 
-def _with_known_past(current: Fit, starts: list[Start]) -> Fit | None:
+def _with_known_beginning(current: Fit, starts: list[Start]) -> Fit | None:
     """Return the model as fitted without the frames in which effects that start so would act by
     what was before the recording; None where these do not settle."""
     origin = calm(current)

@@ -23,7 +23,7 @@ OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain mor
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
-FRUITLESS = 4  # steps in a row: where nodes stick and slide in turn, slopes foresee a gain in vain
+FRUITLESS = 3  # steps in a row: where nodes stick and slide in turn, slopes foresee a gain in vain
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
