@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import first_noise, search
+from ropefit.diagnosis import candidates, first_noise, search
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.companions import Companions, accepted_companions, companions
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.rules import RULES
-from ropefit.effects import ContactFriction, SupportPlane
+from ropefit.effects import BendingHysteresis, ContactFriction, PointMass, SupportPlane
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -80,7 +80,7 @@ def test_a_plane_stays_where_it_is_while_coefficients_are_tried(both: Companions
 
 
 def test_noise_is_measured_beside_both(nominal: Fit, monkeypatch: pytest.MonkeyPatch):
-    rules = replace(RULES, effects=NAMES)
+    rules = replace(RULES, effects=(*NAMES, "point_mass"))
     found = first_noise.first_noise(nominal, rules)
     assert found.together is not None
     monkeypatch.setattr(first_noise, "companions", lambda *_: None)
@@ -94,7 +94,7 @@ def test_where_a_smooth_plane_explains_all_nothing_else_is_tried(monkeypatch: py
 
     monkeypatch.setattr(first_noise, "companions", never)
     smooth = without_table(0.0)
-    found = first_noise.first_noise(smooth, replace(RULES, effects=NAMES))
+    found = first_noise.first_noise(smooth, replace(RULES, effects=(*NAMES, "point_mass")))
     assert [c.hypothesis.name for c in found.candidates] == ["support_plane"]
 
 
@@ -128,3 +128,19 @@ def test_a_scan_of_a_rope_that_rubs_is_only_made_where_it_decides(nominal: Fit, 
         scores=[SimpleNamespace(log_factor=30.0)],
     )  # fmt: skip
     assert search._one_more(both.smaller, [], scan, limits)
+
+
+@pytest.mark.parametrize("touching", [True, False])
+def test_what_remembers_is_fitted_last_on_a_rope_that_touches(
+    monkeypatch: pytest.MonkeyPatch, touching: bool
+):
+    order: list[str] = []
+    kinds = (BendingHysteresis, PointMass, SupportPlane)
+    starts = [[(Hypothesis(kind(), NO_PLACE), np.zeros(1))] for kind in kinds]
+    monkeypatch.setattr(candidates, "_leaders", lambda *_: (starts[:2], []))
+    monkeypatch.setattr(candidates.Fits, "add", lambda _, choices: order.append(choices[0][0].name))
+    setup = SimpleNamespace(potentials=(None,) if touching else ())
+    current: Any = SimpleNamespace(point=SimpleNamespace(setup=setup))
+    candidates.fit_candidates(current, [], [], starts[2:], 6.0)
+    memory, mass, slow = (choices[0][0].name for choices in starts)
+    assert order == ([mass, slow, memory] if touching else [memory, mass, slow])
