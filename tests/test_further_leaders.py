@@ -36,7 +36,7 @@ def concealed(*effects, seed=31):
 def curved():
     """A rope that rests strongly curved over most of its length, and its scan."""
     nominal = concealed((IntrinsicCurvature(), CURVED))
-    return nominal, Scan(nominal, sensitivities(nominal, [])).scores
+    return nominal, Scan(nominal, lambda: sensitivities(nominal, [])).scores
 
 
 def test_a_stretch_is_as_wide_as_it_is(curved):
@@ -65,7 +65,7 @@ def test_beyond_the_leaders(curved, share, fitted_):
 
 def test_two_strong_effects_where_each_alone_leaves_most():
     nominal = concealed((StiffSection(), STIFF), (PointMass(), MASS), seed=77)
-    scores = Scan(nominal, sensitivities(nominal, [], NAMES)).scores
+    scores = Scan(nominal, lambda: sensitivities(nominal, [], NAMES)).scores
     singles = fit_candidates(nominal, scores, [], [], 6.0)
     assert singles[0].evidence < 100  # what each leaves is no noise
     _, accepted = two_instead(nominal, [], 6.0, NAMES, singles)

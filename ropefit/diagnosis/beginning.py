@@ -28,13 +28,15 @@ INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 @dataclass
 class Beginning:
     """The smaller model's fit that candidates begin from, the larger model with their terms, its
-    search variables (P,), and its point at the start."""
+    search variables (P,), its point at the start, and what it leaves there of the whitened
+    residual, squared, the model refitted to first order."""
 
     origin: Fit
     terms: list[Term]
     forward: Model
     values: np.ndarray
     point: Point
+    misfit: float
 
 
 def beginning(
@@ -79,7 +81,10 @@ def settled_start(
     project, best, least = Projection(origin), None, np.inf
     shares, all_compared = _shares(starts)
     for share in shares:
-        terms = [_started(setup, hypothesis, start, share) for hypothesis, start in starts]
+        terms = [
+            _started(setup, h, start, 1.0 if all_compared and not h.effect.start_shares else share)
+            for h, start in starts
+        ]
         forward = smaller.forward.with_terms(
             [*smaller.forward.terms, *terms], origin.point.solution
         )
@@ -90,7 +95,7 @@ def settled_start(
         left = project.z - project(_whitened_change(origin, first.seen))
         misfit = float(left @ left)
         if best is None or misfit < least:
-            best, least = Beginning(origin, terms, forward, begin, first), misfit
+            best, least = Beginning(origin, terms, forward, begin, first, misfit), misfit
         if not all_compared and (of_any_size or least < float(project.z @ project.z)):
             break
     return best

@@ -152,7 +152,7 @@ def fit_candidate(
         matched=not slow,
     )  # fmt: skip
     if slow and fitted is not None and fitted.cost < smaller.cost:
-        fitted = _continued(smaller.cost, fitted, lowest)
+        fitted = continued(smaller.cost, fitted, lowest)
     return _comparable(hypothesis, begun.terms[0], smaller, fitted)
 
 
@@ -167,7 +167,7 @@ def _comparable(
     return compared(hypothesis, term, smaller, fitted)
 
 
-def _continued(before: float, fitted: Fit, lowest: float) -> Fit:
+def continued(before: float, fitted: Fit, lowest: float) -> Fit:
     """Continue a slow fit as long as it gains: contact comes and goes, and gains soon
     shrink. One that even at its present pace could not reach the cost `lowest` stays as it is."""
     for left in range(SLOW_ROUNDS, 0, -1):

@@ -181,7 +181,10 @@ def fit_candidates(
         fits.add(choices)
     if distorted(current) and fits.sufficient():  # what a scan about it says is of no use
         leaders, further = [], []
-    for choices in leaders:
+    # With contact, what remembers is settled frame after frame, which takes minutes.
+    touching = bool(current.point.setup.potentials)
+    last = [c for c in leaders if touching and c[0][0].effect.path_dependent]
+    for choices in (c for c in leaders if not (touching and c[0][0].effect.path_dependent)):
         fits.add(choices)
     first = fits.best()
     if further and not (first and fits.explained_by(first)):
@@ -206,6 +209,9 @@ def fit_candidates(
             # Effects of one name are kinds of one law, and compared in any case.
             if not (first and fits.sufficient()) or first.hypothesis.name == name:
                 fits.add_kinds([choices for choices in late if choices[0][0].name == name])
+    first = fits.best()
+    for choices in [] if fits.sufficient() else last:
+        fits.add(choices)
     first = fits.best()
     if first and first.evidence > threshold:
         effect, values = first.hypothesis.effect, first.values()

@@ -10,10 +10,11 @@ import numpy as np
 from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.candidates import explained, fit_candidates, unexplained
+from ropefit.diagnosis.companions import Companions, companions
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import effects_of
 from ropefit.diagnosis.noise_measurement import measured_noise
-from ropefit.diagnosis.proposals import proposals
+from ropefit.diagnosis.proposals import proposals, uneven
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.diagnosis.wander import (
@@ -27,11 +28,22 @@ from ropefit.inference.noise import Noise
 
 class Prepared(NamedTuple):
     """The nominal model, fitted with the measured noise; of the nominal model before that, what
-    was computed for the noise: its sensitivities, and fits of what no scan shows."""
+    was computed for the noise: its sensitivities, and fits of what no scan shows, one after the
+    other and two at once."""
 
     nominal: Fit
     sensitivities: list[Sensitivity]
     candidates: list[Candidate]
+    together: Companions | None = None
+
+
+class FirstNoise(NamedTuple):
+    """Noise, and what was computed for it; see `Prepared`."""
+
+    noise: Noise
+    sensitivities: list[Sensitivity]
+    candidates: list[Candidate]
+    together: Companions | None = None
 
 
 def prepared(nominal: Fit, rules: Rules) -> Prepared:
@@ -41,16 +53,18 @@ def prepared(nominal: Fit, rules: Rules) -> Prepared:
         seen = problem.match(nominal.point.seen).scatter[0]
         problem = problem.under(replace(problem.noise, white=tuple(float(v) for v in seen)))
         nominal = fit(nominal.forward, problem, nominal.point.u, 5, tolerance=1e-5)
-    noise, known, candidates = first_noise(nominal, rules)
+    noise, known, candidates, together = first_noise(nominal, rules)
+    if together is not None:  # without frames in which they act by what was before
+        nominal, problem = together.smaller, together.smaller.problem
     if nominal.forward.instantaneous and known:
         noise = with_what_is_missed_alike(noise, nominal, known)
         noise = no_larger_than_left(noise, nominal, known)
     forward = nominal.forward.starting_from(nominal.point.solution)
     again = fit(forward, problem.under(noise), nominal.point.u, 20, tolerance=1e-5)
-    return Prepared(again, known, candidates)
+    return Prepared(again, known, candidates, together)
 
 
-def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], list[Candidate]]:
+def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     """Measure the noise beside what effects explain; with the sensitivities of the nominal model
     and the fits that were made for that.
 
@@ -61,9 +75,9 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
     noise = nominal.problem.noise
     if not nominal.forward.instantaneous:
         steady = sensitivities(nominal, [], rules.effects)
-        return wandering_noise(nominal, steady), steady, []
+        return FirstNoise(wandering_noise(nominal, steady), steady, [])
     if rules.noise == "white":
-        return replace(noise, correlated=0.0, ends=None), [], []
+        return FirstNoise(replace(noise, correlated=0.0, ends=None), [], [])
     at_rest, quick = nominal, []
     for choices in proposals(nominal, slow=False, names=rules.effects):
         fitted = (fit_candidate(nominal, *start) for start in choices)
@@ -75,10 +89,10 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
     known = steady if nominal is at_rest else []
     measured, cost = measured_noise(nominal, steady, [])
     if not measured.coloured:
-        return measured, known, quick
-    scan = Scan(nominal, steady)
+        return FirstNoise(measured, known, quick)
+    scan = Scan(nominal, lambda: steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
-        return measured, known, quick
+        return FirstNoise(measured, known, quick)
     # For the noise, the best place of each is enough.
     hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
     slow, late = [], []
@@ -86,6 +100,12 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
         (late if choices[0][0].effect.late else slow).append(choices)
     candidates = fit_candidates(nominal, hidden, [], slow, rules.least_evidence, rules.effects)
     candidates = [c for c in candidates if c.evidence > rules.least_evidence]
+    if nominal is at_rest and rules.most_effects > 1:
+        best = candidates[0].fit if candidates else nominal
+        if not explained(nominal, best) or uneven(best):
+            together = companions(nominal, slow, rules.effects)
+            if together is not None:
+                return _beside_both(together, steady, candidates, rules)
     seen = nominal.stations.residual
     moves = [seen - c.fit.stations.residual for c in candidates]
     moves += _beside(nominal, candidates, rules)
@@ -101,7 +121,18 @@ def first_noise(nominal: Fit, rules: Rules) -> tuple[Noise, list[Sensitivity], l
             # Started where most of the misfit points to, they gain by noise of the ends, too.
             beside, left = measured_noise(nominal, steady, moves + further)
             measured = beside if left < cost - rules.least_evidence else measured
-    return measured, known, quick + candidates
+    return FirstNoise(measured, known, quick + candidates)
+
+
+def _beside_both(
+    together: Companions, known: list[Sensitivity], candidates: list[Candidate], rules: Rules
+) -> FirstNoise:
+    """Return the noise as measured beside two effects at once."""
+    without = together.smaller
+    steady = sensitivities(without, [], rules.effects, known)
+    moves = [without.stations.residual - together.fit.stations.residual]
+    measured, _ = measured_noise(without, steady, moves)
+    return FirstNoise(measured, steady, candidates, together)
 
 
 def _beside(nominal: Fit, candidates: list[Candidate], rules: Rules) -> list[np.ndarray]:

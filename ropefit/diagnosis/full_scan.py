@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 from ropefit.diagnosis.accepted import Accepted
@@ -16,15 +16,27 @@ from ropefit.inference.least_squares import Fit
 
 
 class Scan:
-    """All hypotheses scored against what a fit leaves, highest first, and the latent force."""
+    """All hypotheses scored against what a fit leaves, highest first, and the latent force; each
+    once it is asked for."""
 
-    def __init__(self, current: Fit, known: list[Sensitivity]) -> None:
-        self.current, self.sensitivities = current, known
+    def __init__(self, current: Fit, known: Callable[[], list[Sensitivity]]) -> None:
+        self.current, self._known = current, known
         self.project = Projection(current)
-        setup = current.point.setup
-        self.scorers = [Scorer(s, self.project, s.hypothesis.scales(setup)) for s in known]
-        scores = [score(self.project.z) for score in self.scorers]
-        self.scores: list[Score] = sorted(scores, key=lambda s: -s.log_factor)
+
+    @cached_property
+    def sensitivities(self) -> list[Sensitivity]:
+        return self._known()
+
+    @cached_property
+    def scorers(self) -> list[Scorer]:
+        setup = self.current.point.setup
+        every = self.sensitivities
+        return [Scorer(s, self.project, s.hypothesis.scales(setup)) for s in every]
+
+    @cached_property
+    def scores(self) -> list[Score]:
+        every = [score(self.project.z) for score in self.scorers]
+        return sorted(every, key=lambda s: -s.log_factor)
 
     @cached_property
     def latent(self) -> LatentForce:

@@ -11,6 +11,7 @@ fitted, is compared with them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -88,7 +89,7 @@ def _beside_singles(
     quick = [c for c in singles if c.hypothesis.effect.linear and not c.hypothesis.effect.slow]
     for one in sorted(quick, key=lambda c: c.fit.cost)[:MOST_SINGLES]:
         start: Start = (one.hypothesis, one.values())
-        scores = Scan(one.fit, sensitivities(one.fit, [], names)).scores
+        scores = Scan(one.fit, partial(sensitivities, one.fit, [], names)).scores
         linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
         for score in linear[:MOST_SECONDS]:
             for begin in score.widths or score.starts()[:1]:

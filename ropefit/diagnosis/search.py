@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,14 +19,16 @@ from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of
 from ropefit.diagnosis.candidates import Progress, completed, started_from, unexplained
+from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
+from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import effects_of
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.mixed_pairs import two_instead
-from ropefit.diagnosis.pairs import accepted_pair, as_points, best_pair
+from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
@@ -45,6 +48,7 @@ from ropefit.inference.problem import FitProblem
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
+NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 LEFT_SD = 3.0  # standard errors of χ²: more is left by something
 EULER = 0.5772  # of Gumbel's law
 
@@ -100,51 +104,44 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
     progress(0.05, "noise")
-    nominal, known, fitted = prepared(nominal, rules)
+    nominal, known, fitted, both = prepared(nominal, rules)
     current, accepted, refused = nominal, [], []
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = None  # it is large: one at a time
-        scan = Scan(current, sensitivities(current, accepted, rules.effects, known))
+        scan = Scan(current, partial(sensitivities, current, accepted, rules.effects, known))
         known = []  # of the nominal model
         if scores is None or limits is None:
             scores, limits = scan.scores, _limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
         scan.latent.threshold, latent = limits.latent, scan.latent
         if len(accepted) == most:
-            # One effect more may be there; if no known one is like it, a free force shows it.
-            highest = scan.scores[0].log_factor / (CROWDED_FACTOR * limits.threshold)
-            crowded = min(highest, latent.evidence / limits.latent) > 1
+            crowded = _one_more(nominal, accepted, scan, limits)
             break
-        quick = proposals(current, slow=False, names=rules.effects)
-        candidates = rules.selection.candidates(
-            current, scan.scores, started_from(fitted, quick),
-            started_from(fitted, scan.contact(rules)), limits.threshold, rules.effects,
-            _fits_of_round(progress, round_),
+        quick = started_from(fitted, proposals(current, slow=False, names=rules.effects))
+        singles_of = partial(
+            rules.selection.candidates, current, scan.scores, quick, threshold=limits.threshold,
+            names=rules.effects, progress=_fits_of_round(progress, round_),
         )  # fmt: skip
+        pair = accepted_companions(current, both, limits.threshold) if both else None
+        both = None  # if they are not accepted, what is slow is a candidate as ever
+        if pair is not None and _wins(pair, current, singles_of):
+            accepted, current = _with_both(current, every, pair, scan)
+            continue
+        candidates = singles_of(slow=started_from(fitted, scan.contact(rules)))
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
         fitted = []  # to the nominal model
         if far_beyond_sensor(current):
-            if not candidates or far_beyond_sensor(candidates[0].fit):  # it explains too little
-                scanned = [s.hypothesis for s in scan.sensitivities]
-                near = by_short_horizons(current, scanned, limits.threshold)
-                candidates = best_of([*candidates, *near])
-            current, candidates = with_noise_beside_leader(current, candidates, limits.threshold)
+            current, candidates = _in_motion(current, candidates, scan, limits.threshold)
         if candidates and candidates[0].evidence >= limits.threshold:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:
                 current = again
                 continue
-        refusals: list[str] = []
-        best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
-        if refusals and any(c.fit.stopped for c in candidates):  # the leader no longer counts
-            candidates, refusals = completed(current, candidates), []
-            best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
-        refused += refusals
-        pair = None
+        candidates, best, pair = *_acceptable(current, candidates, limits, rules, refused), None
         there = bool(candidates) and candidates[0].evidence >= limits.threshold
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
@@ -177,6 +174,69 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _in_motion(
+    current: Fit, candidates: list[Candidate], scan: Scan, threshold: float
+) -> tuple[Fit, list[Candidate]]:
+    """Return a model that misses a motion by far, with the noise beside its best candidate, and the
+    candidates: where the best explains too little, also those that short predictions show."""
+    if not candidates or far_beyond_sensor(candidates[0].fit):
+        scanned = [s.hypothesis for s in scan.sensitivities]
+        near = by_short_horizons(current, scanned, threshold)
+        candidates = best_of([*candidates, *near])
+    return with_noise_beside_leader(current, candidates, threshold)
+
+
+def _acceptable(
+    current: Fit, candidates: list[Candidate], limits: Limits, rules: Rules, refused: list[str]
+) -> tuple[list[Candidate], Candidate | None]:
+    """Return the candidates and the one that is accepted, if any; why others are not goes to
+    `refused`. Where the leader is not, those that were stopped for it are fitted to the end."""
+    refusals: list[str] = []
+    best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+    if refusals and any(c.fit.stopped for c in candidates):
+        candidates, refusals = completed(current, candidates), []
+        best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+    refused += refusals
+    return candidates, best
+
+
+def _wins(pair: Pair, current: Fit, singles_of: Callable[..., list[Candidate]]) -> bool:
+    """Return whether two effects that were found at once are better than any single one of those
+    that are fitted quickly; not asked where they leave so little that none can be."""
+    if unexplained(pair[1]) <= NEARLY_ALL * unexplained(current):
+        return True
+    singles = singles_of(slow=[])
+    return not singles or together(current, pair[1]) > singles[0].evidence + TIE_NATS
+
+
+def _with_both(current: Fit, every: Data, pair: Pair, scan: Scan) -> tuple[list[Accepted], Fit]:
+    """Return two effects that were found at once as accepted, and the fit of them to the data of
+    the frames that count."""
+    accepted, found = accepted_pair(pair, len(scan.sensitivities))
+    counts = current.problem.data.mask.any(axis=1, keepdims=True)
+    data = replace(every, mask=every.mask & counts).settled(found.point.seen)
+    return accepted, _with_it(found, replace(current.problem, data=data), scan.sensitivities)
+
+
+def _one_more(nominal: Fit, accepted: list[Accepted], scan: Scan, limits: Limits) -> bool:
+    """Return whether one effect more than may be accepted is there: a free force shows it, and a
+    known one is like it. Not asked where effects that are not exact explain a recording: with
+    friction, whose scan takes minutes."""
+    if scan.latent.evidence <= limits.latent:
+        return False
+    effects = [one.candidate.hypothesis.effect for one in accepted]
+    if _explained(nominal, scan.current, accepted) and not all(e.exact for e in effects):
+        return False
+    return scan.scores[0].log_factor > CROWDED_FACTOR * limits.threshold
+
+
+def _explained(nominal: Fit, final: Fit, accepted: list[Accepted]) -> bool:
+    """Return whether the accepted effects leave no more than they may."""
+    may_leave = [one.candidate.hypothesis.effect.may_leave for one in accepted]
+    was = max(unexplained(nominal), 1e-9)
+    return bool(accepted) and unexplained(final) <= max(may_leave) * was
 
 
 def _with_known_past(data: Data, before: Fit, found: Fit) -> Data:
@@ -236,11 +296,8 @@ def _verdict(
 ) -> str:  # fmt: skip
     """Return none, found or unknown. crowded: more effects would be needed than may be accepted;
     refused: candidates that were not accepted, and why."""
-    left, was = unexplained(final), max(unexplained(nominal), 1e-9)
-    effects = [one.candidate.hypothesis.effect for one in accepted]
-    may_leave = max((effect.may_leave for effect in effects), default=0.0)
-    explained = bool(accepted) and left <= may_leave * was
-    if crowded and not (explained and any(not effect.exact for effect in effects)):
+    explained = _explained(nominal, final, accepted)
+    if crowded:
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"

@@ -23,6 +23,7 @@ OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain mor
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
+FRUITLESS = 3  # steps in a row: where nodes stick and slide in turn, slopes foresee a gain in vain
 FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
@@ -58,6 +59,8 @@ class Objective:
             stations = replace(stations, scatter=same)
         self.stations, self.whitener = stations, Whitener.of(stations, problem.noise)
         self.trace: list[float] = []
+        self.best, self.tolerance = u, 0.0
+        self.rubs = any(p.friction is not None for p in first.setup.potentials)
         self.latest = np.empty(0)
         self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
         self._slopes: np.ndarray | None = None  # of the last point
@@ -106,7 +109,11 @@ class Objective:
 
         found = float(self.known.rows("square", u, square)[0])
         self.latest = turned_residual(found, len(u))
+        if found < min(self.trace, default=np.inf):
+            self.best = u.copy()
         self.trace.append(found)
+        if self.rubs and min(self.trace) not in self.trace[-FRUITLESS:]:
+            raise _Stopped(self.best, min(self.trace), ENDED)
         return self.latest.copy()
 
     def slopes(self, u: np.ndarray) -> np.ndarray:
@@ -120,19 +127,21 @@ class Objective:
         out = self.known.rows("slope", u, turned)
         self.count += 1
         hopeful = self.needed == np.inf or self.count < FEWEST_SLOPES
-        if hopeful and self.forward.instantaneous:
+        costly = self.rubs or not self.forward.instantaneous
+        if hopeful and not costly:
             return out
         low, high = self.forward.bounds()
         cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
         gain = linear_gain(out, self.latest, low - u, high - u)
         if not hopeful and cost - OPTIMISM * gain > self.needed:
             raise _Stopped(u.copy(), cost, STOPPED)
-        if gain < NEGLIGIBLE and not self.forward.instantaneous:
+        if costly and gain < max(NEGLIGIBLE, self.tolerance * cost):
             raise _Stopped(u.copy(), cost, ENDED)
         return out
 
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
+        self.tolerance = tolerance if self.rubs else 0.0
         # Among scipy's closures are circles: what they hold stays until the collector comes.
         asked = [self]
         if not u.size:  # nothing is free; not every scipy takes that

@@ -130,21 +130,21 @@ def _apply(v, r0, r1, r2, z, i, c, transposed, sign):
 def set_schur(w, count):
     """Write corner - borderᵀ A⁻¹ border into `schur` for the first `count` columns, already
     solved."""
-    n, out = w.diagonal.shape[0], w.schur
-    size = count + 3
+    out, size = w.schur, count + 3
     for s in range(size):
         for t in range(size):
-            out[s, t] = w.corner[s, t]
-    for s in range(count):
-        for t in range(count):
-            total = 0.0
-            for i in range(n):
-                total += (
-                    w.border[i, 0, s] * w.solved[i, 0, t]
-                    + w.border[i, 1, s] * w.solved[i, 1, t]
-                    + w.border[i, 2, s] * w.solved[i, 2, t]
-                )
-            out[s, t] -= total
+            out[s, t] = 0.0
+    for i in range(w.diagonal.shape[0]):
+        z = w.solved[i]
+        for s in range(count):
+            b0, b1, b2 = w.border[i, 0, s], w.border[i, 1, s], w.border[i, 2, s]
+            if b0 == 0.0 and b1 == 0.0 and b2 == 0.0:  # beyond the node that is supported
+                continue
+            for t in range(count):  # along memory: many at once
+                out[s, t] += b0 * z[0, t] + b1 * z[1, t] + b2 * z[2, t]
+    for s in range(size):
+        for t in range(size):
+            out[s, t] = w.corner[s, t] - out[s, t]
 
 
 @helper

@@ -47,13 +47,33 @@ def solve_border(matrix, right, m):
 
 
 @helper
+def _negative_definite(matrix, size, m):
+    """Return whether matrix[:size, :size] is: the pivots of its LDLᵀ, a tenth of the work of a
+    reduction to tridiagonal form, are all negative then."""
+    for i in range(size):
+        for j in range(i + 1):
+            m[j, i] = matrix[i, j]
+    for k in range(size):
+        if not m[k, k] < 0.0:
+            return False
+        for i in range(k + 1, size):
+            f = m[k, i] / m[k, k]
+            if f != 0.0:
+                for j in range(i, size):
+                    m[i, j] -= f * m[k, j]
+    return True
+
+
+@helper
 def negative_eigenvalues(matrix, size, m):
     """Return how many eigenvalues of the symmetric matrix[:size, :size] are negative.
 
-    Householder's reduction to tridiagonal form, then the signs of its pivots (Golub and Van Loan,
-    Matrix Computations, 8.3.1 and 8.4.1). The lower triangle is read.
+    Where not all are, Householder's reduction to tridiagonal form, then the signs of its pivots
+    (Golub and Van Loan, Matrix Computations, 8.3.1 and 8.4.1). The lower triangle is read.
     m: scratch of at least (size + 2, size).
     """
+    if _negative_definite(matrix, size, m):
+        return size
     v, p = m[size], m[size + 1]
     for i in range(size):
         for j in range(i + 1):

@@ -1,0 +1,141 @@
+"""Two effects at once, of which one can occur only beside the other: what is touched may be rough.
+
+A rope on a rough table is far from where it would lie on a smooth one, where it may not even come
+to rest. By itself, as a first effect is fitted, such a table explains nothing, and friction would
+never be tried beside it. Both are fitted at once, from where the first is proposed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from ropefit.diagnosis.acceptance import refusal
+from ropefit.diagnosis.beginning import Beginning, settled_start
+from ropefit.diagnosis.calm import calm
+from ropefit.diagnosis.candidate import SLOW_EVALUATIONS, Candidate, compared, continued
+from ropefit.diagnosis.candidates import explained, unexplained
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, effects_of
+from ropefit.diagnosis.pairs import Pair
+from ropefit.diagnosis.proposals import Start, misfit_of
+from ropefit.effects.base import MAY_LEAVE
+from ropefit.inference.known import settled
+from ropefit.inference.least_squares import Fit, attempted
+
+EVALUATIONS = 20  # of a fit of the model without either
+
+
+class Companions(NamedTuple):
+    """Two hypotheses that explain nearly all of what a smaller model leaves, the second possible
+    only beside the first: `smaller`, fitted without the frames in which they would act by what was
+    before the recording, and the fit with both, its last terms theirs."""
+
+    hypotheses: list[Hypothesis]
+    smaller: Fit
+    fit: Fit
+
+
+def companions(
+    current: Fit, proposed: list[list[Start]], names: tuple[str, ...] | None = None
+) -> Companions | None:
+    """Return the most promising of the `proposed` effects with one that it makes possible, fitted;
+    None unless they leave next to nothing."""
+    best, least = None, 1.0
+    for starts in _pairs(current, proposed, names):
+        smaller = _with_known_beginning(current, starts)
+        begun = None if smaller is None else settled_start(smaller, starts)
+        if smaller is None or begun is None:
+            continue
+        share = begun.misfit / float(smaller.z @ smaller.z)
+        if share < least:
+            best, least = (starts, smaller, begun), share
+        if least < MAY_LEAVE:  # as it begins: walks are slow
+            break
+    if best is None:
+        return None
+    starts, smaller, begun = best
+    fitted = _fitted(smaller, begun)
+    return None if fitted is None else Companions([h for h, _ in starts], smaller, fitted)
+
+
+def _pairs(
+    current: Fit, proposed: list[list[Start]], names: tuple[str, ...] | None
+) -> Iterator[list[Start]]:
+    """Yield where the fits of two effects begin, the second possible only beside the first."""
+    origin = calm(current)
+    setup, misfit = origin.point.setup, misfit_of(origin)
+    known = {type(effect) for effect in effects_of(setup, names)}
+    for hypothesis, values in (choices[0] for choices in proposed):
+        at = torch.from_numpy(values)
+        changed = setup.after(lambda s, h=hypothesis, at=at: h.effect.apply(s, at))
+        for effect in effects_of(changed, names):
+            if type(effect) not in known:
+                for others in effect.starts(replace(misfit, setup=changed)):
+                    yield [(hypothesis, values), (Hypothesis(effect, NO_PLACE), others[0])]
+
+
+def _with_known_beginning(current: Fit, starts: list[Start]) -> Fit | None:
+    """Return the model as fitted without the frames in which effects that start so would act by
+    what was before the recording; None where these do not settle."""
+    origin = calm(current)
+    setup = origin.forward.base
+    terms = [hypothesis.term(setup, values) for hypothesis, values in starts]
+    model = origin.forward.with_terms([*origin.forward.terms, *terms], origin.point.solution)
+    point = settled(model, np.concatenate([origin.point.u, *(np.zeros(t.size) for t in terms)]))
+    if not (point.converged.all() and point.setup.possible):
+        return None
+    lost = np.zeros(len(point.seen), dtype=bool)
+    for hypothesis, _ in starts:
+        lost |= hypothesis.effect.begun_before(point.setup, point.solution.x)
+    if not lost.any():
+        return current
+    problem, forward = current.problem.without(lost), current.forward
+    forward = forward.starting_from(current.point.solution)
+    return attempted(forward, problem, current.point.u, EVALUATIONS, tolerance=1e-5)
+
+
+def _fitted(smaller: Fit, begun: Beginning) -> Fit | None:
+    """Return the fit of both, if it leaves next to nothing."""
+    most = len(smaller.z) + MAY_LEAVE * max(unexplained(smaller), 0.0)
+    found = attempted(
+        begun.forward, smaller.problem, begun.values, SLOW_EVALUATIONS, tolerance=1e-5,
+        needed=most, matched=False,
+    )  # fmt: skip
+    if found is None or found.stopped or found.cost > smaller.cost:
+        return None
+    found = continued(smaller.cost, found, most)
+    return found if _comparable(found, smaller) and explained(smaller, found) else None
+
+
+def accepted_companions(current: Fit, known: Companions, threshold: float) -> Pair | None:
+    """Return both as fitted on top of the current model, each with the model without it, and the
+    fit with both; None unless they leave next to nothing and both pass every gate."""
+    model, u = known.fit.forward.starting_from(known.fit.point.solution), known.fit.point.u
+    whole = attempted(model, current.problem, u, SLOW_EVALUATIONS, tolerance=1e-5, matched=False)
+    if whole is None or whole.cost > current.cost:
+        return None
+    whole = continued(current.cost, whole, np.inf)
+    if not _comparable(whole, current) or not explained(current, whole):
+        return None
+    first, second = whole.forward.terms[-2:]
+    alone = whole.forward.with_terms(whole.forward.terms[:-1], current.point.solution)
+    begin = whole.point.u[: alone.size]
+    beside = attempted(alone, current.problem, begin, EVALUATIONS, tolerance=1e-4)
+    if beside is None or not _comparable(beside, current) or beside.cost > current.cost:
+        beside = current  # without the second, the first does not come to rest or explains nothing
+    pair: list[tuple[Candidate, Fit]] = [
+        (compared(known.hypotheses[0], first, current, whole), current),
+        (compared(known.hypotheses[1], second, beside, whole), beside),
+    ]
+    if any(c.evidence < threshold or refusal(c, without) for c, without in pair):
+        return None
+    return pair, whole
+
+
+def _comparable(one: Fit, other: Fit) -> bool:
+    """Return whether all frames of a fit settle, and it is of as many data as another."""
+    return bool(one.point.converged.all()) and len(one.z) == len(other.z)
