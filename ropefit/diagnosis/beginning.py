@@ -150,11 +150,12 @@ def _undistorted(smaller: Fit, begun: Beginning, moved: np.ndarray) -> np.ndarra
 
 def _missed_by(smaller: Fit, begun: Beginning, values: np.ndarray) -> float:
     """Return the rms [m] of the data about the larger model at values (P,), matched anew; inf if a
-    frame does not settle."""
+    frame does not settle or no data are near."""
     point = settled(begun.forward, values)
     if not point.converged.all():
         return np.inf
-    return float(np.sqrt((smaller.problem.match(point.seen).residual ** 2).mean()))
+    missed = smaller.problem.match(point.seen).residual
+    return float(np.sqrt((missed**2).mean())) if missed.size else np.inf
 
 
 def _whitened_change(smaller: Fit, seen: np.ndarray) -> np.ndarray:

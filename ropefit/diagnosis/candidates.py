@@ -179,7 +179,7 @@ def fit_candidates(
     fits = Fits(current, threshold, progress, due)
     for choices in quick:
         fits.add(choices)
-    if distorted(current) and fits.sufficient():  # what a scan about it says is of no use
+    if fits.sufficient() and distorted(current):  # what a scan about it says is of no use
         leaders, further = [], []
     # With contact, what remembers is settled frame after frame, which takes minutes.
     touching = bool(current.point.setup.potentials)

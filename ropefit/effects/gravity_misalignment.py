@@ -44,7 +44,8 @@ class GravityMisalignment(Effect):
         rms = np.sqrt((misfit.moves**2).sum(1).mean()) if len(misfit.frame) else 0.0
         ends = setup.whole()[0].ends.detach().numpy()
         frame, slot = np.nonzero(misfit.counts)
-        if rms < FAR * length or self.name in misfit.terms or np.isnan(ends).any():
+        nothing = self.name in misfit.terms or np.isnan(ends).any() or not len(frame)
+        if nothing or rms < FAR * length:
             return []
         chord = ends[frame, 1] - ends[frame, 0]
         chord /= np.maximum(np.linalg.norm(chord, axis=1), SMALL)[:, None]
@@ -55,7 +56,7 @@ class GravityMisalignment(Effect):
         size, angle = np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), stated @ down)
         first, second = (a.numpy() for a in horizontal(setup.gravity))
         axis = axis / size if size > 1e-6 else first
-        if not (len(frame) and angle > CONFUSED):
+        if not angle > CONFUSED:
             return []
         return [[angle * np.array([axis @ first, axis @ second])]]
 
