@@ -48,7 +48,7 @@ def refusal(candidate: Candidate, current: Fit) -> str:
         return "larger than anything plausible"
     if effect.law(current.point.setup) is not None and at_most(candidate):
         return "it fits only where its form runs to a bound"
-    if candidate.significance() < LEAST_SIGNIFICANCE:
+    if not significant(candidate):
         return "its size is not significantly different from zero"
     # A calibration error far outside its prior explains held-out frames as well as the effect of
     # the same kind does: there the evidence is in the prior.
@@ -61,6 +61,11 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     if contradicted(candidate.fit, current):
         return "short predictions contradict it"
     return ""
+
+
+def significant(candidate: Candidate) -> bool:
+    """Return whether a candidate's size is significantly different from zero."""
+    return candidate.significance() >= LEAST_SIGNIFICANCE
 
 
 def at_most(candidate: Candidate) -> bool:

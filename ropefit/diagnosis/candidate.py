@@ -153,16 +153,20 @@ def fit_candidate(
     )  # fmt: skip
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = continued(smaller.cost, fitted, lowest)
-    return _comparable(hypothesis, begun.terms[0], smaller, fitted)
+    return _candidate(hypothesis, begun.terms[0], smaller, fitted)
 
 
-def _comparable(
+def comparable(one: Fit, other: Fit) -> bool:
+    """Return whether all frames of a fit settle, and it is of as many data as another: of fewer if
+    a frame did not settle where it began."""
+    return bool(one.point.converged.all()) and len(one.z) == len(other.z)
+
+
+def _candidate(
     hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit | None
 ) -> Candidate | None:
     """Return the candidate, if its frames settle as those of the smaller model do."""
-    if fitted is None or not np.isfinite(fitted.cost) or not fitted.point.converged.all():
-        return None
-    if len(fitted.z) != len(smaller.z):  # a frame did not settle at the start: no comparison
+    if fitted is None or not np.isfinite(fitted.cost) or not comparable(fitted, smaller):
         return None
     return compared(hypothesis, term, smaller, fitted)
 

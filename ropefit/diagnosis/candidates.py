@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ropefit.diagnosis.acceptance import LEAST_SIGNIFICANCE
+from ropefit.diagnosis.acceptance import significant
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
 from ropefit.diagnosis.beginning import LATE_GAIN, distorted
 from ropefit.diagnosis.branch_repair import on_right_branches
@@ -63,8 +63,8 @@ class Fits:
         for candidate in explored:
             if OPTIMISM * gain_of(candidate) < self._share(few) * self._least_evidence():
                 continue
-            best, close = self.best(), CLOSE_EVIDENCE * explored[0].evidence
-            if best and self.sufficient() and candidate.evidence < close:
+            close = CLOSE_EVIDENCE * explored[0].evidence
+            if self.sufficient() and candidate.evidence < close:
                 break
             if not candidate.fit.stopped:
                 start = (candidate.hypothesis, candidate.values())
@@ -182,10 +182,12 @@ def fit_candidates(
     if fits.sufficient() and distorted(current):  # what a scan about it says is of no use
         leaders, further = [], []
     # With contact, what remembers is settled frame after frame, which takes minutes.
-    touching = bool(current.point.setup.potentials)
-    last = [c for c in leaders if touching and c[0][0].effect.path_dependent]
-    for choices in (c for c in leaders if not (touching and c[0][0].effect.path_dependent)):
-        fits.add(choices)
+    last: list[list[Start]] = []
+    for choices in leaders:
+        if current.point.setup.potentials and choices[0][0].effect.path_dependent:
+            last.append(choices)
+        else:
+            fits.add(choices)
     first = fits.best()
     if further and not (first and fits.explained_by(first)):
         fits.add_kinds(further)
@@ -207,9 +209,8 @@ def fit_candidates(
         for name in dict.fromkeys(choices[0][0].name for choices in late):
             first = fits.best()
             # Effects of one name are kinds of one law, and compared in any case.
-            if not (first and fits.sufficient()) or first.hypothesis.name == name:
+            if not fits.sufficient() or (first and first.hypothesis.name == name):
                 fits.add_kinds([choices for choices in late if choices[0][0].name == name])
-    first = fits.best()
     for choices in [] if fits.sufficient() else last:
         fits.add(choices)
     first = fits.best()
@@ -223,11 +224,6 @@ def fit_candidates(
 def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:
     """Return candidates by their evidence, highest first."""
     return sorted(candidates, key=lambda c: -c.evidence)
-
-
-def significant(candidate: Candidate) -> bool:
-    """Return whether a candidate's size is significantly different from zero."""
-    return candidate.significance() >= LEAST_SIGNIFICANCE
 
 
 def started_from(known: list[Candidate], starts: list[list[Start]]) -> list[list[Start]]:

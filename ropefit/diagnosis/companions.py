@@ -17,9 +17,15 @@ import torch
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.beginning import Beginning, settled_start
 from ropefit.diagnosis.calm import calm
-from ropefit.diagnosis.candidate import SLOW_EVALUATIONS, Candidate, compared, continued
+from ropefit.diagnosis.candidate import (
+    SLOW_EVALUATIONS,
+    Candidate,
+    comparable,
+    compared,
+    continued,
+)
 from ropefit.diagnosis.candidates import explained, unexplained
-from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, effects_of
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, made_possible
 from ropefit.diagnosis.pairs import Pair
 from ropefit.diagnosis.proposals import Start, misfit_of
 from ropefit.effects.base import MAY_LEAVE
@@ -68,14 +74,12 @@ def _pairs(
     """Yield where the fits of two effects begin, the second possible only beside the first."""
     origin = calm(current)
     setup, misfit = origin.point.setup, misfit_of(origin)
-    known = {type(effect) for effect in effects_of(setup, names)}
     for hypothesis, values in (choices[0] for choices in proposed):
         at = torch.from_numpy(values)
         changed = setup.after(lambda s, h=hypothesis, at=at: h.effect.apply(s, at))
-        for effect in effects_of(changed, names):
-            if type(effect) not in known:
-                for others in effect.starts(replace(misfit, setup=changed)):
-                    yield [(hypothesis, values), (Hypothesis(effect, NO_PLACE), others[0])]
+        for effect in made_possible(changed, setup, names):
+            for others in effect.starts(replace(misfit, setup=changed)):
+                yield [(hypothesis, values), (Hypothesis(effect, NO_PLACE), others[0])]
 
 
 def _with_known_beginning(current: Fit, starts: list[Start]) -> Fit | None:
@@ -108,7 +112,7 @@ def _fitted(smaller: Fit, begun: Beginning) -> Fit | None:
     if found is None or found.stopped or found.cost > smaller.cost:
         return None
     found = continued(smaller.cost, found, most)
-    return found if _comparable(found, smaller) and explained(smaller, found) else None
+    return found if comparable(found, smaller) and explained(smaller, found) else None
 
 
 def accepted_companions(current: Fit, known: Companions, threshold: float) -> Pair | None:
@@ -119,13 +123,13 @@ def accepted_companions(current: Fit, known: Companions, threshold: float) -> Pa
     if whole is None or whole.cost > current.cost:
         return None
     whole = continued(current.cost, whole, np.inf)
-    if not _comparable(whole, current) or not explained(current, whole):
+    if not comparable(whole, current) or not explained(current, whole):
         return None
     first, second = whole.forward.terms[-2:]
     alone = whole.forward.with_terms(whole.forward.terms[:-1], current.point.solution)
     begin = whole.point.u[: alone.size]
     beside = attempted(alone, current.problem, begin, EVALUATIONS, tolerance=1e-4)
-    if beside is None or not _comparable(beside, current) or beside.cost > current.cost:
+    if beside is None or not comparable(beside, current) or beside.cost > current.cost:
         beside = current  # without the second, the first does not come to rest or explains nothing
     pair: list[tuple[Candidate, Fit]] = [
         (compared(known.hypotheses[0], first, current, whole), current),
@@ -134,8 +138,3 @@ def accepted_companions(current: Fit, known: Companions, threshold: float) -> Pa
     if any(c.evidence < threshold or refusal(c, without) for c, without in pair):
         return None
     return pair, whole
-
-
-def _comparable(one: Fit, other: Fit) -> bool:
-    """Return whether all frames of a fit settle, and it is of as many data as another."""
-    return bool(one.point.converged.all()) and len(one.z) == len(other.z)

@@ -12,7 +12,7 @@ from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.candidates import explained, fit_candidates, unexplained
 from ropefit.diagnosis.companions import Companions, companions
 from ropefit.diagnosis.full_scan import Scan, sensitivities
-from ropefit.diagnosis.hypotheses import effects_of
+from ropefit.diagnosis.hypotheses import made_possible
 from ropefit.diagnosis.noise_measurement import measured_noise
 from ropefit.diagnosis.proposals import proposals, uneven
 from ropefit.diagnosis.rules import Rules
@@ -138,11 +138,11 @@ def _beside_both(
 def _beside(nominal: Fit, candidates: list[Candidate], rules: Rules) -> list[np.ndarray]:
     """Return (M, D) [m] each, what effects do to the stations, to first order, that can occur only
     beside one of the candidates: what is touched may also be rough."""
-    known = {effect.name for effect in effects_of(nominal.point.setup, rules.effects)}
     out: list[np.ndarray] = []
     for candidate in candidates:
-        every = effects_of(candidate.fit.point.setup, rules.effects)
-        further = tuple(effect.name for effect in every if effect.name not in known)
+        setup = candidate.fit.point.setup
+        every = made_possible(setup, nominal.point.setup, rules.effects)
+        further = tuple(effect.name for effect in every)
         for choices in proposals(candidate.fit, slow=True, names=further) if further else []:
             tried = (first_order_move(candidate.fit, *start) for start in choices)
             out += [move for move in tried if move is not None][:1]

@@ -105,3 +105,12 @@ def effects_of(setup: Setup, names: tuple[str, ...] | None = None) -> Iterator[E
                 continue
             if (names is None or effect.name in names) and effect.possible(setup):
                 yield effect
+
+
+def made_possible(
+    changed: Setup, before: Setup, names: tuple[str, ...] | None = None
+) -> list[Effect]:
+    """Return the effects that can occur in a changed setup, but not in it as it was before: as
+    friction on what is touched now."""
+    known = {type(effect) for effect in effects_of(before, names)}
+    return [effect for effect in effects_of(changed, names) if type(effect) not in known]

@@ -19,6 +19,7 @@ from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import (
     EVALUATIONS,
     Candidate,
+    comparable,
     compared,
     fit_candidate,
     occam_factor,
@@ -153,7 +154,7 @@ def fitted_pair(current: Fit, starts: list[Start], threshold: float) -> Pair | N
         return None
     model, terms = begun.forward, begun.terms
     both = attempted(model, current.problem, begun.values, EVALUATIONS, tolerance=1e-5)
-    if both is None or not both.point.converged.all() or len(both.z) != len(current.z):
+    if both is None or not comparable(both, current):
         return None
     own, out = current.forward.terms, []
     parts = dict(zip(map(id, model.terms), model.split(both.point.u), strict=True))

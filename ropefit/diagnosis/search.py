@@ -24,15 +24,16 @@ from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
-from ropefit.diagnosis.hypotheses import effects_of
+from ropefit.diagnosis.hypotheses import made_possible
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
+from ropefit.diagnosis.limits import Limits, clean_limits
 from ropefit.diagnosis.mixed_pairs import two_instead
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
-from ropefit.diagnosis.scan import Score, null_residuals
+from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.diagnosis.short_horizons import by_short_horizons
 from ropefit.diagnosis.wander import (
@@ -50,7 +51,6 @@ CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 LEFT_SD = 3.0  # standard errors of χ²: more is left by something
-EULER = 0.5772  # of Gumbel's law
 
 
 @dataclass
@@ -72,17 +72,6 @@ class Diagnosis:
     def alternatives(self) -> list[Alternative]:
         """Return what else may stand in the place of one effect, beside the others."""
         return alternatives(self.final, self.accepted)
-
-
-@dataclass
-class Limits:
-    """What simulated clean recordings show: threshold [nats] of an effect and of the latent force;
-    the size and unit of each effect that would reach the threshold."""
-
-    threshold: float
-    latent: float
-    detectable: dict[str, float]
-    units: dict[str, str]
 
 
 def _share(rounds: float) -> float:
@@ -114,7 +103,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         scan = Scan(current, partial(sensitivities, current, accepted, rules.effects, known))
         known = []  # of the nominal model
         if scores is None or limits is None:
-            scores, limits = scan.scores, _limits(scan, rng, rules)
+            scores, limits = scan.scores, clean_limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
         scan.latent.threshold, latent = limits.latent, scan.latent
         if len(accepted) == most:
@@ -246,11 +235,9 @@ def _with_known_past(data: Data, before: Fit, found: Fit) -> Data:
     rows = len(found.z)
     if unexplained(found) < LEFT_SD * np.sqrt(2 * rows):
         return data
-    setup, keys = found.point.setup, {type(e) for e in effects_of(before.point.setup)}
-    lost = np.zeros(len(data.mask), dtype=bool)
-    for effect in effects_of(setup):
-        if type(effect) not in keys:
-            lost |= effect.begun_before(setup, found.point.solution.x)
+    setup, lost = found.point.setup, np.zeros(len(data.mask), dtype=bool)
+    for effect in made_possible(setup, before.point.setup):
+        lost |= effect.begun_before(setup, found.point.solution.x)
     return replace(data, mask=data.mask & ~lost[:, None])
 
 
@@ -269,25 +256,6 @@ def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) 
     if problem.data.material:
         return found
     return fit(forward, problem.under(known.noise), found.point.u, 10, tolerance=1e-5)
-
-
-def _limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
-    """Simulate clean recordings with this recording's noise and calibration errors."""
-    null = null_residuals(scan.current, scan.project, rules.replicates, rng)
-    highest = np.max([s.averaged(null) for s in scan.scorers], axis=0)
-    # The quantile of a Gumbel law through the replicates.
-    spread = np.sqrt(6) / np.pi * highest.std()
-    upper = float(highest.mean() + spread * (-np.log(rules.false_alarms) - EULER))
-    threshold = max(rules.least_evidence, upper)
-    strongest = float(np.quantile(scan.latent.null(null), 1 - rules.false_alarms))
-    out = Limits(threshold, strongest + rules.latent_margin, {}, {})
-    for s in scan.scorers:
-        name, size = s.hypothesis.name, s.detectable(threshold)
-        of = s.hypothesis.effect.quantities[0]
-        if size < of.upper:  # a larger one cannot exist: such a recording cannot show it
-            out.detectable[name] = min(size, out.detectable.get(name, np.inf))
-            out.units[name] = of.unit
-    return out
 
 
 def _verdict(

@@ -1,0 +1,43 @@
+"""What simulated clean recordings show: from which evidence on an effect is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ropefit.diagnosis.full_scan import Scan
+from ropefit.diagnosis.rules import Rules
+from ropefit.diagnosis.scan import null_residuals
+
+EULER = 0.5772  # of Gumbel's law
+
+
+@dataclass
+class Limits:
+    """What simulated clean recordings show: threshold [nats] of an effect and of the latent force;
+    the size and unit of each effect that would reach the threshold."""
+
+    threshold: float
+    latent: float
+    detectable: dict[str, float]
+    units: dict[str, str]
+
+
+def clean_limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
+    """Simulate clean recordings with this recording's noise and calibration errors."""
+    null = null_residuals(scan.current, scan.project, rules.replicates, rng)
+    highest = np.max([s.averaged(null) for s in scan.scorers], axis=0)
+    # The quantile of a Gumbel law through the replicates.
+    spread = np.sqrt(6) / np.pi * highest.std()
+    upper = float(highest.mean() + spread * (-np.log(rules.false_alarms) - EULER))
+    threshold = max(rules.least_evidence, upper)
+    strongest = float(np.quantile(scan.latent.null(null), 1 - rules.false_alarms))
+    out = Limits(threshold, strongest + rules.latent_margin, {}, {})
+    for s in scan.scorers:
+        name, size = s.hypothesis.name, s.detectable(threshold)
+        of = s.hypothesis.effect.quantities[0]
+        if size < of.upper:  # a larger one cannot exist: such a recording cannot show it
+            out.detectable[name] = min(size, out.detectable.get(name, np.inf))
+            out.units[name] = of.unit
+    return out
