@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import stdtrit
 
+from ropefit.inference import clipwise
 from ropefit.inference.bins import Stations, aligned, collected
 from ropefit.inference.discrepancy import inflation, misled
 from ropefit.inference.noise import MISFIT, Whitener
@@ -82,7 +83,8 @@ class Fit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Return (P, P) of the search variables; at rest what the model misses misleads them.
+        """Return (P, P) of the search variables; at rest what the model misses misleads them, and
+        in motion they scatter from clip to clip.
 
         Data may tell nothing of a direction, as of a steady load's part along gravity, which acts
         as a heavier, stiffer rope does. A pseudo-inverse has no variance there; the truth is as
@@ -90,7 +92,7 @@ class Fit:
         """
         prior = np.fmin(self.prior, self.forward.broad())
         if not self.misses:
-            return self._by_noise(prior)
+            return self._widened(self._by_noise(prior))
         data, s, held = self.jacobian.T @ self.jacobian, self.stations, _information(prior)
         inverse = np.linalg.pinv(data + held, rcond=1e-14)
         lever = inverse @ self.whitener.weighted(self.jacobian).T
@@ -99,6 +101,26 @@ class Fit:
         bias = misled(s, lever.reshape(-1, *s.residual.shape), self.problem.noise.marker)
         wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
         return wider[:, None] * out * wider
+
+    def _widened(self, covariance: np.ndarray) -> np.ndarray:
+        """Return the covariance (P, P) of a motion, no narrower than estimates scatter by clip."""
+        if self.forward.instantaneous:
+            return covariance
+        scattered = clipwise.scatter(
+            self.jacobian, self.z, self.clip_of_rows(), _information(self.prior)
+        )
+        if scattered is None:
+            return covariance
+        sd = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        wider = np.maximum(scattered / sd, 1.0)
+        return wider[:, None] * covariance * wider
+
+    def clip_of_rows(self) -> np.ndarray:
+        """Return (M D,) which clip each row of the Jacobian is of, -1 for none."""
+        clip = np.full(len(self.point.seen), -1)
+        for number, frames in enumerate(self.forward.clips):
+            clip[frames] = number
+        return np.repeat(clip[self.stations.frame], self.stations.residual.shape[1])
 
     def _by_noise(self, prior: np.ndarray) -> np.ndarray:
         data = self.jacobian.T @ self.jacobian / self.spread

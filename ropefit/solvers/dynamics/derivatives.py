@@ -124,8 +124,9 @@ def tangent(trajectory: Trajectory, directions: Directions, every: int = 1) -> n
     change = {}
     for name, shape in shapes((*MOVING_ROD, *CLIP), n, T=steps).items():
         given, rows = getattr(directions, name), ropes if name in OF_ROD else clips
-        wide = np.broadcast_to(0.0 if given is None else given, (rows, many, *shape))
-        change[name] = np.array(wide, dtype=np.float64)
+        change[name] = np.zeros((rows, *shape, many))
+        if given is not None:
+            change[name][:] = np.moveaxis(given, 1, -1)
     dx = np.zeros((clips, many, (steps - 1) // every + 1, n + 1, 3))
     tangent_clips(
         *problem, trajectory.v0, trajectory.x, trajectory.q, np.nan_to_num(trajectory.force),

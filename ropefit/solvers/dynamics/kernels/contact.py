@@ -108,36 +108,6 @@ def push_out(rod, w):
 
 
 @inlined
-def meet_bodies(rod, change, w, dy):
-    """Turn moves dy (N+1, 3) of the nodes without bodies into moves with them; change (B, 8) of
-    the bodies."""
-    for k in range(dy.shape[0]):
-        if w.body[k] < 0:
-            continue
-        body, d, z, out = rod.bodies[w.body[k]], change[w.body[k]], w.z[k], w.out[k]
-        gap, n0, n1, n2, far = gap_of(body, z[0], z[1], z[2])
-        n, y = (n0, n1, n2), (dy[k, 0], dy[k, 1], dy[k, 2])
-        along, at, turned, moved = 0.0, 0.0, 0.0, 0.0
-        for a in range(3):
-            arm = z[a] - body[a]
-            along += body[3 + a] * arm
-            at += body[3 + a] * d[a]
-            turned += d[3 + a] * arm
-            moved -= n[a] * d[a]
-        if body[7] == PLANE:
-            for a in range(3):
-                dy[k, a] = -PUSHED * ((moved + turned) * n[a] + gap * d[3 + a])
-        else:
-            for a in range(3):
-                moved -= n[a] * along * d[3 + a]  # n is across the axis
-            for a in range(3):
-                across = -d[a] + body[3 + a] * (at - turned) - along * d[3 + a]
-                dy[k, a] = -PUSHED * ((moved - d[6]) * n[a] + gap / far * (across - moved * n[a]))
-        for a in range(3):
-            dy[k, a] += out[a, 0] * y[0] + out[a, 1] * y[1] + out[a, 2] * y[2]
-
-
-@inlined
 def leave_bodies(rod, w, pulled, change):
     """Turn gradients in the nodes (N+1, 3) into those in the nodes without bodies, and add those in
     the bodies to change (B, 8)."""

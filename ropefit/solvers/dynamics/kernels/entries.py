@@ -34,7 +34,7 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
     @kernel
     def tangent_clips(rods, of, drives, v0, xs, qs, forces, change, every, dx):
         """Find forward derivatives in P directions, dx (C, P, T', N+1, 3) at every `every`-th time:
-        `Change` of R ropes and C clips, (R, P, ...) and (C, P, ...)."""
+        `Change` of R ropes and C clips, (R, ..., P) and (C, ..., P)."""
         assert sources != 0
         for k in range(qs.shape[0]):
             tangent_clip(
