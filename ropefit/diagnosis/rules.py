@@ -14,6 +14,7 @@ from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.starts import cheaper
+from ropefit.solvers.equilibrium.branches import overwound
 
 RESTART_EVALUATIONS = 20
 
@@ -31,8 +32,9 @@ class Selection:
     def restarted(self, current: Fit, best: Candidate, share: float) -> Fit | None:
         """Return the smaller model as fitted from the best candidate's values, if that is better.
 
-        The smaller model had then been in a local minimum. share: of the candidate's evidence, at
-        least gained without it.
+        The smaller model had then been in a local minimum. A rope that the candidate has wound up
+        by a turn is not the smaller model's. share: of the candidate's evidence, at least gained
+        without it.
         """
         begin = best.fit.point.u[: current.forward.size]
         forward = current.forward.with_terms(current.forward.terms, best.fit.point.solution)
@@ -43,7 +45,11 @@ class Selection:
             forward, current.problem, begin, RESTART_EVALUATIONS, tolerance=1e-5, needed=hopeless
         )
         chosen = cheaper(current, again or current, gain)
-        return chosen if chosen is not current else None
+        if chosen is current:
+            return None
+        if forward.instantaneous and overwound(chosen.point.solution, current.point.solution).any():
+            return None
+        return chosen
 
     def acceptable(
         self, candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]

@@ -54,6 +54,18 @@ def wound(solution: Solution, before: States) -> np.ndarray:
     return np.abs(_twist(both, solution.q) - _twist(both, before.q)) > WHOLE
 
 
+def overwound(solution: Solution, before: States) -> np.ndarray:
+    """Return (F,) bool: frames that `wound` says and that are then twisted by nearly a turn.
+
+    How often a rope was wound before it was clamped no orientation of the clamps tells; up to half
+    a turn to either side is as good a guess as any.
+    """
+    clamp = solution.conditions.clamp
+    if bool(torch.isnan(clamp).any()):
+        return np.zeros(len(solution.q), dtype=bool)
+    return wound(solution, before) & (np.abs(_twist(as_numpy(clamp), solution.q)) > WHOLE)
+
+
 def _twist(clamp: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Return (F,) [rad] by which the frames turn about their tangents from clamp to clamp."""
     every = np.moveaxis(np.concatenate([clamp[:, :1], q, clamp[:, 1:]], axis=1), -1, 0)
