@@ -136,6 +136,10 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
+            if unexplained(current) > LEFT_SD * np.sqrt(2 * len(current.z)):
+                current, accepted = two_instead(
+                    current, accepted, limits.threshold, rules.effects, singles
+                )
             continue
         left = there or latent.evidence > latent.threshold
         if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
