@@ -23,7 +23,7 @@ from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Motion, Setup
-from ropefit.solvers.equilibrium.branches import wound
+from ropefit.solvers.equilibrium.branches import overwound, wound
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.potentials import force_and_stiffness, solve_with_potentials
 from ropefit.solvers.equilibrium.solve import solve
@@ -202,6 +202,8 @@ def test_states_a_turn_of_twist_away_are_told():
         assert turned.converged.all()
         assert wound(turned, plain.solution).all()
         assert not wound(turned, turned).any()
+        assert overwound(turned, plain.solution).all()
+        assert not overwound(plain.solution, turned).any()  # it is hardly twisted
     rod, held = plain.solution.rod, plain.solution.conditions
     soft = rod._replace(stiffness=rod.stiffness * torch.tensor([0.7, 0.7, 0.3]))
     near = solve(soft, held, plain.solution)

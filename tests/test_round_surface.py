@@ -66,3 +66,14 @@ def test_points_on_the_axis_are_averaged() -> None:
     assert spread(found - means).max() < 0.3 * 0.001 / np.sqrt(EACH)
     assert not fall.any()
     assert (count <= EACH).all()
+
+
+def test_one_point_far_off_does_not_move_an_axis_of_three() -> None:
+    """The two others must not be taken for points on the flank of a surface far away."""
+    radius, sd = 0.005, 0.0007
+    place, points, station = scanned(radius, sd, wild=0.0)
+    few = np.flatnonzero(station == 0)[:3]
+    points[few] = place[0] + np.array([[0.0, -radius], [0.001, -radius], [-0.019, -radius - 0.009]])
+    kept = np.sort(np.r_[few, np.flatnonzero(station > 0)])
+    found = axis(points[kept], station[kept], STATIONS, radius)[0]
+    assert np.linalg.norm(found[0] - place[0]) < 3 * sd

@@ -55,10 +55,14 @@ def with_contact(
 
     def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
         assert shape is not None
-        inside = torch.clamp(gap(x), max=0.0)[..., None]
-        normal, curvature = shape(x)
-        square = (inside < 0)[..., None] * (normal[..., :, None] * normal[..., None, :])
-        return stiff * inside * normal, stiff * (square + inside[..., None] * curvature)
+        gaps, slope, rows = gap(x), torch.zeros_like(x), x.new_zeros((*x.shape, 3))
+        deep = gaps < 0  # few nodes are
+        if deep.any():
+            inside, (normal, curvature) = gaps[deep][:, None], shape(x[deep])
+            slope[deep] = stiff * inside * normal
+            square = normal[..., :, None] * normal[..., None, :]
+            rows[deep] = stiff * (square + inside[..., None] * curvature)
+        return slope, rows
 
     known = None if shape is None else derivatives
     body = Potential(energy, share, stiff, derivatives=known)
