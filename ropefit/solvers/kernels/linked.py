@@ -24,6 +24,17 @@ class HelperLibrary(JITCodeLibrary):
         self._finalized = True
 
 
+class ApartLibrary(HelperLibrary):
+    """Code of a helper that is not merged into its callers."""
+
+    def finalize(self) -> None:
+        """Leave the code to the entry points, as functions of their own."""
+        for function in self._final_module.functions:
+            if not function.is_declaration:
+                function.add_function_attribute("noinline")
+        super().finalize()
+
+
 class EntryLibrary(JITCodeLibrary):
     """Code of an entry point."""
 
@@ -48,7 +59,7 @@ class _InLibrary(LoweringPass):
         """Set the library that `NativeLowering` fills."""
         state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        state.flags.no_compile = self.library is HelperLibrary
+        state.flags.no_compile = issubclass(self.library, HelperLibrary)
         return False
 
 
@@ -64,6 +75,13 @@ class InHelperLibrary(_InLibrary):
     """Give a helper its library."""
 
     _name, library = "ropefit_in_helper_library", HelperLibrary
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class InApartLibrary(_InLibrary):
+    """Give a helper that stays apart its library."""
+
+    _name, library = "ropefit_in_apart_library", ApartLibrary
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
@@ -99,10 +117,18 @@ class EntryCompiler(CompilerBase):
 class HelperCompiler(CompilerBase):
     """numba's compiler for a helper."""
 
+    found_in: type[_InLibrary] = InHelperLibrary
+
     def define_pipelines(self) -> list[Any]:
         """Return numba's passes, our library, and nothing that makes machine code."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.add_pass_after(InHelperLibrary, AnnotateTypes)
+        passes.add_pass_after(self.found_in, AnnotateTypes)
         passes.add_pass_after(KnownToCallers, NativeLowering)
         passes.finalize()
         return [passes]
+
+
+class ApartCompiler(HelperCompiler):
+    """numba's compiler for a helper that stays apart."""
+
+    found_in = InApartLibrary
