@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.interpolate import CubicHermiteSpline
 
+from benchmarks.discovery.following import followed
 from reference_simulators.collocation import solve
 from reference_simulators.kirchhoff_rod import (
     CLAMPED,
@@ -151,3 +152,18 @@ def test_mujoco_agrees_on_a_rope_with_a_mass():
     curve = CubicHermiteSpline(solved.mesh, z[0, :, :3], rotation(z[0, :, 3:7])[..., 2])
     assert np.linalg.norm(z[0, :, :3] - y[0, :, :3], axis=1).max() > 0.005
     assert np.linalg.norm(nodes[0] - curve(s), axis=1).max() < 0.0003
+
+
+def test_shapes_follow_from_frame_to_frame():
+    """Frames that were solved to somewhere else than their neighbours are solved from these."""
+    rod = Rod(1.0, 0.05, 1e-2 * WEIGHT, 1e-2 * WEIGHT)
+    apart = np.linspace(0.5, 0.6, 6)
+    places = np.array([[[-0.5 * d, 0.0, 0.0], [0.5 * d, 0.0, 0.0]] for d in apart])
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (6, 2, 1))
+    solved, plain = hang(rod, Ends(places, turns, (PINNED, PINNED)))
+    heavier = replace(solved, rod=replace(rod, density=1.1 * rod.density))
+    right = solve(heavier, plain)
+    jumped = right.copy()
+    jumped[4:, :, 2] += 0.02
+    np.testing.assert_allclose(followed(heavier, plain, jumped), right, atol=1e-8)
+    assert followed(heavier, plain, right) is right
