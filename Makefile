@@ -49,7 +49,7 @@ schemas: $(STAMP)
 	$(BIN)/python -m ropefit.artifacts.export schemas
 	$(BIN)/python -m benchmarks.robustness.commands --write docs/commands.md
 
-# The tables of docs/results.md and docs/robustness.md, and those of docs/paper.md that are not of its experiments.
+# The tables of docs/results.md, docs/real.md and docs/robustness.md, and those of docs/paper.md that are not of its experiments.
 results: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy.recordings --write docs/paper.md
 	$(BIN)/python -m benchmarks.accuracy.equilibrium --write docs/results.md
@@ -58,7 +58,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.speed --write docs/results.md
 	$(BIN)/python -m benchmarks.speed.devices --write docs/results.md
 	$(BIN)/python -m benchmarks.accuracy.dynamics --write docs/results.md
-	$(BIN)/python -m benchmarks.real --write docs/results.md
+	$(BIN)/python -m benchmarks.real --write docs/real.md
 	$(BIN)/python -m benchmarks.perception --write docs/results.md
 
 # An environment for each simulator under build/simulators, then how far exported ropes are off.

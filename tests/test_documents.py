@@ -119,7 +119,7 @@ def test_the_benchmarks_that_are_named_exist():
             assert importlib.util.find_spec(f"{module}.__main__"), f"{where} names {module}"
 
 
-@pytest.mark.parametrize(("page", "fewest"), [("results", 10), ("robustness", 2)])
+@pytest.mark.parametrize(("page", "fewest"), [("results", 10), ("real", 4), ("robustness", 2)])
 def test_every_section_of_the_results_has_its_command(page, fewest):
     text = (DOCS / f"{page}.md").read_text()
     sections = re.findall(r"<!-- begin ([\w-]+) -->\n(.*?)<!-- end \1 -->", text, re.DOTALL)

@@ -1,6 +1,6 @@
 """Measured ropes: identification, prediction and diagnosis of real recordings.
 
-    python -m benchmarks.real [--real DIR] [--clips N] [--only PART] [--write docs/results.md]
+    python -m benchmarks.real [--real DIR] [--clips N] [--only PART] [--write docs/real.md]
                               [--keep DIR] [--json FILE]
 
 DIR holds the real recordings (default: ../shared/real). Parts: motion (ropes in motion, fitted to N
