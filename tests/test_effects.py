@@ -223,3 +223,18 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
     again = Equilibrium(setup, []).at(np.empty(0), start=plain)
     assert not wound(again.solution, plain).any()
     assert np.abs(again.solution.x - plain.x).max() < 1e-6
+
+
+def test_a_projection_takes_away_what_is_seen_not_the_axis():
+    """What the sensor sees lies before the axis; only then it is moved back by as much."""
+    setup = pinned()
+    far, share, place = 0.004, 0.7, torch.tensor([0.1, -2.0, 0.3], dtype=torch.float64)
+    flat, standoff = (torch.tensor(v, dtype=torch.float64) for v in (share, far))
+    sensor = setup.sensor._replace(flat=flat, standoff=standoff, place=place)
+    x = Equilibrium(setup, []).at(np.empty(0)).solution.x
+    ray = x - place.numpy()
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    seen = x - far * ray
+    off = (seen - sensor.origin.numpy()) @ np.array([0.0, 1.0, 0.0])
+    wanted = seen - share * off[..., None] * np.array([0.0, 1.0, 0.0]) + far * ray
+    np.testing.assert_allclose(sensor(torch.from_numpy(x)).numpy(), wanted, atol=1e-12)

@@ -68,8 +68,9 @@ def setup_of(o: Observations, segments: int) -> Setup:
         torch.tensor(o.view.pose[:3, 3].copy()),
     )
     sensor = setup.sensor._replace(
-        origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None]
-    )
+        origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None],
+        standoff=torch.tensor(_standoff(o)),
+    )  # fmt: skip
     setup = setup._replace(
         sensor=sensor, motion=motion_of(o, setup.arc.numpy()),
         time=None if o.time is None else torch.tensor(o.time),
@@ -131,6 +132,12 @@ def _looks_round(o: Observations, data: Data) -> bool:
         match(one, line[whole], STATIONS).scatter for one in (some, replace(some, radius=0.0))
     )
     return bool(len(round_) and round_[0, 1] < flat[0, 1])
+
+
+def _standoff(o: Observations) -> float:
+    """Return [m] how far the points were moved from the visible surface to the axis, on average."""
+    before = o.point_before
+    return float(before.mean()) if before is not None and len(before) else 0.0
 
 
 def surface_sd(o: Observations) -> float:

@@ -26,8 +26,9 @@ class SensorModel(NamedTuple):
     rotation (3,) [rad] and gain about its place (3,), shift (3,) [m], depth [m] along its rays: a
     point p is reported at p + rotation x (p - place) + gain (p - place) + shift + depth ray.
     flat: share of the offset from a plane, through origin (F, 1, 3) across normal (F, 1, 3), that
-    is lost. Errors of a solver: lag, a share of the way to the nodes toward (F, N+1, 3) [m], is
-    gone back, and drift (F, N+1, 3) [m] is added.
+    is lost, of what is seen: it lies `standoff` [m] before the axis, along its ray. Errors of a
+    solver: lag, a share of the way to the nodes toward (F, N+1, 3) [m], is gone back, and drift
+    (F, N+1, 3) [m] is added.
     """
 
     place: Tensor
@@ -41,6 +42,7 @@ class SensorModel(NamedTuple):
     drift: Tensor
     lag: Tensor
     toward: Tensor
+    standoff: Tensor
 
     def __call__(self, x: Tensor) -> Tensor:
         """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
@@ -53,7 +55,12 @@ class SensorModel(NamedTuple):
             turned = torch.linalg.cross(self.rotation.expand_as(arm), arm)
             seen = x + turned + self.gain * arm + self.shift + self.depth * ray
         if acts(self.flat):
-            off = ((seen - self.origin) * self.normal).sum(-1, keepdim=True)
+            visible = seen
+            if acts(self.standoff):
+                ray = seen - self.place
+                ray = ray / torch.linalg.norm(ray, dim=-1, keepdim=True)
+                visible = seen - self.standoff * ray
+            off = ((visible - self.origin) * self.normal).sum(-1, keepdim=True)
             seen = seen - self.flat * off * self.normal
         return seen
 
@@ -292,5 +299,6 @@ def bare(
             zero,
             zero[0],
             zero,
+            zero[0],
         ),
     )
