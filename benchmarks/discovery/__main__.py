@@ -76,9 +76,6 @@ def main() -> None:
         "rows": rows(judgements), "cases": judgements, "impossible": impossible,
     }  # fmt: skip
     publish(options, options.section, text, data)
-    if options.real.is_dir() and shard == 1 and not options.score_only:
-        text, data["real"] = falsified.table(options.real, options.out)
-        publish(options, "discovery-real", text, data)
 
 
 def one(case: Case, out: Path, make_only: bool, score_only: bool) -> dict[str, Any] | str | None:

@@ -19,10 +19,11 @@ def scatter(
     """Return (P,) standard errors by the jackknife over clips, one Gauss-Newton step for each; None
     of fewer clips than tell.
 
-    jacobian (R, P), z (R,): whitened; clip (R,): which one each row is of; information (P, P): of
-    the priors. Widened by Student's t of so many clips over the normal quantile.
+    jacobian (R, P), z (R,): whitened; clip (R,): which one each row is of, -1 for none;
+    information (P, P): of the priors. Widened by Student's t of so many clips over the normal
+    quantile.
     """
-    labels = np.unique(clip)
+    labels = np.unique(clip[clip >= 0])
     if len(labels) < FEWEST:
         return None
     whole = jacobian.T @ jacobian + information

@@ -14,9 +14,9 @@ import numpy as np
 from ropefit.solvers.kernels.jit import exact_helper, exact_kernel
 
 HUBER = 2.0  # sd beyond which a point counts less
-# sd beyond which it hardly counts: among three points, one far off would draw the axis away, where
-# the others lie on the flank of a surface that is not theirs.
-OUTLIER, HARDLY = 6.0, 1e-3
+# sd beyond which a point is an outlier, and its weight then: among three points, one far off would
+# draw the axis away, where the others lie on the flank of a surface that is not theirs.
+OUTLIER, OUTLIER_WEIGHT = 6.0, 1e-3
 RIM = 0.75  # of the radius: further out the surface is too steep to be trusted
 OUTMOST = 0.98  # of the radius: a sensor sees no further
 ROUNDS = 6
@@ -159,7 +159,7 @@ def axes(values, station, count, inner, radius):
             sd[d] = max(_median(scaled[d], 0, k) / 0.6745, 1e-9)
         for i in range(points):
             size = math.sqrt(0.5 * ((off[i, 0] / sd[0]) ** 2 + (off[i, 1] / sd[1]) ** 2))
-            weight[i] = min(1.0, HUBER / max(size, 1e-12)) if size < OUTLIER else HARDLY
+            weight[i] = min(1.0, HUBER / max(size, 1e-12)) if size < OUTLIER else OUTLIER_WEIGHT
         _pooled(off, weight, spare, inner, variance)
         for s in range(stations):
             for c in range(5):

@@ -60,10 +60,8 @@ def overwound(solution: Solution, before: States) -> np.ndarray:
     How often a rope was wound before it was clamped no orientation of the clamps tells; up to half
     a turn to either side is as good a guess as any.
     """
-    clamp = solution.conditions.clamp
-    if bool(torch.isnan(clamp).any()):
-        return np.zeros(len(solution.q), dtype=bool)
-    return wound(solution, before) & (np.abs(_twist(as_numpy(clamp), solution.q)) > WHOLE)
+    twist = _twist(as_numpy(solution.conditions.clamp), solution.q)
+    return wound(solution, before) & (np.abs(twist) > WHOLE)
 
 
 def _twist(clamp: np.ndarray, q: np.ndarray) -> np.ndarray:

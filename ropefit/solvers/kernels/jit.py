@@ -17,7 +17,7 @@ import numba
 from numba import njit
 
 from ropefit.solvers.compiling import listen
-from ropefit.solvers.kernels.linked import ApartCompiler, EntryCompiler, HelperCompiler
+from ropefit.solvers.kernels.linked import EntryCompiler, HelperCompiler, NotInlinedCompiler
 
 listen()  # whoever computes meanwhile says that it is compiled
 
@@ -31,8 +31,9 @@ BARE |= {"pipeline_class": HelperCompiler}
 # Nor do they count references to arrays (`_nrt`), which would take half of the time in a loop of
 # views: their callers keep them. So a helper makes no array and returns none; a `maker` may.
 helper = njit(**BARE, _nrt=False, fastmath=FUSED)  # type: ignore[call-overload]
-# Not merged into its callers: what is long and called from many places is compiled once.
-apart = njit(**BARE | {"pipeline_class": ApartCompiler}, _nrt=False, fastmath=FUSED)  # type: ignore[call-overload]
+# Not inlined by LLVM: vector loops that are called from many places are optimised once.
+NOT_INLINED = BARE | {"pipeline_class": NotInlinedCompiler}
+not_inlined = njit(**NOT_INLINED, _nrt=False, fastmath=FUSED)  # type: ignore[call-overload]
 maker = njit(**BARE, fastmath=FUSED)
 # Merged into its callers: a call costs as much as ten segments where it hands over a whole record.
 inlined = njit(**BARE, inline="always", fastmath=FUSED)

@@ -24,8 +24,8 @@ class HelperLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-class ApartLibrary(HelperLibrary):
-    """Code of a helper that is not merged into its callers."""
+class NotInlinedLibrary(HelperLibrary):
+    """Code of a helper that LLVM does not inline."""
 
     def finalize(self) -> None:
         """Leave the code to the entry points, as functions of their own."""
@@ -78,10 +78,10 @@ class InHelperLibrary(_InLibrary):
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
-class InApartLibrary(_InLibrary):
-    """Give a helper that stays apart its library."""
+class InNotInlinedLibrary(_InLibrary):
+    """Give a helper that is not inlined its library."""
 
-    _name, library = "ropefit_in_apart_library", ApartLibrary
+    _name, library = "ropefit_in_not_inlined_library", NotInlinedLibrary
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
@@ -128,7 +128,7 @@ class HelperCompiler(CompilerBase):
         return [passes]
 
 
-class ApartCompiler(HelperCompiler):
-    """numba's compiler for a helper that stays apart."""
+class NotInlinedCompiler(HelperCompiler):
+    """numba's compiler for a helper that LLVM does not inline."""
 
-    found_in = InApartLibrary
+    found_in = InNotInlinedLibrary

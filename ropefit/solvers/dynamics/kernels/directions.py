@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from ropefit.rod.fields import PLANE
 from ropefit.solvers.dynamics.kernels.contact import PUSHED, gap_of
-from ropefit.solvers.kernels.jit import apart, helper
+from ropefit.solvers.kernels.jit import helper, not_inlined
 
 
-@apart
+@not_inlined
 def add_product(m, sign, d, out, at):
     """Add m (3, 3), times a sign, times the first rows of d (3.., P) to three rows of out."""
     for r in range(3):
@@ -29,7 +29,15 @@ def set_turning(h, x, y, z, m):
     m[2, 0], m[2, 1], m[2, 2] = -y, x, h
 
 
-@apart
+@helper
+def transpose(m):
+    """Transpose m (3, 3) in place."""
+    for r in range(3):
+        for c in range(r):
+            m[r, c], m[c, r] = m[c, r], m[r, c]
+
+
+@not_inlined
 def copy_all(source, target):
     """Copy an array of three dimensions."""
     for k in range(source.shape[0]):
@@ -38,7 +46,7 @@ def copy_all(source, target):
                 target[k, a, s] = source[k, a, s]
 
 
-@apart
+@not_inlined
 def set_pasts(rate, one, two, out):
     """Write c1 one + c2 two into out (K, 3, P), with coefficients of D for each row (K.., 3)."""
     for k in range(out.shape[0]):
@@ -48,7 +56,7 @@ def set_pasts(rate, one, two, out):
                 out[k, a, s] = c1 * one[k, a, s] + c2 * two[k, a, s]
 
 
-@apart
+@not_inlined
 def _pivot_times(v, b, t):
     """Write v (6, 6) times b (6, P) into t."""
     for r in range(6):

@@ -12,6 +12,7 @@ from ropefit.solvers.dynamics.kernels.directions import (
     set_turning,
     set_yielding,
     solve_systems,
+    transpose,
 )
 from ropefit.solvers.dynamics.kernels.histories import histories
 from ropefit.solvers.dynamics.kernels.rates import jointed, rates, step_ratio
@@ -189,9 +190,7 @@ def _change_bends(rod, d, t, c0, old_p, b, moment, m, w):
         if j == 0 or j == n:
             set_cross(pj, w.m[j], w.firm[j], m)
             if j == 0:
-                for a in range(3):
-                    for c in range(a):
-                        m[a, c], m[c, a] = m[c, a], m[a, c]
+                transpose(m)
             add_product(m, 1.0, d.clamp[t, 0 if j == 0 else 1], b[0 if j == 0 else n - 1], 0)
 
 
@@ -254,8 +253,6 @@ def _change_strains(rod, d, q, strain, turn, dx, m, ds):
         set_turning(0.0, e[0], e[1], e[2], m)
         add_product(m, 1.0, turn[i], ds[i], 0)
         rotation(q[i], m)
-        for a in range(3):
-            for c in range(a):
-                m[a, c], m[c, a] = m[c, a], m[a, c]
+        transpose(m)
         add_product(m, 1 / l, dx[i + 1], ds[i], 0)
         add_product(m, -1 / l, dx[i], ds[i], 0)
