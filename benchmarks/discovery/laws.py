@@ -4,8 +4,9 @@ python -m benchmarks.discovery.laws [--seed S] [--count N] [--shard I/N] [--out 
 [--only PATTERN] [--write docs/laws.md]
 
 Of four recordings two have a law, one a known effect, one nothing. All are of the rod equations at
-rest, but those of drag: of MuJoCo's rope, shaken. Each is made, diagnosed by the command line and
-judged; what is finished is kept in DIR.
+rest, but those of drag: of MuJoCo's rope, shaken; how visible its exponent is, is known after the
+recording is made, and recordings that hardly show it are listed by themselves. Each is made,
+diagnosed by the command line and judged; what is finished is kept in DIR.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from benchmarks.discovery.concealed import PHYSICS
 from benchmarks.discovery.concealment import Concealed
 from benchmarks.discovery.law_causes import DRAWN, STRETCH, Drawn
 from benchmarks.discovery.run import diagnose, kept, read_json
+from benchmarks.discovery.score import VISIBLE
 from benchmarks.discovery.setting import Setting
 from benchmarks.document import write_section
 from reference_simulators.collocation import NotConverged
@@ -84,6 +86,15 @@ def _diagnosed_in_motion(folder: Path, run: Path) -> dict[str, Any]:
     from benchmarks.discovery import motions  # needs MuJoCo
 
     return motions.diagnosed(folder, run)
+
+
+def _visible(seed: int, folder: Path, run: Path, truth_file: Path) -> bool:
+    """Return whether a recording in motion shows its law."""
+    from benchmarks.discovery import motions
+
+    stored = truth_file.with_suffix(".score.json")
+    score = motions.visibility(motions.staged(seed, "laws"), folder, run, stored)
+    return score is not None and score >= VISIBLE
 
 
 def _kept(file: Path, truth: dict[str, Any]) -> dict[str, Any]:
@@ -149,25 +160,33 @@ def table(judgements: list[dict[str, Any]], asked: int, command: str) -> str:
     known = sorted({j["kind"] for j in judgements} - {*LAWS, "clean"})
     groups += [("all laws", list(LAWS)), ("a known effect", known), ("nothing", ["clean"])]
     for name, members in groups:
-        own = [j for j in judgements if j["kind"] in members]
+        own = [j for j in judgements if j["kind"] in members and j["visible"]]
         if not own:
             continue
         s = _shares(own)
         cells = (s["slot"], s["form"], s["named"], s["covered"], s["rms"], s["false law"])
         lines.append(f"| {name} | {len(own)} | {' | '.join(cells)} |")
     wrong = [
-        f"{j['case']}: {', '.join(j['names']) or j['verdict']}"
+        _told(j)
         for j in judgements
-        if j.get("slot") is False or j.get("false law")
+        if j["visible"] and (j.get("slot") is False or j.get("false law"))
     ]
+    hidden = [_told(j) for j in judgements if not j["visible"]]
     forms = [
         f"{j['case']} ({j['true form']}): {', '.join(j['forms']) or 'none'}"
         for j in judgements
-        if j.get("form") is False
+        if j["visible"] and j.get("form") is False
     ]
     lines += ["", f"Not right: {'; '.join(wrong) or 'none'}.", ""]
     lines += [f"True form not among those reported: {'; '.join(forms) or 'none'}."]
+    if hidden:
+        lines += ["", f"Score below {VISIBLE:.0f}, not judged: {'; '.join(hidden)}."]
     return "\n".join(lines)
+
+
+def _told(judgement: dict[str, Any]) -> str:
+    """Return a case and what was answered."""
+    return f"{judgement['case']}: {', '.join(judgement['names']) or judgement['verdict']}"
 
 
 def main() -> None:
@@ -191,14 +210,17 @@ def main() -> None:
         file = out / "results" / f"{name}.json"
         if k % of != part - 1 or (options.score_only and not file.exists()):
             continue
-        truth = recording(kind, 1000 * options.seed + k, out / name, out / "truth" / f"{name}.json")
+        seed, truth_file = 1000 * options.seed + k, out / "truth" / f"{name}.json"
+        truth = recording(kind, seed, out / name, truth_file)
         run = out / "runs" / name
         how = _diagnosed_in_motion if kind == IN_MOTION else diagnose
         result = kept(file, lambda f=out / name, r=run, how=how: how(f, r))
         if result["answer"] is None:
             print(name, "failed:", result["error"], flush=True)
             continue
-        judgements.append(judged(truth, result["answer"]) | {"case": name})
+        visible = kind != IN_MOTION or _visible(seed, out / name, run, truth_file)
+        found = judged(truth, result["answer"])
+        judgements.append(found | {"case": name, "visible": visible})
         print(name, json.dumps(judgements[-1]), result["seconds"], flush=True)
     command = f"--seed {options.seed} --count {options.count}"
     section = "discovery-laws"

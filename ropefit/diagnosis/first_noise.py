@@ -102,7 +102,7 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     candidates = [c for c in candidates if c.evidence > rules.least_evidence]
     if nominal is at_rest and rules.most_effects > 1:
         best = candidates[0].fit if candidates else nominal
-        if not explained(nominal, best) or uneven(best):
+        if _far_off(best) and (not explained(nominal, best) or uneven(best)):
             together = companions(nominal, slow, rules.effects)
             if together is not None:
                 return _beside_both(together, steady, candidates, rules)
@@ -122,6 +122,12 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
             beside, left = measured_noise(nominal, steady, moves + further)
             measured = beside if left < cost - rules.least_evidence else measured
     return FirstNoise(measured, known, quick + candidates)
+
+
+def _far_off(fitted: Fit) -> bool:
+    """Return whether a fit leaves more than noise does: only then are two effects fitted at once,
+    as what is left of one, if it is that little, does not hinder its own fit."""
+    return unexplained(fitted) > len(fitted.z)
 
 
 def _beside_both(
