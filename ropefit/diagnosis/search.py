@@ -17,7 +17,7 @@ from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.alternatives import Alternative, alternatives
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import Candidate, best_of
+from ropefit.diagnosis.candidate import Candidate, best_of, comparable, compared
 from ropefit.diagnosis.candidates import Progress, completed, started_from, unexplained
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
@@ -97,6 +97,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     current, accepted, refused = nominal, [], []
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
+    leader: list[Candidate] = []  # of the round before, where that restarted the model
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = None  # it is large: one at a time
@@ -119,7 +120,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if pair is not None and _wins(pair, current, singles_of):
             accepted, current = _with_both(current, every, pair, scan)
             continue
-        candidates = singles_of(slow=started_from(fitted, scan.contact(rules)))
+        candidates = best_of([*singles_of(slow=started_from(fitted, scan.contact(rules))), *leader])
+        leader = []
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
         fitted = []  # to the nominal model
@@ -127,8 +129,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             current, candidates = _in_motion(current, candidates, scan, limits.threshold)
         if candidates and candidates[0].evidence >= limits.threshold:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
-            if again is not None:
-                current = again
+            if again is not None:  # about which the scan may not show the leader any more
+                current, leader = again, _beside(again, candidates[0])
                 continue
         candidates, best, pair = *_acceptable(current, candidates, limits, rules, refused), None
         there = bool(candidates) and candidates[0].evidence >= limits.threshold
@@ -167,6 +169,13 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _beside(smaller: Fit, candidate: Candidate) -> list[Candidate]:
+    """Return a candidate compared with another fit of the smaller model, if it can be."""
+    if not comparable(candidate.fit, smaller):
+        return []
+    return [compared(candidate.hypothesis, candidate.term, smaller, candidate.fit)]
 
 
 def _in_motion(
