@@ -144,3 +144,8 @@ def test_what_remembers_is_fitted_last_on_a_rope_that_touches(
     candidates.fit_candidates(current, [], [], starts[2:], 6.0)
     memory, mass, slow = (choices[0][0].name for choices in starts)
     assert order == ([mass, slow, memory] if touching else [memory, mass, slow])
+
+
+def test_two_are_tried_at_once_only_where_one_leaves_more_than_noise():
+    assert not first_noise._far_off(SimpleNamespace(z=np.full(100, 1.2)))  # type: ignore[arg-type]
+    assert first_noise._far_off(SimpleNamespace(z=np.full(100, 1.5)))  # type: ignore[arg-type]

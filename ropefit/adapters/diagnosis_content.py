@@ -23,7 +23,7 @@ from ropefit.diagnosis.next_motion import next_motion
 from ropefit.diagnosis.regions import misfit, regions
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.sandwich import INTERVAL
+from ropefit.inference.verdict import NORMAL_QUANTILE
 
 ACTING_SHARE = 0.02  # of the greatest move of a node: frames with less are not acted on
 LEAST_HALF_WIDTH = 0.005  # of the length: of the interval of a place
@@ -198,7 +198,7 @@ def _stretch(
     first, length = layout.first, layout.length
     effect = candidate.hypothesis.effect
     if effect.locus == "point":
-        half = min(max(INTERVAL * float(sd[-1]), LEAST_HALF_WIDTH * length), 0.5 * length)
+        half = min(max(NORMAL_QUANTILE * float(sd[-1]), LEAST_HALF_WIDTH * length), 0.5 * length)
         low, high = named["arc_length"] - half, named["arc_length"] + half
     elif effect.locus == "interval":
         low = named["centre"] - named["width"] / 2

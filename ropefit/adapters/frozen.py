@@ -7,7 +7,7 @@ import numpy as np
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.model import FittedModel, ParameterGroup
 from ropefit.errors import WrongUsage
-from ropefit.inference.sandwich import INTERVAL
+from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models import rest_curve
 
 PER_WEIGHT = ("EI", "GJ", "EA", "bend_damping", "air_damping")  # in proportion to the mass
@@ -54,7 +54,7 @@ def weight_factor(m: FittedModel, o: Observations) -> float:
 def covariance_of(group: ParameterGroup, names: list[str]) -> np.ndarray:
     """Return (n, n) covariance in SI of parameters that are no logarithms and have intervals."""
     ends = np.array([group.parameters[name].ci95 for name in names])
-    sd = 0.5 * (ends[:, 1] - ends[:, 0]) / INTERVAL
+    sd = 0.5 * (ends[:, 1] - ends[:, 0]) / NORMAL_QUANTILE
     place = [group.free_names.index(name) for name in names]
     correlation = np.nan_to_num(group.correlation[np.ix_(place, place)])
     np.fill_diagonal(correlation, 1.0)

@@ -9,7 +9,8 @@ from ropefit.diagnosis.held_out import by_stretches, heldout_rms, weighted_error
 from ropefit.diagnosis.innovations import contradicted
 from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
-from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit
+from ropefit.inference.least_squares import Fit
+from ropefit.inference.verdict import NORMAL_QUANTILE
 
 LEAST_SIGNIFICANCE = NORMAL_QUANTILE  # standard errors from zero: 95 %
 MOST_RMS_RATIO = 1.01  # of the held-out rms, over that without the candidate

@@ -9,7 +9,8 @@ import numpy as np
 from ropefit.diagnosis.beginning import beginning
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
-from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted
+from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.terms import SIZE_PRIOR_SD, Term
 
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place

@@ -14,7 +14,8 @@ import torch
 
 from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, occam_factor
 from ropefit.effects.law import Constant, Form, Law
-from ropefit.inference.least_squares import NORMAL_QUANTILE, Fit, attempted
+from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.terms import Term
 
 HOPELESS = 40.0  # nats behind the free curve: a form's fit without prospect of less is stopped

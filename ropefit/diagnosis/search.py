@@ -30,7 +30,7 @@ from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import Limits, clean_limits
 from ropefit.diagnosis.mixed_pairs import two_instead
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
-from ropefit.diagnosis.proposals import proposals
+from ropefit.diagnosis.proposals import Start, proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Score
@@ -47,6 +47,7 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
+MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact are slow
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
@@ -111,6 +112,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             crowded = _one_more(nominal, accepted, scan, limits)
             break
         quick = started_from(fitted, proposals(current, slow=False, names=rules.effects))
+        quick += _beside_contact(accepted, singles)
         singles_of = partial(
             rules.selection.candidates, current, scan.scores, quick, threshold=limits.threshold,
             names=rules.effects, progress=_fits_of_round(progress, round_),
@@ -169,6 +171,15 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _beside_contact(accepted: list[Accepted], singles: list[Candidate]) -> list[list[Start]]:
+    """Return where fits of what explained most before contact was accepted begin beside it: about
+    a rope that touches something, the scan leads elsewhere, and pairs are not compared."""
+    if len(accepted) != 1 or not accepted[0].candidate.hypothesis.effect.slow:
+        return []
+    others = [c for c in singles if c.hypothesis.effect.linear and not c.hypothesis.effect.slow]
+    return [[(c.hypothesis, c.values())] for c in others if c.evidence > 0][:MOST_BESIDE_CONTACT]
 
 
 def _beside(smaller: Fit, candidate: Candidate) -> list[Candidate]:

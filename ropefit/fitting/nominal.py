@@ -19,7 +19,7 @@ from ropefit.fitting.branch import nearer_branch
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.inference.sandwich import INTERVAL
+from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models import rest_curve
 from ropefit.models.correlated import correlated
 from ropefit.models.equilibrium import Equilibrium
@@ -91,7 +91,7 @@ def as_known(term: Term, p: Parameter) -> Term:
     if p.ci95 is None:
         return term
     low, high = np.log(p.ci95) if term.log else p.ci95
-    return _with_prior(term, 0.5 * (high - low) / INTERVAL)
+    return _with_prior(term, 0.5 * (high - low) / NORMAL_QUANTILE)
 
 
 def _with_prior(term: Term, sd: float) -> Term:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import stdtrit
 
+from ropefit.inference.verdict import NORMAL_QUANTILE
+
 FEWEST = 6  # clips that tell a scatter
 
 
@@ -35,4 +37,4 @@ def scatter(
     deviation = np.array(steps) - np.mean(steps, axis=0)
     count = len(labels)
     variance = (count - 1) / count * (deviation**2).sum(0)
-    return np.sqrt(variance) * float(stdtrit(count - 1, 0.975)) / 1.959964
+    return np.sqrt(variance) * float(stdtrit(count - 1, 0.975)) / NORMAL_QUANTILE

@@ -14,10 +14,10 @@ from ropefit.inference.discrepancy import inflation, misled
 from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.objective import STOPPED, Objective
 from ropefit.inference.problem import FitProblem
+from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.model import Model
 from ropefit.models.response import Parts, Point
 
-NORMAL_QUANTILE = 1.96  # of 95 %
 AS_MATCHED = 0.002  # m: points match a rope whose nodes have moved by less as they did before
 MATCHED = 10  # evaluations of a fit to the points as matched where it ended
 BOUND_TOLERANCE = 1e-9  # search variables: a parameter nearer to its bound is at it

@@ -17,11 +17,11 @@ from ropefit.inference.intervals import (
     estimate,
 )
 from ropefit.inference.least_squares import Fit, fit
-from ropefit.inference.verdict import is_wide, partners
+from ropefit.inference.verdict import NORMAL_QUANTILE, is_wide, partners
 from ropefit.models.model import Model
 
 ONE_SIDED = 1.645**2  # rise of χ² at a 95 % limit
-TWO_SIDED = 1.96**2
+TWO_SIDED = NORMAL_QUANTILE**2
 NARROW = 0.3  # sd of a logarithm up to which the parabola is trusted for its interval
 VANISHING = np.log(1e-3)  # a thousandth of the best value stands for nothing at all
 DEAD = 1e-6  # whitened sensitivity, all stations together, of what does nothing

@@ -21,7 +21,6 @@ from ropefit.inference.least_squares import Fit
 from ropefit.inference.verdict import partners
 
 NULL = 1e-9  # eigenvalue of the scaled curvature under which a direction counts as undetermined
-INTERVAL = 1.959964  # sd: half of a 95 % interval
 SHARED = 1e-3  # of a direction's square: a parameter that has as much is part of it
 BLOCK = 0.5  # s: residuals of a motion that are further apart count as independent
 

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 Verdict = Literal["determined", "trade-off", "flat direction", "dead", "at bound", "not converged"]
+NORMAL_QUANTILE = 1.959964  # standard deviations: half of a 95 % interval
 STRONG_CORRELATION = 0.98  # from which two parameters trade off
 WIDE_LOGARITHM = np.log(3.0)  # half width: an interval beyond a factor of three determines nothing
 WIDE_SHARE = 0.25  # of the range: half width of a value of either sign that determines nothing
