@@ -19,9 +19,7 @@ LOWEST, HIGHEST = 0.25, 32.0  # over the length: beyond, the slope of M is const
 OCTAVES, PER_OCTAVE = (-2, 6), 4  # over the length: where M is exact, between which it is linear
 MIDDLE = 32.0**0.5  # over the length: EI is M / κ there
 LEAST_SLOPE = 1e-3  # over EI: a moment that no longer grows leaves equilibria undetermined
-STEEPEST = (
-    5.0  # of the logarithm of the slope: a rope of strands that lock is a hundred times as stiff
-)
+STEEPEST = 5.0  # of the slope's logarithm: strands that lock are a hundred times as stiff
 
 Moment = Callable[[Tensor, Tensor], Tensor]  # of curvatures (n,) and a shape (), up to a factor
 
