@@ -27,6 +27,7 @@ MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
+LEFT_SD = 3.0  # standard errors of χ²: more is left by something
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
 
 
@@ -286,3 +287,8 @@ def explained(smaller: Fit, fitted: Fit) -> bool:
 def unexplained(fitted: Fit) -> float:
     """Return the χ² in excess of what noise alone has."""
     return float(fitted.z @ fitted.z) - len(fitted.z)
+
+
+def leaves_something(fitted: Fit, sd: float = LEFT_SD) -> bool:
+    """Return whether a fit leaves more than noise alone may, by so many standard errors of χ²."""
+    return unexplained(fitted) > sd * np.sqrt(2 * len(fitted.z))

@@ -5,12 +5,14 @@ it: neither gives way alone where only both together are wrong. A scan over all 
 and places costs no further solve. Its order is of the first order: the leading pairs are fitted to
 few frames, and the best of these to all and compared with what was accepted. Where much is missed
 the first order leads astray: what scores highest beside each of the best single candidates, as
-fitted, is compared with them.
+fitted, is compared with them. One of a pair may be right while the other stands for what is really
+there: where the best pair leaves something, so is what scores highest beside either of its two.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 
@@ -19,6 +21,7 @@ import numpy as np
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.candidates import leaves_something
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import on_few_frames
 from ropefit.diagnosis.full_scan import Scan, sensitivities
@@ -36,6 +39,7 @@ MOST_EXPLORED = 8  # pairs fitted to few frames
 EVALUATIONS = 10  # of such a fit
 MOST_SINGLES, MOST_SECONDS = 3, 4  # candidates, and what is put beside each
 HARDLY_MORE = 1.2  # times the least cost so far: a fit without prospect of it is stopped
+LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 MOST_FITTED = 3  # pairs fitted to all
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
@@ -69,7 +73,8 @@ def two_instead(
         and not _as_accepted(accepted, one[0].effect, other[0].effect)
     ]
     explored = _distinct(leading)[:MOST_EXPLORED] + _beside_singles(singles, names)
-    pairs = [fitted_pair(base, both, threshold) for both in _best_on_few_frames(base, explored)]
+    best_starts = _best_on_few_frames(base, explored, names)
+    pairs = [fitted_pair(base, both, threshold) for both in best_starts]
     settled = [pair for pair in pairs if pair is not None]
     best = max(settled, key=lambda pair: together(base, pair[1]), default=None)
     if best is None or together(base, best[1]) <= now + TIE_NATS:
@@ -89,17 +94,35 @@ def _beside_singles(
     quick = [c for c in singles if c.hypothesis.effect.linear and not c.hypothesis.effect.slow]
     for one in sorted(quick, key=lambda c: c.fit.cost)[:MOST_SINGLES]:
         start: Start = (one.hypothesis, one.values())
-        scores = Scan(one.fit, partial(sensitivities, one.fit, [], names)).scores
-        linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
-        for score in linear[:MOST_SECONDS]:
-            for begin in score.widths or score.starts()[:1]:
-                out.append([start, (score.hypothesis, np.concatenate(begin))])
+        out += [[start, other] for other in _scored_beside(one.fit, names)]
     return out
 
 
-def _best_on_few_frames(base: Fit, pairs: list[list[Start]]) -> list[list[Start]]:
-    """Return where fits of pairs begin that explain few frames best, as fitted to these."""
-    few, out, least = on_few_frames(base) or base, [], np.inf
+@dataclass(frozen=True)
+class Explored:
+    """Where the fit of a pair to few frames ended, and its log evidence there [nats]."""
+
+    evidence: float
+    starts: list[Start]
+    fit: Fit
+
+
+def _best_on_few_frames(
+    base: Fit, pairs: list[list[Start]], names: tuple[str, ...] | None
+) -> list[list[Start]]:
+    """Return where fits of pairs begin that explain few frames best, as fitted to these; where the
+    best leaves something, also of those with one of the two and what scores highest beside it."""
+    few = on_few_frames(base) or base
+    best = _best(_explored(few, pairs, np.inf))
+    if best and leaves_something(best[0].fit, LEFT_OF_FEW):
+        further = [both for one in best for both in _with_another(one, few, names)]
+        best = _best([*best, *_explored(few, further, best[0].fit.cost)])
+    return [one.starts for one in best]
+
+
+def _explored(few: Fit, pairs: list[list[Start]], least: float) -> list[Explored]:
+    """Return the fits of pairs to few frames; least: cost of the best one so far."""
+    out: list[Explored] = []
     for both in pairs:
         begun = settled_start(few, both)
         if begun is None:
@@ -114,11 +137,39 @@ def _best_on_few_frames(base: Fit, pairs: list[list[Start]]) -> list[list[Start]
         parts = fitted.forward.split(fitted.point.u)[-2:]
         values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]
         starts = [(h, v) for (h, _), v in zip(both, values, strict=True)]
-        out.append((together(few, fitted), starts))
-    best = {}
-    for _, starts in sorted(out, key=lambda one: -one[0]):
-        best.setdefault(frozenset(h.key for h, _ in starts), starts)
+        out.append(Explored(together(few, fitted), starts, fitted))
+    return out
+
+
+def _best(explored: list[Explored]) -> list[Explored]:
+    """Return the best fit of each two hypotheses, few of them, best first."""
+    best: dict[frozenset[tuple[str, int]], Explored] = {}
+    for one in sorted(explored, key=lambda one: -one.evidence):
+        best.setdefault(frozenset(h.key for h, _ in one.starts), one)
     return list(best.values())[:MOST_FITTED]
+
+
+def _with_another(pair: Explored, few: Fit, names: tuple[str, ...] | None) -> Iterator[list[Start]]:
+    """Yield each of a pair's effects, as fitted, with what scores highest beside it: one may be
+    right while the other stands for what is really there."""
+    *terms, first, second = pair.fit.forward.terms
+    *u, of_first, of_second = pair.fit.forward.split(pair.fit.point.u)
+    for start, term, part in zip(pair.starts, (first, second), (of_first, of_second), strict=True):
+        forward = pair.fit.forward.with_terms([*terms, term], few.point.solution)
+        # Left where it is: fitted alone it would stand for all that is missing.
+        held = attempted(forward, few.problem, np.concatenate([*u, part]), 1, tolerance=1e-4)
+        if held is not None and len(held.z) == len(few.z):
+            for other in _scored_beside(held, names):
+                yield [start, other]
+
+
+def _scored_beside(one: Fit, names: tuple[str, ...] | None) -> Iterator[Start]:
+    """Yield where what scores highest beside a fit begins, in stretches of every width."""
+    scores = Scan(one, partial(sensitivities, one, [], names)).scores
+    linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
+    for score in linear[:MOST_SECONDS]:
+        for begin in score.widths or score.starts()[:1]:
+            yield score.hypothesis, np.concatenate(begin)
 
 
 def _distinct(leading: list[ScannedPair]) -> list[list[Start]]:

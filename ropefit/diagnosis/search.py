@@ -18,7 +18,13 @@ from ropefit.diagnosis.alternatives import Alternative, alternatives
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of, comparable, compared
-from ropefit.diagnosis.candidates import Progress, completed, started_from, unexplained
+from ropefit.diagnosis.candidates import (
+    Progress,
+    completed,
+    leaves_something,
+    started_from,
+    unexplained,
+)
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.equivalence import TIE_NATS
@@ -51,7 +57,6 @@ MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact ar
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
-LEFT_SD = 3.0  # standard errors of χ²: more is left by something
 
 
 @dataclass
@@ -140,7 +145,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
-            if unexplained(current) > LEFT_SD * np.sqrt(2 * len(current.z)):
+            if leaves_something(current):
                 current, accepted = two_instead(
                     current, accepted, limits.threshold, rules.effects, singles
                 )
@@ -256,8 +261,7 @@ def _with_known_past(data: Data, before: Fit, found: Fit) -> Data:
     """Return the data without the frames in which effects that can occur only now, as friction on
     what is touched, would act by what was before the recording; all, where nothing is left for
     these to explain."""
-    rows = len(found.z)
-    if unexplained(found) < LEFT_SD * np.sqrt(2 * rows):
+    if not leaves_something(found):
         return data
     setup, lost = found.point.setup, np.zeros(len(data.mask), dtype=bool)
     for effect in made_possible(setup, before.point.setup):
