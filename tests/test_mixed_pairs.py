@@ -9,7 +9,7 @@ import torch
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.mixed_pairs import two_instead
+from ropefit.diagnosis.mixed_pairs import _best_on_few_frames, two_instead
 from ropefit.effects import PointMass, StiffSection, Tether
 from tests.concealed import recorded, rope
 from tests.test_calm import fitted
@@ -52,3 +52,14 @@ def test_what_is_right_stays(both):
     assert two_instead(*right, 6.0, NAMES) == right
     clean = fitted(recorded(rope(288), seed=108))
     assert two_instead(clean, [], 6.0, NAMES) == (clean, [])
+
+
+def test_what_stands_for_another_gives_way_beside_what_is_right(both):
+    """A tether in place of the stiff stretch leaves something; beside the weight the scan shows
+    what is there."""
+    weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
+    wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
+    best, *_ = _best_on_few_frames(both, [[weight, wrong]], NAMES)
+    places = {hypothesis.name: values[-2:] for hypothesis, values in best}
+    assert set(places) & {"point_mass", "tether"}  # a tether may pull as a weight does
+    assert places["stiff_section"] == pytest.approx(STIFF[1:], abs=0.05)
