@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.mixed_pairs import beside_contact
 from ropefit.diagnosis.rules import RULES, Selection
-from ropefit.diagnosis.search import _beside_contact, search
+from ropefit.diagnosis.search import search
 from ropefit.effects import Obstacle, PointMass, StiffSection, SupportPlane
 from tests.concealed import nominal_fit, recorded, with_effect
 
@@ -46,10 +47,10 @@ def test_what_explained_most_alone_is_tried_beside_contact():
         single(PointMass(), 5.0), single(StiffSection(), -1.0),
     ]  # fmt: skip
     touched = [SimpleNamespace(candidate=single(SupportPlane(), 30.0))]
-    starts = _beside_contact(touched, singles)  # type: ignore[arg-type]
+    starts = beside_contact(touched, singles)  # type: ignore[arg-type]
     assert [(h.name, v.tolist()) for ((h, v),) in starts] == [
         ("stiff_section", [20.0]), ("point_mass", [10.0]),
     ]  # fmt: skip
     weighed = [SimpleNamespace(candidate=single(PointMass(), 30.0))]
-    assert _beside_contact(weighed, singles) == []  # type: ignore[arg-type]
-    assert _beside_contact([], singles) == []  # type: ignore[arg-type]
+    assert beside_contact(weighed, singles) == []  # type: ignore[arg-type]
+    assert beside_contact([], singles) == []  # type: ignore[arg-type]

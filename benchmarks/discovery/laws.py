@@ -156,26 +156,23 @@ def table(judgements: list[dict[str, Any]], asked: int, command: str) -> str:
         "| concealed | recordings | law found | form | named | constants | rms | called a law |",
         "|---|---|---|---|---|---|---|---|",
     ]
+    visible = [j for j in judgements if j["visible"]]
     groups = [(kind, [kind]) for kind in LAWS]
     known = sorted({j["kind"] for j in judgements} - {*LAWS, "clean"})
     groups += [("all laws", list(LAWS)), ("a known effect", known), ("nothing", ["clean"])]
     for name, members in groups:
-        own = [j for j in judgements if j["kind"] in members and j["visible"]]
+        own = [j for j in visible if j["kind"] in members]
         if not own:
             continue
         s = _shares(own)
         cells = (s["slot"], s["form"], s["named"], s["covered"], s["rms"], s["false law"])
         lines.append(f"| {name} | {len(own)} | {' | '.join(cells)} |")
-    wrong = [
-        _told(j)
-        for j in judgements
-        if j["visible"] and (j.get("slot") is False or j.get("false law"))
-    ]
+    wrong = [_told(j) for j in visible if j.get("slot") is False or j.get("false law")]
     hidden = [_told(j) for j in judgements if not j["visible"]]
     forms = [
         f"{j['case']} ({j['true form']}): {', '.join(j['forms']) or 'none'}"
-        for j in judgements
-        if j["visible"] and j.get("form") is False
+        for j in visible
+        if j.get("form") is False
     ]
     lines += ["", f"Not right: {'; '.join(wrong) or 'none'}.", ""]
     lines += [f"True form not among those reported: {'; '.join(forms) or 'none'}."]

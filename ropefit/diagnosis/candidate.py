@@ -154,7 +154,7 @@ def fit_candidate(
     )  # fmt: skip
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = continued(smaller.cost, fitted, lowest)
-    return _candidate(hypothesis, begun.terms[0], smaller, fitted)
+    return compared_if_comparable(hypothesis, begun.terms[0], smaller, fitted)
 
 
 def comparable(one: Fit, other: Fit) -> bool:
@@ -163,10 +163,11 @@ def comparable(one: Fit, other: Fit) -> bool:
     return bool(one.point.converged.all()) and len(one.z) == len(other.z)
 
 
-def _candidate(
+def compared_if_comparable(
     hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit | None
 ) -> Candidate | None:
-    """Return the candidate, if its frames settle as those of the smaller model do."""
+    """Return the candidate, if there is a fit and its frames settle as those of the smaller model
+    do."""
     if fitted is None or not np.isfinite(fitted.cost) or not comparable(fitted, smaller):
         return None
     return compared(hypothesis, term, smaller, fitted)

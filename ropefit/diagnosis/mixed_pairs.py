@@ -38,6 +38,7 @@ from ropefit.inference.least_squares import Fit, attempted
 MOST_EXPLORED = 8  # pairs fitted to few frames
 EVALUATIONS = 10  # of such a fit
 MOST_SINGLES, MOST_SECONDS = 3, 4  # candidates, and what is put beside each
+MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact are slow
 HARDLY_MORE = 1.2  # times the least cost so far: a fit without prospect of it is stopped
 LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 MOST_FITTED = 3  # pairs fitted to all
@@ -85,14 +86,28 @@ def two_instead(
     return whole, named
 
 
+def beside_contact(accepted: list[Accepted], singles: Sequence[Candidate]) -> list[list[Start]]:
+    """Return where fits of what explained most before contact was accepted begin beside it: about
+    a rope that touches something the scan leads elsewhere, and pairs are not compared."""
+    if len(accepted) != 1 or not accepted[0].candidate.hypothesis.effect.slow:
+        return []
+    best = [c for c in _quick(singles) if c.evidence > 0][:MOST_BESIDE_CONTACT]
+    return [[(c.hypothesis, c.values())] for c in best]
+
+
+def _quick(singles: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates that a scan shows and that are no contact."""
+    effects = ((c, c.hypothesis.effect) for c in singles)
+    return [c for c, effect in effects if effect.linear and not effect.slow]
+
+
 def _beside_singles(
     singles: Sequence[Candidate], names: tuple[str, ...] | None
 ) -> list[list[Start]]:
     """Return pairs of a single candidate, of those that leave least, and what scores highest beside
     it."""
     out: list[list[Start]] = []
-    quick = [c for c in singles if c.hypothesis.effect.linear and not c.hypothesis.effect.slow]
-    for one in sorted(quick, key=lambda c: c.fit.cost)[:MOST_SINGLES]:
+    for one in sorted(_quick(singles), key=lambda c: c.fit.cost)[:MOST_SINGLES]:
         start: Start = (one.hypothesis, one.values())
         out += [[start, other] for other in _scored_beside(one.fit, names)]
     return out

@@ -17,7 +17,7 @@ from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.alternatives import Alternative, alternatives
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import Candidate, best_of, comparable, compared
+from ropefit.diagnosis.candidate import Candidate, best_of, compared_if_comparable
 from ropefit.diagnosis.candidates import (
     Progress,
     completed,
@@ -34,9 +34,9 @@ from ropefit.diagnosis.hypotheses import made_possible
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import Limits, clean_limits
-from ropefit.diagnosis.mixed_pairs import two_instead
+from ropefit.diagnosis.mixed_pairs import beside_contact, two_instead
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
-from ropefit.diagnosis.proposals import Start, proposals
+from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Score
@@ -53,7 +53,6 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
 
 MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
-MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact are slow
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
@@ -103,7 +102,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     current, accepted, refused = nominal, [], []
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
-    leader: list[Candidate] = []  # of the round before, where that restarted the model
+    leader: Candidate | None = None  # of the round before, where that restarted the model
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = None  # it is large: one at a time
@@ -117,7 +116,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             crowded = _one_more(nominal, accepted, scan, limits)
             break
         quick = started_from(fitted, proposals(current, slow=False, names=rules.effects))
-        quick += _beside_contact(accepted, singles)
+        quick += beside_contact(accepted, singles)
         singles_of = partial(
             rules.selection.candidates, current, scan.scores, quick, threshold=limits.threshold,
             names=rules.effects, progress=_fits_of_round(progress, round_),
@@ -127,8 +126,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if pair is not None and _wins(pair, current, singles_of):
             accepted, current = _with_both(current, every, pair, scan)
             continue
-        candidates = best_of([*singles_of(slow=started_from(fitted, scan.contact(rules))), *leader])
-        leader = []
+        candidates = best_of([*singles_of(slow=started_from(fitted, scan.contact(rules))), leader])
+        leader = None
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
         fitted = []  # to the nominal model
@@ -137,7 +136,11 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if candidates and candidates[0].evidence >= limits.threshold:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:  # about which the scan may not show the leader any more
-                current, leader = again, _beside(again, candidates[0])
+                best = candidates[0]
+                current, leader = (
+                    again,
+                    compared_if_comparable(best.hypothesis, best.term, again, best.fit),
+                )
                 continue
         candidates, best, pair = *_acceptable(current, candidates, limits, rules, refused), None
         there = bool(candidates) and candidates[0].evidence >= limits.threshold
@@ -176,22 +179,6 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
-
-
-def _beside_contact(accepted: list[Accepted], singles: list[Candidate]) -> list[list[Start]]:
-    """Return where fits of what explained most before contact was accepted begin beside it: about
-    a rope that touches something, the scan leads elsewhere, and pairs are not compared."""
-    if len(accepted) != 1 or not accepted[0].candidate.hypothesis.effect.slow:
-        return []
-    others = [c for c in singles if c.hypothesis.effect.linear and not c.hypothesis.effect.slow]
-    return [[(c.hypothesis, c.values())] for c in others if c.evidence > 0][:MOST_BESIDE_CONTACT]
-
-
-def _beside(smaller: Fit, candidate: Candidate) -> list[Candidate]:
-    """Return a candidate compared with another fit of the smaller model, if it can be."""
-    if not comparable(candidate.fit, smaller):
-        return []
-    return [compared(candidate.hypothesis, candidate.term, smaller, candidate.fit)]
 
 
 def _in_motion(
