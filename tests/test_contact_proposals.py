@@ -109,16 +109,37 @@ def test_no_plane_is_proposed_beside_a_plane():
     nominal = nominal_fit(recorded(free, seed=2))
     lowest = float(nominal.point.seen[..., 2].min()) - float(middle_of(free)[2])
     values = np.array([lowest + DEPTH, 0.0, 0.0])
-    assert SupportPlane().starts_beside(SupportPlane(), values, misfit_of(nominal))
+    assert SupportPlane().starts_beside(SupportPlane(), values, misfit_of(nominal)) == []
     beside = proposals_beside(SupportPlane(), values, nominal)
     assert {choices[0][0].name for choices in beside} == {"obstacle"}
 
 
-def test_bars_are_proposed_beside_planes_only():
+def test_a_bar_is_also_tried_to_either_side():
+    """Frames in which a bar is not touched where a fit ended do not pull it there."""
+    free = rope(288)
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
+    low[2] += DEPTH - 0.03
+    values = np.array([*low, 0.03, heading_across(free)])
+    point = Equilibrium(Obstacle().apply(free, torch.from_numpy(values)), []).at(np.empty(0))
+    (one,), (other,) = Obstacle().starts_beside(Obstacle(), values, of(point))
+    first, second = (axis.numpy() for axis in horizontal(free.gravity))
+    along = np.cos(values[4]) * first + np.sin(values[4]) * second
+    for at, sign in ((one, 1.0), (other, -1.0)):
+        moved = at[:3] - values[:3]
+        assert sign * moved == pytest.approx(one[:3] - values[:3])
+        assert np.linalg.norm(moved) == pytest.approx(0.02)
+        assert moved @ along == pytest.approx(0.0, abs=1e-12)
+        assert moved[2] == pytest.approx(0.0, abs=1e-12)
+        assert (at[3:] == values[3:]).all()
+
+
+def test_bars_are_proposed_where_a_plane_or_a_bar_bears_the_rope():
     point = Equilibrium(rope(288), []).at(np.empty(0))
     above = np.array([1.0, 0.0, 0.0])
     assert Obstacle().starts_beside(SupportPlane(), above, of(point))
-    assert Obstacle().starts_beside(Obstacle(), above, of(point)) == []
+    low = np.array([0.0, 0.0, -2.0, 0.03, 0.0])
+    assert Obstacle().starts_beside(Obstacle(), low, of(point)) == []
 
 
 def test_planes_one_after_the_other_do_not_mix():

@@ -8,15 +8,17 @@ import pytest
 
 from ropefit.diagnosis import accepted
 from ropefit.diagnosis.acceptance import at_most
-from ropefit.diagnosis.equivalence import ordered, within_reach
+from ropefit.diagnosis.equivalence import equivalents, ordered, within_reach
 from ropefit.effects import (
     BendingLaw,
     ForceField,
     HalfSpace,
     LostOutOfPlane,
+    MassSection,
     Obstacle,
     PointForce,
     PointMass,
+    StiffSection,
     WallField,
 )
 from tests.concealed import rope
@@ -84,6 +86,23 @@ def test_what_wants_more_than_is_possible_is_not_first_of_a_tie(evidence, first)
 )
 def test_what_is_as_likely_is_tied_however_weak(behind, share, less, tied):
     assert within_reach(behind, share, less) == tied
+
+
+@pytest.mark.parametrize(
+    ("effect", "significance", "plausible", "tied"),
+    [
+        (MassSection(), 0.5, True, True),  # of it the mass is a special case: both or none are zero
+        (MassSection(), 0.5, False, False),
+        (StiffSection(), 0.5, True, False),  # without any size it explains as much
+        (StiffSection(), 1.5, True, True),
+    ],
+)
+def test_what_may_be_zero_is_tied_if_it_contains_the_best(effect, significance, plausible, tied):
+    mass, other = candidate(PointMass(), 8.3, 12.0), candidate(effect, 8.9, 12.0)
+    mass.fit.cost, other.fit.cost = 2012.0, 2010.0
+    mass.hypothesis.name, other.hypothesis.name = "point_mass", effect.name
+    other.significance, other.plausible = lambda: significance, lambda: plausible
+    assert (equivalents(mass, [mass, other], 2045.0) == [other]) == tied
 
 
 def test_gains_of_frames_and_of_stretches_are_not_compared():

@@ -45,7 +45,7 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
     moving = not current.forward.instantaneous
     before, after = (_error(fit, along) for fit in (current, candidate.fit))
-    if effect.linear and np.abs(candidate.usual_sizes()).max() > effect.implausible:
+    if not candidate.plausible():
         return "larger than anything plausible"
     if effect.law(current.point.setup) is not None and at_most(candidate):
         return "it fits only where its form runs to a bound"

@@ -88,6 +88,11 @@ class Candidate:
         apart = np.sqrt(max(off @ information @ off, 0.0))
         return float(apart * NORMAL_QUANTILE / (found.quantile if known else found.student))
 
+    def plausible(self) -> bool:
+        """Return whether its sizes are none that its effect calls implausible."""
+        effect = self.hypothesis.effect
+        return not effect.linear or bool(np.abs(self.usual_sizes()).max() <= effect.implausible)
+
     def magnitude(self) -> tuple[float, float]:
         """Return the length of a vector of sizes, and its standard error, in SI."""
         k = self.hypothesis.size

@@ -64,7 +64,7 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
     out = []
     for one in candidates:
         same_effect = one.hypothesis.name == best.hypothesis.name
-        if one is best or same_effect or one.significance() < LEAST_SIGNIFICANCE:
+        if one is best or same_effect or not (_contains(one, best) or _is_there(one)):
             continue
         behind = best.evidence - one.evidence
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
@@ -72,6 +72,17 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
         if within_reach(behind, share, less):
             out.append(one)
     return out
+
+
+def _is_there(one: Candidate) -> bool:
+    """Return whether a candidate's size is unlikely to be zero."""
+    return one.significance() >= LEAST_SIGNIFICANCE
+
+
+def _contains(one: Candidate, special: Candidate) -> bool:
+    """Return whether another candidate is a special case of a plausible one."""
+    effect = one.hypothesis.effect
+    return one.plausible() and is_special_case(special.hypothesis.effect, effect)
 
 
 def within_reach(behind: float, share: float, less: float = np.inf) -> bool:

@@ -42,12 +42,12 @@ def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) ->
 def proposals_beside(
     leader: Effect, values: np.ndarray, fitted: Fit, names: tuple[str, ...] | None = None
 ) -> list[list[Start]]:
-    """Return starts of effects that may fit as well as `leader`, fitted with values (n,), does."""
+    """Return starts of effects that may fit as well as `leader`, fitted with values (n,), does: its
+    own, where that leaves other minima."""
     misfit = misfit_of(fitted)
     return [
         [(Hypothesis(effect, NO_PLACE), at) for at in choices]
         for effect in effects_of(misfit.setup, names)
-        if type(effect) is not type(leader)
         for choices in effect.starts_beside(leader, values, misfit)
     ]
 

@@ -15,6 +15,7 @@ from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.candidate import Candidate, best_of, compared, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.proposals import proposals_beside
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.problem import FitProblem
 from ropefit.models.terms import Term
@@ -49,7 +50,7 @@ def reassessed(
         # place; but where that one was beaten, effects stood beside it that may have changed.
         if later and not changed:
             fitted += [_refitted_beside(c, later, without) for c in one.beaten]
-        candidates = best_of([held, *fitted])
+        candidates = _with_their_like(without, best_of([held, *fitted]))
         better = [
             c for c in candidates
             if c.evidence > held.evidence + TIE_NATS and c.fit.cost < current.cost
@@ -78,6 +79,19 @@ def _refitted_beside(
     if fitted is None or len(fitted.z) != len(without.z):
         return None
     return compared(candidate.hypothesis, candidate.term, without, fitted)
+
+
+def _with_their_like(without: Fit, candidates: list[Candidate]) -> list[Candidate]:
+    """Return candidates with what may do the same as one of them and was not fitted: a plane for a
+    bar, or the bar elsewhere."""
+    lowest, known = candidates[0].fit.cost, {c.hypothesis.key for c in candidates}
+    fitted = [
+        fit_candidate(without, *choices[0], lowest)
+        for one in candidates
+        for choices in proposals_beside(one.hypothesis.effect, one.values(), one.fit)
+        if choices[0][0].key == one.hypothesis.key or choices[0][0].key not in known
+    ]
+    return best_of([*candidates, *fitted])
 
 
 def _needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:

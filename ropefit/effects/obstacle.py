@@ -34,6 +34,7 @@ LIFTED_SHARE = 0.7  # of the greatest lift: stations on the bar
 SMOOTHING = np.full(5, 0.2)  # weights of neighbouring stations in a mean lift
 RADII = (0.03, 0.01)  # m, tried: over a thick bar a rope comes to lie from farther away
 LOWERED = (0.0, 0.001, 0.002, 0.004, 0.006)  # m below the data, tried until the rope settles
+ASIDE = 0.02  # m, to either side of a bar that was fitted: another is tried
 TINY = 1e-16  # m²: keeps the distance from the axis smooth
 EXPORTED_LENGTH = 2.0  # m, of a bar that the model takes as endless
 
@@ -92,8 +93,7 @@ class Obstacle(Contact):
         if self.name in misfit.terms or len(misfit.frame) == 0:
             return []
         heading = heading_across(misfit.setup)
-        first, second = (axis.numpy() for axis in horizontal(misfit.setup.gravity))
-        axis = np.cos(heading) * first + np.sin(heading) * second
+        axis = _axis(misfit.setup, heading)
         return [
             [np.array([*centre, radius, heading])] for centre, radius in bars_below(misfit, axis)
         ]
@@ -140,20 +140,23 @@ class Obstacle(Contact):
     def starts_beside(
         self, leader: Effect, values: np.ndarray, misfit: Misfit
     ) -> list[list[np.ndarray]]:
-        """Propose bars where a plane bears the rope: few frames on a bar fit a slope nearly too."""
-        if not isinstance(leader, SupportPlane):
-            return []
+        """Propose bars where a plane bears the rope: few frames on a bar fit a slope nearly too.
+        Beside a bar, propose it to either side: frames in which it is not touched do not pull it
+        there."""
         found = leader.borne(values, misfit)
-        if found is None:
-            return []
-        (centre, normal), heading = found, heading_across(misfit.setup)
-        return [[np.array([*(centre - r * normal), r, heading])] for r in RADII]
+        if isinstance(leader, SupportPlane) and found is not None:
+            (centre, normal), heading = found, heading_across(misfit.setup)
+            return [[np.array([*(centre - r * normal), r, heading])] for r in RADII]
+        if isinstance(leader, Obstacle) and found is not None:
+            across = np.cross(up_of(misfit.setup), _axis(misfit.setup, values[4]))
+            aside = np.array([*(ASIDE * across), 0.0, 0.0])
+            return [[values - aside], [values + aside]]
+        return []
 
     def borne(self, values: np.ndarray, misfit: Misfit) -> tuple[np.ndarray, np.ndarray] | None:
         heading, radius = values[4], values[3]
         place = misfit.nodes - middle_of(misfit.setup).numpy()
-        first, second = (axis.numpy() for axis in horizontal(misfit.setup.gravity))
-        axis = np.cos(heading) * first + np.sin(heading) * second
+        axis = _axis(misfit.setup, heading)
         arm = place - values[:3]
         arm = arm - (arm @ axis)[..., None] * axis
         depth = np.nan_to_num(np.maximum(radius - np.linalg.norm(arm, axis=-1), 0.0))
@@ -167,8 +170,7 @@ class Obstacle(Contact):
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
-        first, second = (axis.numpy() for axis in horizontal(setup.gravity))
-        axis = np.cos(values["heading"]) * first + np.sin(values["heading"]) * second
+        axis = _axis(setup, values["heading"])
         middle = middle_of(setup).numpy() + np.array([values[k] for k in "xyz"])
         half = EXPORTED_LENGTH / 2 * axis
         start, stop = records.vector(middle - half), records.vector(middle + half)
@@ -191,9 +193,14 @@ class Obstacle(Contact):
 
 def _across(setup: Setup, heading: float, vector: np.ndarray) -> np.ndarray:
     """Return the part of a vector (3,) across a horizontal axis of some heading."""
-    first, second = (axis.numpy() for axis in horizontal(setup.gravity))
-    axis = np.cos(heading) * first + np.sin(heading) * second
+    axis = _axis(setup, heading)
     return vector - (vector @ axis) * axis
+
+
+def _axis(setup: Setup, heading: float) -> np.ndarray:
+    """Return (3,) the horizontal axis of some heading."""
+    first, second = (axis.numpy() for axis in horizontal(setup.gravity))
+    return np.cos(heading) * first + np.sin(heading) * second
 
 
 def heading_across(setup: Setup) -> float:

@@ -81,7 +81,7 @@ class SupportPlane(Contact):
         """Propose the plane that touches a bar where that bears the rope: in few frames they do
         the same, and under all data there may be none."""
         borne = leader.borne(values, misfit)
-        if borne is None or misfit.setup.damping is not None:
+        if borne is None or isinstance(leader, SupportPlane) or misfit.setup.damping is not None:
             return []
         (place, normal), up = borne, up_of(misfit.setup)
         slopes = [-float(normal @ axis.numpy()) for axis in horizontal(misfit.setup.gravity)]
