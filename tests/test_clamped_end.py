@@ -28,7 +28,8 @@ WAY = DIRECTION / np.linalg.norm(DIRECTION)
 def test_the_scan_sees_what_a_soft_clamp_does(end):
     setup, effect, way = rope(72, 4), ClampedEnd(end), DIRECTION / np.linalg.norm(DIRECTION)
     point, soft = Equilibrium(setup, []).at(np.empty(0)), 1e-7
-    parts = point.by_loads(effect.unit_loads(setup, point.solution.x, way))
+    x = point.solution.x
+    parts = point.by_loads(1, lambda index: effect.unit_loads(setup, x[index], way))
     scanned = soft * np.concatenate([moved for _, moved in parts], axis=1)[0]
     changed = effect.apply(setup, torch.tensor([soft, *way], dtype=torch.float64))
     moved = Equilibrium(changed, [], point.solution).at(np.empty(0)).seen - point.seen

@@ -72,7 +72,7 @@ def pushes(fitted: Fit) -> list[Push]:
     load = np.zeros((frames, 2 * len(at), nodes, 3))
     for k, node in enumerate(at):
         load[:, 2 * k : 2 * k + 2, node] = across[k]
-    columns = by_parts(fitted, point.by_loads(load), load.shape[1])
+    columns = by_parts(fitted, point.by_loads(load.shape[1], load.__getitem__), load.shape[1])
     data = s.places(point.solution.x) + s.offset
     arc = point.setup.arc.detach().numpy()
     rows, out = np.repeat(s.frame, s.residual.shape[1]), []

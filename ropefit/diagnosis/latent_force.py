@@ -71,7 +71,8 @@ def latent_force(fitted: Fit, project: Projection) -> LatentForce:
         for a in range(3):
             load[3 * k + a, :, a] = hats[:, k] * (length / (nodes - 1)) * weight
     if fitted.forward.instantaneous:
-        parts, many = point.by_loads(np.broadcast_to(load, (frames, *load.shape))), TIME_KNOTS
+        parts = point.by_loads(len(load), lambda index: np.repeat(load[None], len(index), axis=0))
+        many = TIME_KNOTS
     else:  # what a force does lasts: a steady one
         steady = torch.from_numpy(load)
         parts, many = point.parts([_loaded(setup, one) for one in steady]), 1

@@ -101,9 +101,9 @@ class Sensitivities:
 
     def _nodes(self, hypothesis: Hypothesis) -> Parts:
         """Return frames and the changes of the nodes there (Q k, f, K, 3) [m], until all are."""
-        loads = self._loads(hypothesis) if self.fit.forward.instantaneous else None
-        if loads is not None:
-            return self.point.by_loads(loads)
+        if self.fit.forward.instantaneous and self._is_load(hypothesis):
+            many = len(hypothesis.places) * hypothesis.size
+            return self.point.by_loads(many, lambda index: self._loads(hypothesis, index))
         if hypothesis.effect.turns_rope and self._spins_freely():
             return self._tangents(hypothesis, turned=True)
         if hypothesis.effect.tangent:
@@ -145,14 +145,15 @@ class Sensitivities:
         setup = self.setup.after(lambda s: hypothesis.effect.apply(s, torch.from_numpy(values)))
         return self.fit.forward.of_setup(setup, self.point.solution).at(np.empty(0)).seen
 
-    def _loads(self, hypothesis: Hypothesis) -> np.ndarray | None:
-        """Return (F, Q k, K, 3) [N] on the nodes per usual size, where an effect is such a load."""
-        x, out = self.point.solution.x, []
-        for place in hypothesis.places:
-            loads = hypothesis.effect.unit_loads(self.setup, x, place)
-            if loads is None:
-                return None
-            out.append(loads)
-        load = np.stack(out, axis=1)
+    def _is_load(self, hypothesis: Hypothesis) -> bool:
+        """Return whether an effect is a load on the nodes in proportion to its sizes."""
+        one = self.point.solution.x[:1], hypothesis.places[0]
+        return hypothesis.effect.unit_loads(self.setup, *one) is not None
+
+    def _loads(self, hypothesis: Hypothesis, index: np.ndarray) -> np.ndarray:
+        """Return (f, Q k, K, 3) [N] on the nodes in some frames per usual size."""
+        x, effect = self.point.solution.x[index], hypothesis.effect
+        loads = [effect.unit_loads(self.setup, x, place) for place in hypothesis.places]
+        load = np.stack([one for one in loads if one is not None], axis=1)
         load *= hypothesis.scales(self.setup)[:, None, None]
         return load.reshape(len(x), -1, x.shape[1], 3)

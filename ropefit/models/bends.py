@@ -44,10 +44,11 @@ def elements_of(setup: Setup, rod: Rod, frames: int) -> FrictionElements | None:
         return None
     drag, centre, slip = (t.detach().numpy() for t in springs(setup.bending, rod))
     rows = frames, drag.shape[1], drag.shape[2]
+    # In C order, as compiled code takes them: in another they would be copied once more.
     return FrictionElements.slipping(
-        np.array(np.broadcast_to(drag, rows)),
-        np.array(np.broadcast_to(centre[:, None], (*rows, 2))),
-        np.array(np.broadcast_to(slip, rows)),
+        np.array(np.broadcast_to(drag, rows), order="C"),
+        np.array(np.broadcast_to(centre[:, None], (*rows, 2)), order="C"),
+        np.array(np.broadcast_to(slip, rows), order="C"),
     )
 
 

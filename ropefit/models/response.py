@@ -30,7 +30,7 @@ Change = Callable[[float], Setup]  # the setup where one value has moved by so m
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
 STEP = 1e-5
 LOAD = Rod._fields.index("load")
-AT_ONCE, FEWEST = 8e6, 16  # bytes of answers in memory at once, of that many frames at least
+AT_ONCE, FEWEST = 4e6, 16  # bytes of answers in memory at once, of that many frames at least
 
 
 @dataclass
@@ -67,10 +67,11 @@ class Point:
         for index, few in in_parts(self.solution, len(changes)):
             yield index, self._moved(few, [s.frames(index, len(self.seen)) for s in slopes], turned)
 
-    def by_loads(self, load: np.ndarray) -> Parts:
-        """Yield the same for loads (F, P, K, 3) [N] on the nodes of a rope at rest."""
-        for index, few in in_parts(self.solution, load.shape[1]):
-            dx, _ = tangent(few, Directions(load=load[index]))
+    def by_loads(self, many: int, load: Callable[[np.ndarray], np.ndarray]) -> Parts:
+        """Yield the same for so `many` loads (f, P, K, 3) [N] on the nodes of a rope at rest, as
+        given for indices (f,) of frames."""
+        for index, few in in_parts(self.solution, many):
+            dx, _ = tangent(few, Directions(load=load(index)))
             yield index, np.moveaxis(dx, 1, 0)
 
     def _moved(self, solution: Solution, slopes: list[Slopes], turned: bool) -> np.ndarray:
