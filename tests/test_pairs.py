@@ -77,6 +77,25 @@ def test_of_two_tethers_one_may_be_the_weight_that_it_contains():
     assert named[1].candidate.values() == pytest.approx([0.004, 0.66], rel=0.1)
 
 
+def test_of_two_tethers_one_may_be_a_heavy_stretch():
+    """A stretch explains far more than the weight that the tether contains: that is no tie."""
+    heavy, held = [0.006, 0.66, 0.2], [0.05, 0.0, 0.02, 0.01, 0.31]
+    setup = MassSection().apply(rope(288), torch.tensor(heavy, dtype=torch.float64))
+    setup = Tether().apply(setup, torch.tensor(held, dtype=torch.float64))
+    nominal = fitted(recorded(setup, seed=105))
+    found = best_pair(nominal, sensitivities(nominal, [], ("tether",)), None, 6.0)
+    assert found is not None
+    named, whole = accepted_pair(found, 50)
+    by_name = {one.candidate.hypothesis.name: one.candidate for one in named}
+    assert not any(one.equivalent for one in named)
+    assert by_name.keys() == {"tether", "mass_section"}
+    assert whole is by_name["mass_section"].fit
+    assert by_name["mass_section"].values()[:2] == pytest.approx(heavy[:2], rel=0.1)
+    low, high = by_name["mass_section"].interval(3.0)
+    assert (low <= heavy).all()
+    assert (heavy <= high).all()
+
+
 def test_two_overlapping_sections_are_two_weights(two):
     """A heavy one with a light one inside weighs at its edges: neither is a weight by itself."""
     current, accepted = sections(two, (0.012, 0.48, 0.5), (-0.006, 0.48, 0.3))

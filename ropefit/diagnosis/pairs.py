@@ -7,7 +7,7 @@ a pair's score follows from what is known of its places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -19,6 +19,7 @@ from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import (
     EVALUATIONS,
     Candidate,
+    best_of,
     comparable,
     compared,
     fit_candidate,
@@ -33,6 +34,7 @@ from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
 from ropefit.effects import CATALOGUE, Effect
 from ropefit.inference.least_squares import Fit, attempted
+from ropefit.rod.setup import Setup
 
 PRIOR_SIZE = 3.0  # usual sizes: keeps the sizes of two places nearby from running away
 LEAST_APART = 2  # places of the scan
@@ -105,35 +107,76 @@ def accepted_pair(
     """Return both candidates as accepted, with the stretches that explain as much in their place,
     or what else does, higher evidence first; and the fit with both.
 
-    At most one of them gives way to a special case of it, which was fitted beside the other as it
-    is. tried: how many hypotheses were scanned; others: hypotheses to fit in place of either, and
-    from which values.
+    At most one of them gives way to what explains more, or is a special case of it, and was fitted
+    beside the other as it is: where both would, the one that gains more by that. tried: how many
+    hypotheses were scanned; others: hypotheses to fit in place of either, and from which values.
     """
-    out, whole = [], pair[1]
+    out, changed = [], []
     for (candidate, beside), starts in zip(pair[0], others, strict=True):
         fits = [fit_candidate(beside, *start) for start in starts]
         same = [*_spread_out(candidate, beside), *(one for one in fits if one is not None)]
-        one = accept(candidate, [candidate, *same], beside, tried)
-        if one.candidate is not candidate and whole is pair[1]:
-            whole = one.candidate.fit
-        elif one.candidate is not candidate:
-            same = [one.candidate, *(c for c in one.equivalent if c is not candidate)]
-            one = replace(one, candidate=candidate, equivalent=same, evidence=candidate.evidence)
-        out.append(one)
-    return sorted(out, key=lambda one: -one.evidence), whole
+        out.append(_accepted_beside(beside, candidate, same, tried))
+        if out[-1].candidate is not candidate:
+            changed.append((out[-1].evidence - candidate.evidence, len(out) - 1))
+    if not changed:
+        return _by_evidence(out), pair[1]
+    (_, most), *others_changed = sorted(changed, reverse=True)
+    for _, k in others_changed:
+        out[k] = _kept(out[k], pair[0][k][0])
+    return _by_evidence(out), out[most].candidate.fit
+
+
+def _by_evidence(accepted: list[Accepted]) -> list[Accepted]:
+    return sorted(accepted, key=lambda one: -one.evidence)
+
+
+def _kept(one: Accepted, candidate: Candidate) -> Accepted:
+    """Return a candidate as accepted that does not give way: what would have been named instead is
+    as good if it explains about as much, or is a special case of it."""
+    effect = candidate.hypothesis.effect
+    same = [
+        c for c in (one.candidate, *one.equivalent)
+        if c is not candidate
+        and (c.evidence < candidate.evidence + TIE_NATS
+             or is_special_case(c.hypothesis.effect, effect))
+    ]  # fmt: skip
+    return replace(one, candidate=candidate, equivalent=same, evidence=candidate.evidence)
+
+
+def _accepted_beside(
+    beside: Fit, candidate: Candidate, same: list[Candidate], tried: int
+) -> Accepted:
+    """Return a candidate of a pair, or what explains more in its place, as accepted."""
+    one = accept(candidate, [candidate, *same], beside, tried)
+    every = best_of([one.candidate, candidate, *same, *one.equivalent, *one.beaten])
+    more = [c for c in every if c.evidence > candidate.evidence + TIE_NATS]
+    best = next((c for c in more if not refusal(c, beside)), None)
+    return one if best is None else accept(best, every, beside, tried)
 
 
 def _spread_out(point: Candidate, beside: Fit) -> list[Candidate]:
-    """Return fits of effects of the same quantities on a stretch about a point."""
-    effect, values = point.hypothesis.effect, point.values()
-    width = 2 * NARROWEST * float(beside.forward.base.properties.length.sum())
-    wide = (kind() for kind in CATALOGUE if is_special_case(effect, kind()))
+    """Return fits of effects of the same quantities as a point has, or as one of its special cases
+    has, on a stretch about it."""
+    setup = beside.forward.base
+    width = 2 * NARROWEST * float(setup.properties.length.sum())
     fits = [
-        fit_candidate(beside, Hypothesis(one, NO_PLACE), np.array([*values, width]))
-        for one in wide
-        if one.locus == "interval" and _units(one) == _units(effect)
+        fit_candidate(beside, Hypothesis(wide, NO_PLACE), np.array([*values, width]))
+        for effect, values in _with_special_cases(point.hypothesis.effect, point.values(), setup)
+        for wide in (kind() for kind in CATALOGUE if is_special_case(effect, kind()))
+        if wide.locus == "interval" and _units(wide) == _units(effect)
     ]
     return [one for one in fits if one is not None]
+
+
+def _with_special_cases(
+    effect: Effect, values: np.ndarray, setup: Setup
+) -> Iterator[tuple[Effect, np.ndarray]]:
+    """Yield an effect and its special cases with the values that are nearest to its own."""
+    yield effect, values
+    for case in effect.special_cases:
+        nearest = case.values(setup, values)
+        if nearest is not None:
+            yield from _with_special_cases(case.effect(effect.end), nearest, setup)
 
 
 def _units(effect: Effect) -> list[str]:

@@ -102,6 +102,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     current, accepted, refused = nominal, [], []
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
+    compared: list[Accepted] | None = None  # two effects that were, with every pair
     leader: Candidate | None = None  # of the round before, where that restarted the model
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
@@ -113,8 +114,16 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             refused += confounded(current, scan.sensitivities)
         scan.latent.threshold, latent = limits.latent, scan.latent
         if len(accepted) == most:
-            crowded = _one_more(nominal, accepted, scan, limits)
-            break
+            crowded, two = _one_more(nominal, accepted, scan, limits), accepted
+            left = crowded or latent.evidence > latent.threshold
+            if left and len(two) == 2 and two is not compared:
+                current, accepted = two_instead(
+                    current, two, limits.threshold, rules.effects, singles
+                )
+                compared = accepted
+            if accepted is two:
+                break
+            continue
         quick = started_from(fitted, proposals(current, slow=False, names=rules.effects))
         quick += beside_contact(accepted, singles)
         singles_of = partial(
@@ -152,12 +161,14 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
                 current, accepted = two_instead(
                     current, accepted, limits.threshold, rules.effects, singles
                 )
+                compared = accepted
             continue
         left = there or latent.evidence > latent.threshold
         if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
             one, so_far = accepted, current
             current, accepted = two_instead(so_far, one, limits.threshold, rules.effects, singles)
             if accepted is not one:
+                compared = accepted
                 continue
         if best is None:
             break

@@ -30,7 +30,7 @@ Change = Callable[[float], Setup]  # the setup where one value has moved by so m
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
 STEP = 1e-5
 LOAD = Rod._fields.index("load")
-AT_ONCE, FEWEST = 4e6, 16  # bytes of answers in memory at once, of that many frames at least
+AT_ONCE, FEWEST = 4e6, 8  # bytes of answers in memory at once, of that many frames at least
 
 
 @dataclass
