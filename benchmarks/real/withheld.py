@@ -198,10 +198,10 @@ def withheld_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
     """Return the table; found: by rope, then by what is withheld."""
     whats = list(dict.fromkeys(what for one in found.values() for what in one if what != "nothing"))
     rows = [
-        f"Causes withheld on these cables: {CLIPS} training clips of {FRAMES} frames, with a run on",
-        f"{CLIPS} others, diagnosed, as `--nominal`; one thing is told falsely, or taken away from",
-        "that run. **Bold**: named, and the true size in its 95 % interval (true → found). Seconds",
-        "are processor time of all stages. Written by",
+        f"Causes withheld on these cables: {CLIPS} training clips of {FRAMES} frames, with a run",
+        f"on {CLIPS} others, diagnosed, as `--nominal`; one thing is told falsely, or taken away",
+        "from that run. **Bold**: named, and the true size in its 95 % interval (true → found).",
+        "Seconds are processor time of all stages. Written by",
         "`python -m benchmarks.real --only withheld`.",
         "",
         "| withheld | " + " | ".join(found) + " |",
