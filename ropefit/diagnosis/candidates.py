@@ -216,10 +216,19 @@ def fit_candidates(
         fits.add(choices)
     first = fits.best()
     if first and first.evidence > threshold:
-        effect, values = first.hypothesis.effect, first.values()
-        for choices in proposals_beside(effect, values, first.fit, names):
+        for choices in _beside(first, names):
             fits.add(choices)
+        for one in fits.found():  # the leader's like may have been fitted to another minimum
+            if one.hypothesis.key != first.hypothesis.key:
+                for choices in _beside(one, names):
+                    if choices[0][0].key == one.hypothesis.key:
+                        fits.add(choices)
     return fits.found()
+
+
+def _beside(one: Candidate, names: tuple[str, ...] | None) -> list[list[Start]]:
+    """Return starts of what may fit as well as a candidate does."""
+    return proposals_beside(one.hypothesis.effect, one.values(), one.fit, names)
 
 
 def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:

@@ -116,7 +116,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if len(accepted) == most:
             crowded, two = _one_more(nominal, accepted, scan, limits), accepted
             left = crowded or latent.evidence > latent.threshold
-            if left and len(two) == 2 and two is not compared:
+            new = two is not compared and current.forward.instantaneous
+            if left and new and len(two) == 2:
                 current, accepted = two_instead(
                     current, two, limits.threshold, rules.effects, singles
                 )
