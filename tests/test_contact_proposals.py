@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.proposals import misfit_of, proposals, proposals_beside
 from ropefit.diagnosis.sensitivities import Sensitivities
@@ -132,6 +133,22 @@ def test_a_bar_is_also_tried_to_either_side():
         assert moved @ along == pytest.approx(0.0, abs=1e-12)
         assert moved[2] == pytest.approx(0.0, abs=1e-12)
         assert (at[3:] == values[3:]).all()
+
+
+def test_a_bar_whose_fit_ends_elsewhere_is_found_from_the_side():
+    free = rope(288)
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
+    true = np.array([*low, 0.025, heading_across(free)])
+    true[2] += 0.03 - true[3]
+    nominal = nominal_fit(recorded(Obstacle().apply(free, torch.from_numpy(true)), seed=6))
+    bar, start = Hypothesis(Obstacle(), NO_PLACE), true.copy()
+    start[0] += 0.03
+    alone = fit_candidate(nominal, bar, start)
+    assert alone is not None
+    (found,) = fit_candidates(nominal, [], [], [[(bar, start)]], 6.0, names=("obstacle",))
+    assert found.fit.cost < 1.1 * len(nominal.z) < 0.1 * alone.fit.cost
+    assert found.values()[[0, 2, 3]] == pytest.approx(true[[0, 2, 3]], abs=0.005)
 
 
 def test_bars_are_proposed_where_a_plane_or_a_bar_bears_the_rope():

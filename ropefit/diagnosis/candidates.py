@@ -28,6 +28,7 @@ LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the thre
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 LEFT_SD = 3.0  # standard errors of χ²: more is left by something
+MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
 
 
@@ -50,10 +51,11 @@ class Fits:
     tied: list[Candidate] = field(default_factory=list)  # with the best one of their hypothesis
     begun: int = 0
 
-    def add(self, choices: list[Start]) -> None:
-        """Fit the first start that settles."""
+    def add(self, choices: list[Start], below: float = np.inf) -> None:
+        """Fit the first start that settles; it is kept if its cost is `below`."""
         self._report(choices)
-        self._keep(self._first(choices))
+        found = self._first(choices)
+        self._keep(found if found and found.fit.cost < below else None)
 
     def add_kinds(self, starts: list[list[Start]]) -> None:
         """Fit kinds of one law, each from where the best of its starts ends after a few evaluations
@@ -217,13 +219,24 @@ def fit_candidates(
     first = fits.best()
     if first and first.evidence > threshold:
         for choices in _beside(first, names):
-            fits.add(choices)
-        for one in fits.found():  # the leader's like may have been fitted to another minimum
-            if one.hypothesis.key != first.hypothesis.key:
-                for choices in _beside(one, names):
-                    if choices[0][0].key == one.hypothesis.key:
-                        fits.add(choices)
+            if choices[0][0].key != first.hypothesis.key:
+                fits.add(choices)
+    for one in fits.found():
+        _elsewhere(fits, one, names)
     return fits.found()
+
+
+def _elsewhere(fits: Fits, one: Candidate, names: tuple[str, ...] | None) -> None:
+    """Fit a candidate's hypothesis from where its effect proposes other minima, as long as one of
+    them is better."""
+    key = one.hypothesis.key
+    for _ in range(MOST_MINIMA):
+        for choices in _beside(one, names):
+            if choices[0][0].key == key:
+                fits.add(choices, below=one.fit.cost)
+        if fits.best_of[key] is one:
+            return
+        one = fits.best_of[key]
 
 
 def _beside(one: Candidate, names: tuple[str, ...] | None) -> list[list[Start]]:
