@@ -222,7 +222,8 @@ def fit_candidates(
             if choices[0][0].key != first.hypothesis.key:
                 fits.add(choices)
     for one in fits.found():
-        _elsewhere(fits, one, names)
+        if one.hypothesis.effect.slow:  # others have no further starts: what they leave costs time
+            _elsewhere(fits, one, names)
     return fits.found()
 
 

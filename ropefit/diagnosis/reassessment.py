@@ -24,12 +24,13 @@ EVALUATIONS = 20
 
 
 def reassessed(
-    current: Fit, accepted: list[Accepted], threshold: float, tried: int
-) -> tuple[Fit, list[Accepted]]:
+    current: Fit, accepted: list[Accepted], threshold: float, tried: int,
+    names: tuple[str, ...] | None = None,
+) -> tuple[Fit, list[Accepted]]:  # fmt: skip
     """Return the model and its effects, each compared once more beside the others.
 
     The last one is compared only if another changed: it was accepted beside them. tried: how many
-    hypotheses were scanned.
+    hypotheses were scanned; names: of the effects that are looked for; None: all.
     """
     out, changed = list(accepted), False
     for index, one in enumerate(accepted):
@@ -50,7 +51,7 @@ def reassessed(
         # place; but where that one was beaten, effects stood beside it that may have changed.
         if later and not changed:
             fitted += [_refitted_beside(c, later, without) for c in one.beaten]
-        candidates = _with_their_like(without, best_of([held, *fitted]))
+        candidates = _with_their_like(without, best_of([held, *fitted]), names)
         better = [
             c for c in candidates
             if c.evidence > held.evidence + TIE_NATS and c.fit.cost < current.cost
@@ -81,14 +82,16 @@ def _refitted_beside(
     return compared(candidate.hypothesis, candidate.term, without, fitted)
 
 
-def _with_their_like(without: Fit, candidates: list[Candidate]) -> list[Candidate]:
+def _with_their_like(
+    without: Fit, candidates: list[Candidate], names: tuple[str, ...] | None
+) -> list[Candidate]:
     """Return candidates with what may do the same as one of them and was not fitted: a plane for a
     bar, or the bar elsewhere."""
     lowest, known = candidates[0].fit.cost, {c.hypothesis.key for c in candidates}
     fitted = [
         fit_candidate(without, *choices[0], lowest)
         for one in candidates
-        for choices in proposals_beside(one.hypothesis.effect, one.values(), one.fit)
+        for choices in proposals_beside(one.hypothesis.effect, one.values(), one.fit, names)
         if choices[0][0].key == one.hypothesis.key or choices[0][0].key not in known
     ]
     return best_of([*candidates, *fitted])

@@ -179,7 +179,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         every = _with_known_past(every, current, best.fit)
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
-        current, accepted = reassessed(current, accepted, limits.threshold, len(scan.sensitivities))
+        current, accepted = reassessed(
+            current, accepted, limits.threshold, len(scan.sensitivities), rules.effects
+        )
         current, accepted = as_points(current, accepted, limits.threshold)
         if len(accepted) == 2 and current.forward.instantaneous:
             current, accepted = two_instead(current, accepted, limits.threshold, rules.effects)
