@@ -21,12 +21,12 @@ def lagging() -> scenes.Scene:
 def test_what_is_told_is_the_scene_without_its_cause(lagging):
     assert lagging.cause == "time_lag"
     assert lagging.concealed is not None
-    world, poses = scenes.as_told(lagging)
-    np.testing.assert_allclose(world.rod.gravity, lagging.setting.rod.gravity)
-    for mine, true in zip(poses, lagging.poses, strict=True):
+    plain = scenes.as_told(lagging)
+    np.testing.assert_allclose(plain.world.rod.gravity, lagging.setting.rod.gravity)
+    for mine, true in zip(plain.poses, lagging.poses, strict=True):
         np.testing.assert_allclose(mine(0.5)[0], true(0.5 - lagging.concealed.size)[0])
     long = replace(lagging, told=replace(lagging.told, length=1.03, lag=0.0, gravity_tilt=0.05))
-    rod, plain = scenes.as_told(long)[0].rod, lagging.setting.rod
+    rod, plain = scenes.as_told(long).world.rod, lagging.setting.rod
     assert rod.length == pytest.approx(1.03 * plain.length)
     assert rod.density * rod.length == pytest.approx(plain.density * plain.length)
     assert np.arctan2(rod.gravity[0], -rod.gravity[2]) == pytest.approx(0.05)

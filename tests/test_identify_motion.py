@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from ropefit.adapters.motion_setup import FINER_SEGMENTS, SEGMENTS
+from ropefit.adapters.motion_setup import SEGMENTS
 from ropefit.artifacts import Diagnosis, Model, Observations, read
 from ropefit.fitting.motion import diagnosed_motion, restored_motion
 from ropefit.inference.bins import match
@@ -33,7 +33,7 @@ def test_parameters_come_back(ropefit, recording, tmp_path):
     assert told["rms_heldout_m"] < 2e-3
     model, _ = read(tmp_path / "run" / Model.file_name, Model)
     assert model.nominal.stepped is not None
-    assert model.nominal.stepped.segments in (SEGMENTS, FINER_SEGMENTS)
+    assert model.nominal.stepped.segments in SEGMENTS
     assert (
         restored_motion(
             read(tmp_path / "run" / Observations.file_name, Observations)[0], model.nominal

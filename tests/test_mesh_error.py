@@ -36,10 +36,13 @@ def test_the_corrected_motion_is_that_of_a_much_finer_mesh():
     assert after < before / 4
 
 
-@pytest.mark.parametrize(("share", "finer"), [(5e-4, False), (2e-3, True)])
-def test_a_large_error_asks_for_a_finer_mesh(share, finer):
-    plain = model(driven(24, clips=1), hung(24))
-    error = np.full((len(plain.time), 25, 3), share * LENGTH)
+@pytest.mark.parametrize(
+    ("segments", "share", "finer"),
+    [(24, 5e-4, False), (24, 2e-3, True), (48, 1e-3, False), (48, 3e-3, True), (96, 1e-2, False)],
+)
+def test_a_large_error_asks_for_a_finer_mesh(segments, share, finer):
+    plain = model(driven(segments, clips=1), hung(segments))
+    error = np.full((len(plain.time), segments + 1, 3), share * LENGTH)
     assert finer_mesh_needed(replace(plain, mesh_error=error), LENGTH) == finer
     assert not finer_mesh_needed(plain, LENGTH)
 

@@ -15,12 +15,14 @@ from reference_simulators.rod_equations import Field, Point, Section
 @dataclass(frozen=True)
 class Told:
     """What a recording tells wrongly: length and gravity by factors, gravity's direction by an
-    angle [rad], the ends by a lag [s]."""
+    angle [rad], the ends by a lag [s], the clamp of end 0 by a rotation vector in its frame
+    [rad]."""
 
     length: float = 1.0
     gravity: float = 1.0
     gravity_tilt: float = 0.0
     lag: float = 0.0
+    clamp: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Concealed:
     above_ends: bool = False
 
 
+GRIPPED = "gripped"  # of the cases: both ends are clamped, and one is turned, too
 FIRST_POSES = [0, 4, 8]  # of the setting's frames: about which the clips are shaken
 
 Drawn = tuple[World, Told, Concealed | None]
@@ -145,6 +148,13 @@ def bar(s: Setting, rng: np.random.Generator) -> Drawn:
     )  # fmt: skip
 
 
+def clamp(s: Setting, rng: np.random.Generator) -> Drawn:
+    """Tell the clamp of end 0 askew, by 5 to 9 degrees about an axis across the rope."""
+    size, about = float(np.radians(rng.uniform(5, 9))), float(rng.uniform(0, 2 * np.pi))
+    tilt = (size * float(np.cos(about)), size * float(np.sin(about)), 0.0)
+    return s.world, Told(clamp=tilt), Concealed(("clamped_end", "end_offset"), "tilt", size)
+
+
 Cause = Callable[[Setting, np.random.Generator], Drawn]
 CAUSES: dict[str, tuple[Cause, ...]] = {
     "standard": (
@@ -154,4 +164,8 @@ CAUSES: dict[str, tuple[Cause, ...]] = {
     "forces": (nothing, drag, tether, drag),
     "contact": (nothing, table, bar, table),
     "laws": (drag_power,),
+    GRIPPED: (
+        nothing, point_mass, time_lag, mass_section, gravity_tilt, length, stiff_section,
+        gravity_scale, clamp,
+    ),
 }  # fmt: skip

@@ -33,16 +33,16 @@ MISSED = 5e-4
 EACH = 4  # frames from one that counts to the next: a rope swings slower
 
 
-def score(scene: Scene, recording: Path, run: Path) -> float:
+def score(scene: Scene, recording: Path, run: Path, elastica: Path | None = None) -> float:
     """Return signal over noise of a recording that was identified in a run."""
     with np.load(recording / "markers.npz") as told:
         there = told["positions"] - scene.jitter
-    world, poses = as_told(scene)
-    without = filmed(world, scene.setting.diameter, poses, linear_drag(scene, there))
+    told = as_told(scene)
+    without = filmed(told, linear_drag(scene, there), elastica)
     columns = nuisances(scene, run, linear_drag(scene, there))
     # What is missed alike in all of a clip is one sample.
     alike = MARKERS * len(range(0, FRAMES, EACH))
-    noise = np.sqrt(scene.noise**2 + alike * (MISSED * world.rod.length) ** 2)
+    noise = np.sqrt(scene.noise**2 + alike * (MISSED * told.world.rod.length) ** 2)
     return float(np.linalg.norm(beside(there - without, columns)) / noise)
 
 

@@ -1,13 +1,14 @@
 """Blind benchmark of `ropefit diagnose` in motion: MuJoCo's rope, shaken, with one thing concealed.
 
-    python -m benchmarks.discovery.motions [--cases standard|forces|contact|laws]
+    python -m benchmarks.discovery.motions [--cases standard|forces|contact|laws|gripped]
         [--seeds FIRST:LAST] [--out DIR] [--json FILE] [--write docs/results.md]
+        [--elastica PYTHON]
 
 Every seed draws a rope, its motion and what is concealed (`CAUSES` in turn, among them nothing).
 With `--cases forces` the medium's drag grows as a power of the speed, or a tether pulls the rope;
 with `--cases contact` it swings against a table or a thick bar, without friction.
-The ends are pinned: between clamps clean ropes of ropefit and MuJoCo were 3 to 7 mm (rms) apart,
-for a reason that is not known (MuJoCo's rope does not twist).
+The ends are pinned, but with `--cases gripped`: grippers hold both, and one of them turns. MuJoCo's
+rope does not twist, so that these are filmed by PyElastica; so can be the standard ones.
 What is told is diagnosed by `ropefit run --solver dynamics`. Finished seeds are kept in DIR.
 """
 
@@ -19,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discovery.motion_causes import CAUSES, Concealed
+from benchmarks.discovery.motion_causes import CAUSES, GRIPPED, Concealed
 from benchmarks.discovery.motion_scenes import CLIPS, FRAMES, MARKERS, Scene, record, staged
 from benchmarks.discovery.motion_score import score
 from benchmarks.discovery.run import kept, read_json, stages
@@ -45,25 +46,27 @@ def diagnosed(recording: Path, run: Path) -> dict[str, Any]:
     )
 
 
-def one(seed: int, out: Path, cases: str) -> dict[str, Any]:
+def one(seed: int, out: Path, cases: str, elastica: Path | None) -> dict[str, Any]:
     """Make, run and judge a seed, unless that is done."""
     recording, run, result = out / f"recording-{seed}", out / f"run-{seed}", out / f"{seed}.json"
     scene = staged(seed, cases)
     if not (result.exists() and (recording / "markers.npz").exists()):
-        record(recording, f"motion-{seed}", scene)
+        record(recording, f"motion-{seed}", scene, elastica)
     done = kept(result, lambda: diagnosed(recording, run))
     judged = judge(scene.concealed, done["answer"])
-    seen = {"score": visibility(scene, recording, run, out / f"score-{seed}.json")}
+    seen = {"score": visibility(scene, recording, run, out / f"score-{seed}.json", elastica)}
     return {"seed": seed, "cause": scene.cause, **judged, **seen, **done}
 
 
-def visibility(scene: Scene, recording: Path, run: Path, stored: Path) -> float | None:
+def visibility(
+    scene: Scene, recording: Path, run: Path, stored: Path, elastica: Path | None
+) -> float | None:
     """Return the score of what is concealed, kept in a file; None of nothing, or of a recording
     that was not identified."""
     if scene.concealed is None or not (run / "model.h5").exists():
         return None
     if not stored.exists():
-        stored.write_text(json.dumps({"score": score(scene, recording, run)}) + "\n")
+        stored.write_text(json.dumps({"score": score(scene, recording, run, elastica)}) + "\n")
     return read_json(stored)["score"]
 
 
@@ -88,13 +91,15 @@ def judge(concealed: Concealed | None, answer: dict[str, Any] | None) -> dict[st
     return {"right": first, "first": first, "in_set": in_set, "size": size, "true": concealed.size}
 
 
-def table(found: list[dict[str, Any]], cases: str) -> str:
+def table(found: list[dict[str, Any]], cases: str, elastica: bool = False) -> str:
     seeds = [row["seed"] for row in found]
     asked = "" if cases == "standard" else f"--cases {cases} "
     command = f"motions {asked}--seeds {min(seeds)}:{max(seeds) + 1}"
+    command += " --elastica PYTHON" * elastica
+    shaken = "shaken between grippers, one of which turns" if cases == GRIPPED else "shaken"
     rows = [
-        f"{len(found)} recordings of MuJoCo's rope, shaken: {CLIPS} clips of {FRAMES} frames, "
-        f"{MARKERS} markers; by",
+        f"{len(found)} recordings of {'PyElastica' if elastica else 'MuJoCo'}'s rope, {shaken}: "
+        f"{CLIPS} clips of {FRAMES} frames, {MARKERS} markers; by",
         f"`python -m benchmarks.discovery.{command}`. Errors (rms of held-out markers) and times "
         "are medians, as are scores: signal over noise, without what stiffness and dampings "
         f"explain; *visible* is a score of at least {VISIBLE:.0f} (`motion_score.py`).",
@@ -161,14 +166,19 @@ def main() -> None:
     arguments.add_argument("--cases", choices=list(CAUSES), default="standard")
     arguments.add_argument("--seeds", default="100:127", help="FIRST:LAST")
     arguments.add_argument("--out", type=Path, default=Path("motions"), help="results' folder")
+    arguments.add_argument("--elastica", type=Path, help="a Python that has PyElastica")
     options = arguments.parse_args()
+    if options.cases == GRIPPED and not options.elastica:
+        arguments.error("MuJoCo's rope does not twist: give --elastica PYTHON")
     first, last = (int(part) for part in options.seeds.split(":"))
     found = []
     for seed in range(first, last):
-        found.append(one(seed, options.out, options.cases))
+        found.append(one(seed, options.out, options.cases, options.elastica))
         print(seed, found[-1]["cause"], "right" if found[-1]["right"] else "WRONG", flush=True)
     section = "discovery-motions" + (f"-{options.cases}" * (options.cases != "standard"))
-    publish(options, section, table(found, options.cases), {"found": found})
+    section += "-elastica" * (bool(options.elastica) and options.cases != GRIPPED)
+    rows = table(found, options.cases, bool(options.elastica))
+    publish(options, section, rows, {"found": found})
 
 
 if __name__ == "__main__":

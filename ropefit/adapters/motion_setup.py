@@ -16,8 +16,9 @@ from ropefit.rod.moving import Damping
 from ropefit.rod.parallel_transport import continuous, third, unrolled
 from ropefit.rod.setup import Setup
 
-SEGMENTS = 24  # with the error of the mesh extrapolated, enough for most ropes
-FINER_SEGMENTS = 48  # where the mesh's error asks for it
+# With the error of the mesh extrapolated the first are enough for most ropes. Flexible ones bend
+# next to a clamp within a few hundredths of their length.
+SEGMENTS = (24, 48, 96)
 PULLED = 12  # parts, between which a clip's first state is pulled to the observed rope
 ON_LINE = 1e-6  # of a unit vector: a marker is the second of a held pair
 
@@ -47,7 +48,7 @@ class Span:
         return np.linspace(self.first, self.last, self.setup.segments + 1)
 
 
-def span_of(o: Observations, segments: int = SEGMENTS) -> Span:
+def span_of(o: Observations, segments: int = SEGMENTS[0]) -> Span:
     """Return the rope between its grips, a multiple of `PULLED` segments.
 
     Two held markers tell a clamp: the rope is free from the second on. Clamps whose twist is not

@@ -109,8 +109,8 @@ def _show_simulation(session: Session, s: Simulation) -> None:
     for reason in s.refused:
         session.say(f"in the simulation, not accepted: {reason}")
     session.say(
-        f"that rope at rest is {s.rms_of_rope * 1e3:.3g} mm from the simulation, with these "
-        f"effects {s.rms_explained * 1e3:.3g} mm"
+        f"that rope is {s.rms_of_rope * 1e3:.3g} mm from the simulation (held-out frames), with "
+        f"these effects {s.rms_explained * 1e3:.3g} mm"
     )
 
 

@@ -7,24 +7,25 @@ effects it has as well. The recording is diagnosed as usual: what it has beyond 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ropefit.adapters.motion_of import times_of
 from ropefit.adapters.rope_setup import STATIONS, data_in_space
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.adapters.xpbd_model import restored_xpbd
-from ropefit.artifacts import Model, Observations
-from ropefit.artifacts.causes import Cause
+from ropefit.artifacts import FittedModel, Model, Observations
+from ropefit.artifacts.causes import Cause, Size
 from ropefit.artifacts.diagnosis import Simulation
 from ropefit.diagnosis.held_out import points_rms
 from ropefit.diagnosis.rules import Rules
 from ropefit.effects import CATALOGUE
-from ropefit.errors import BadInput, NotConverged, WrongUsage
-from ropefit.fitting import equilibrium
-from ropefit.fitting.diagnosed import at_rest
+from ropefit.errors import BadInput, NotConverged
+from ropefit.fitting import equilibrium, motion
+from ropefit.fitting.diagnosed import at_rest, in_motion
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import match
 from ropefit.runs.protocol import Context, Progress
@@ -32,6 +33,7 @@ from ropefit.runs.protocol import Context, Progress
 NOISE = 1e-4  # of the length: what shapes of another discretisation differ by
 SAME_END, SAME_LENGTH = 0.01, 0.02  # of the length: ends and lengths of one motion
 SAME_PLACE = 0.05  # of the length: an effect's place in recording and simulation
+SAME_STEP = 0.01  # of the time between two frames of a motion
 
 
 def of_weights(
@@ -56,13 +58,14 @@ def of_weights(
 def of_simulation(
     o: Observations, model: Model, settings: DiagnoseSettings, context: Context, rules: Rules
 ) -> dict[str, Any]:
-    """Diagnose another simulator's recording of the same motion (`context.external`). Raises
-    BadInput, NotConverged, WrongUsage."""
+    """Diagnose another simulator's recording of the same motion (`context.external`), at rest or,
+    where the model is of a motion, in motion. Raises BadInput, NotConverged, WrongUsage."""
     shapes: Observations = context.external["simulation"]
-    if model.nominal.stepped is not None:
-        raise WrongUsage("--simulation compares shapes at rest; identify with --solver equilibrium")
     check_same_motion(o, shapes)
-    fitted = model if model.nominal.balance and model.nominal.search == "least-squares" else None
+    steps, own = model.nominal.stepped is not None, model.nominal.search == "least-squares"
+    if steps:
+        check_same_times(o, shapes)
+    fitted = model if steps or (model.nominal.balance and own) else None
     return _both(o, fitted, shapes, shapes.recording, settings, context, rules)
 
 
@@ -72,15 +75,19 @@ def _both(
 ) -> dict[str, Any]:  # fmt: skip
     """Diagnose the simulated shapes, and the recording."""
     part = replace(context, progress=_share(context.progress, 0.0, "recording"))
-    real = at_rest(o, fitted or _identified(o), settings, part, rules)
+    steps = fitted is not None and fitted.nominal.stepped is not None
+    diagnose = in_motion if steps else at_rest
+    real = diagnose(o, fitted or _at_rest(o), settings, part, rules)
     own = DiagnoseSettings(seed=settings.seed, most_frames=settings.most_frames)
     part = replace(context, progress=_share(context.progress, 0.5, "simulation"))
     found = {name for c in real["causes"].values() for name in (c.name, *c.equivalent_to)}
     names = tuple(sorted(found | {kind.name for kind in CATALOGUE if kind.of_simulators}))
     many = rules.most_effects + len(real["causes"])
     own_rules = replace(rules, effects=names, most_effects=many)
-    simulated = at_rest(shapes, _identified(shapes), own, part, own_rules)
+    model = _stepped(shapes, fitted, part) if fitted and steps else _at_rest(shapes)
+    simulated = diagnose(shapes, model, own, part, own_rules)
     missing, differences = beside(real["causes"], simulated["causes"], o.length)
+    differences = [*_apart(real["rope"], simulated["rope"]), *differences]
     rows = np.searchsorted(o.frames, real["frames"])
     now, seen = shapes.centreline[rows], data_in_space(o).frames(rows)
     rms = points_rms(stations := match(seen, now, STATIONS), stations.residual)
@@ -107,18 +114,24 @@ def beside(
         if same is None:
             missing.append(cause.name)
             continue
-        for key, size in cause.parameters.items():
-            other = same.parameters[key] if same.name == cause.name else None
-            if other is None:
-                continue
-            both = float(np.hypot(np.ptp(size.ci95), np.ptp(other.ci95))) / 2
-            if abs(size.value - other.value) > both:
-                unit = "" if size.unit == "1" else f" {size.unit}"
-                differences.append(
-                    f"{cause.name}: {key} is {size.value:.3g}{unit} in the recording and "
-                    f"{other.value:.3g}{unit} in the simulation"
-                )
+        if same.name == cause.name:
+            told = _apart(cause.parameters, same.parameters)
+            differences += [f"{cause.name}: {sentence}" for sentence in told]
     return missing, differences
+
+
+def _apart(real: dict[str, Size], simulated: dict[str, Size]) -> Iterator[str]:
+    """Yield a sentence on each size that recording and simulation have, in one unit, farther apart
+    than their 95 % intervals together."""
+    for key in (key for key in real if key in simulated):
+        a, b = real[key], simulated[key]
+        both = float(np.hypot(np.ptp(a.ci95), np.ptp(b.ci95))) / 2
+        if a.unit == b.unit and abs(a.value - b.value) > both:
+            unit = "" if a.unit == "1" else f" {a.unit}"
+            yield (
+                f"{key} is {a.value:.3g}{unit} in the recording and {b.value:.3g}{unit} in the "
+                "simulation"
+            )
 
 
 def _alike(a: Cause, b: Cause, length: float) -> bool:
@@ -131,9 +144,21 @@ def _alike(a: Cause, b: Cause, length: float) -> bool:
     return a.arc_length[0] - near < b.arc_length[1] and b.arc_length[0] - near < a.arc_length[1]
 
 
-def _identified(o: Observations) -> Model:
+def _at_rest(o: Observations) -> Model:
     """Return the rope in equilibrium that fits best."""
-    nominal = equilibrium.compute(o, IdentifySettings(), Context())
+    return _model(o, equilibrium.compute(o, IdentifySettings(), Context()))
+
+
+def _stepped(o: Observations, like: Model, context: Context) -> Model:
+    """Return the rope in motion that fits best, with the free parameters of another model."""
+    (group,) = like.nominal.groups.values()
+    settings = IdentifySettings(solver="dynamics", free=list(group.free_names), holdout=0.0)
+    told = _share(context.progress, 0.0, "identify")
+    quiet = replace(context, progress=lambda _, text: told(0.0, text))
+    return _model(o, motion.compute(o, settings, quiet))
+
+
+def _model(o: Observations, nominal: FittedModel) -> Model:
     return Model.model_construct(
         recording=o.recording, length=o.length, frames=o.frames, models={"nominal": nominal}
     )
@@ -191,4 +216,18 @@ def check_same_motion(o: Observations, shapes: Observations) -> None:
         raise BadInput(
             f"the ends of simulation and recording lie up to {1e3 * apart:.3g} mm apart; give the "
             "simulation the recorded motion of the ends"
+        )
+
+
+def check_same_times(o: Observations, shapes: Observations) -> None:
+    """Raise BadInput where a simulation has other times between its frames than the recording."""
+    own, simulated = np.diff(times_of(o)), shapes.time
+    if simulated is None:
+        raise BadInput("the simulation has no times; write those of the recording into it")
+    apart = np.abs(np.diff(simulated) - own)
+    if (apart > SAME_STEP * own).any():
+        k = int(np.argmax(apart / own))
+        raise BadInput(
+            f"from frame {o.frames[k]} to the next pass {own[k]:.4g} s in the recording and "
+            f"{np.diff(simulated)[k]:.4g} s in the simulation; give both the same times"
         )

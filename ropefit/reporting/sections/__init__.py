@@ -14,6 +14,7 @@ from ropefit.reporting.sections.parameters import ParametersSection
 from ropefit.reporting.sections.pictures import PicturesSection
 from ropefit.reporting.sections.provenance import ProvenanceSection
 from ropefit.reporting.sections.rope import RopeSection
+from ropefit.reporting.sections.simulation import SimulationSection
 from ropefit.reporting.sections.solver import SolverSection
 from ropefit.reporting.sections.stepping import SteppingSection
 from ropefit.reporting.sections.sure import SureSection
@@ -26,6 +27,7 @@ SECTIONS: tuple[Section, ...] = (
     WhereSection(),
     WhySection(),
     LawSection(),
+    SimulationSection(),
     SureSection(),
     ParametersSection(),
     NextMotionSection(),

@@ -15,6 +15,7 @@ from ropefit.reporting.contents import RunContents
 from ropefit.reporting.figures import (
     NOMINAL,
     RECORDED,
+    SIMULATED,
     WITH_CAUSE,
     Figure,
     at,
@@ -89,7 +90,11 @@ def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
         ropes = [smooth(arc, x[c.shown]) for x in (c.nominal, c.with_cause) if x is not None]
         # The second is drawn on the first, and thinner: both are seen where they are equal.
         lines = [path("nominal", NOMINAL, 4), path("with the cause", WITH_CAUSE, 2)]
-        for trace, x in zip(lines, ropes, strict=False):
+        drawn = list(zip(lines, ropes, strict=False))
+        if d is not None and d.simulation is not None and np.isfinite(d.simulation.x).all():
+            other = smooth(arc, d.simulation.x[c.shown])
+            drawn.append((path("the simulation", SIMULATED, 3), other))
+        for trace, x in drawn:
             traces.append(trace)
             frames.append(list(x))
             everything.append(x.reshape(-1, 3))
