@@ -35,9 +35,9 @@ class Clip(NamedTuple):
     ends: np.ndarray
 
 
-def fine_rope(weight: float = 0.0) -> Moving:
-    """Return the rope that is recorded, with a weight [kg] at WEIGHT_AT."""
-    p = uniform(length=LENGTH, segments=FINE, bend=EI, twist=GJ, density=MASS / LENGTH)
+def fine_rope(weight: float = 0.0, bend: float = EI) -> Moving:
+    """Return the rope that is recorded, with a weight [kg] at WEIGHT_AT; bend [N m²]."""
+    p = uniform(length=LENGTH, segments=FINE, bend=bend, twist=GJ, density=MASS / LENGTH)
     rod, mass = build(p, DOWN, (True, True)), torch.zeros(FINE + 1, dtype=torch.float64)
     mass[round(WEIGHT_AT / LENGTH * FINE)] = weight
     rod = rod._replace(load=rod.load + mass[:, None] * DOWN)
@@ -50,9 +50,9 @@ def level_clamps() -> torch.Tensor:
     return torch.from_numpy(np.stack([quaternion_along(np.array(v)) for v in tangents]))
 
 
-def shaken_clips(weight: float = 0.0) -> list[Clip]:
+def shaken_clips(weight: float = 0.0, bend: float = EI) -> list[Clip]:
     """Return two clips of FRAMES frames, 10 ms apart."""
-    moved = fine_rope(weight)
+    moved = fine_rope(weight, bend)
     count = (FRAMES - 1) * STEPS + 1
     time, clips = np.arange(count) * 0.01 / STEPS, []
     for clip in range(2):
@@ -74,9 +74,9 @@ def shaken_clips(weight: float = 0.0) -> list[Clip]:
     return clips
 
 
-def shaken(folder: Path, weight: float = 0.0) -> Path:
+def shaken(folder: Path, weight: float = 0.0, bend: float = EI) -> Path:
     """Write both clips as markers, the ends' poses beside them."""
-    return _write_markers(folder, shaken_clips(weight), 2e-5)
+    return _write_markers(folder, shaken_clips(weight, bend), 2e-5)
 
 
 def posed(folder: Path, weight: float = 0.0, poses: int = 12) -> Path:

@@ -67,6 +67,29 @@ def test_a_motion_is_run_through_and_diagnosed_by_what_another_run_knows(
     assert "none" in said.stdout or "no missing physics" in said.stdout + said.stderr
 
 
+def test_a_simulation_in_motion_lacks_a_weight_and_bends_another_rope(ropefit, tmp_path):
+    """The weight is named as missing, the simulation's rigidity and the other one come back."""
+    mass, stiffer = 0.012, 2.0
+    ropefit("preprocess", shaken(tmp_path / "real", mass), "--run", "run")
+    ropefit("preprocess", shaken(tmp_path / "simulated", bend=stiffer * EI), "--run", "own")
+    ropefit("identify", "--solver", "dynamics", "--holdout", 0, "--run", "run")
+    told = ropefit.json("diagnose", "--run", "run", "--simulation", "own")
+    simulation = told["simulation"]
+    assert simulation["missing"] == ["point_mass"]
+    assert simulation["verdict"] == "none"
+    low, high = simulation["rope"]["EI"]["ci95"]
+    assert low < stiffer * EI < high
+    assert simulation["rope"]["EI"]["value"] == pytest.approx(stiffer * EI, rel=0.1)
+    assert any(text.startswith("EI is ") for text in simulation["differences"])
+    assert told["heldout"]["rms_before_m"] == simulation["rms_m"] > 0.01
+    assert told["heldout"]["rms_after_m"] < 2e-3
+    (tmp_path / "run" / "report.html").unlink(missing_ok=True)
+    ropefit("report", "--run", "run")
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "lacks point mass" in page
+    assert "the simulation" in page
+
+
 def test_a_grip_out_of_sight_ends_a_clip(ropefit, recording, tmp_path):
     copy = tmp_path / "hidden"
     shutil.copytree(recording, copy)

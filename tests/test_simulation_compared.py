@@ -8,7 +8,13 @@ import pytest
 from ropefit.artifacts import Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.errors import BadInput
-from ropefit.fitting.simulation import NOISE, as_markers, beside, check_same_motion
+from ropefit.fitting.simulation import (
+    NOISE,
+    as_markers,
+    beside,
+    check_same_motion,
+    check_same_times,
+)
 from ropefit.runs.loading import load
 from tests.factories import marker_recording
 from tests.test_checkpoints import compute
@@ -48,6 +54,16 @@ def test_another_motion_is_refused(seen, change, said):
         check_same_motion(
             seen, as_markers(seen, np.nan_to_num(seen.centreline)).model_copy(update=change)
         )
+
+
+def test_other_times_are_refused(seen):
+    moving = seen.model_copy(update={"time": 0.01 * np.arange(4.0)})
+    check_same_times(moving, moving.model_copy(update={"time": 5 + moving.time}))
+    slower = moving.model_copy(update={"time": np.array([0, 0.01, 0.03, 0.04])})
+    with pytest.raises(BadInput, match=r"frame 1 to the next pass 0.01 s .* 0.02 s"):
+        check_same_times(moving, slower)
+    with pytest.raises(BadInput, match="no times"):
+        check_same_times(moving, moving.model_copy(update={"time": None}))
 
 
 def cause(name: str, size: float, at: float | None = None, half: float = 0.001) -> Cause:

@@ -76,12 +76,14 @@ def staged(seed: int, cases: str) -> Scene:
     return Scene(cause.__name__, setting, world, told, concealed, rate, poses, last, noise, jitter)
 
 
-def filmed(scene: Scene, drag: mujoco_rope.Drag, elastica: Path | None) -> Array:
-    """Return the places (CLIPS * FRAMES, MARKERS, 3) [m] of a scene's markers, without noise.
+def filmed(
+    scene: Scene, drag: mujoco_rope.Drag, elastica: Path | None, markers: int = MARKERS
+) -> Array:
+    """Return the places (CLIPS * FRAMES, markers, 3) [m] of a scene's markers, without noise.
 
     elastica: a Python that has PyElastica, to film it with, instead of by MuJoCo.
     """
-    world, at = scene.world, np.linspace(0, scene.world.rod.length, MARKERS)
+    world, at = scene.world, np.linspace(0, scene.world.rod.length, markers)
     if elastica:
         assert not callable(drag)
         fine = np.arange(0, TIMES[-1] + 0.1, elastica_motion.SAMPLE)
@@ -90,7 +92,7 @@ def filmed(scene: Scene, drag: mujoco_rope.Drag, elastica: Path | None) -> Array
         arc, x = elastica_motion.filmed(
             elastica, world, places, turns, np.array(scene.last), TIMES, drag
         )
-        return CubicSpline(arc, x, axis=2)(at).reshape(-1, MARKERS, 3)
+        return CubicSpline(arc, x, axis=2)(at).reshape(-1, markers, 3)
     out = []
     for pose in scene.poses:
         facing = _directed(pose)
@@ -108,7 +110,11 @@ def _directed(pose: Pose) -> Pose:
 
 def record(folder: Path, name: str, scene: Scene, elastica: Path | None = None) -> None:
     """Film a scene and write its recording."""
-    markers = filmed(scene, scene.drag, elastica) + scene.jitter
+    write(folder, name, scene, filmed(scene, scene.drag, elastica) + scene.jitter)
+
+
+def write(folder: Path, name: str, scene: Scene, markers: Array) -> None:
+    """Write the recording of a scene in which markers (CLIPS * FRAMES, M, 3) [m] were seen."""
     path = _ends(scene.world, scene.told, scene.poses)
     turns = _turns(scene) if scene.world.held.kinds[0] == CLAMPED else None
     _write(folder, name, scene.setting, scene.told, path, turns, markers)
@@ -197,7 +203,7 @@ def _write(
     folder.mkdir(parents=True, exist_ok=True)
     time = np.concatenate([TIMES + k * (PAUSE + STEP * FRAMES) for k in range(CLIPS)])
     rod, length = setting.rod, told.length * setting.rod.length
-    arc = np.linspace(0, length, MARKERS)
+    arc = np.linspace(0, length, markers.shape[1])
     np.savez(folder / "markers.npz", positions=markers, time=time, arc_length=arc)
     rows = ["frame,time,end,x,y,z" + ",qw,qx,qy,qz" * (turns is not None)]
     for f, now in enumerate(time):

@@ -45,17 +45,17 @@ class Simulation(Part):
     name: str
     verdict: Literal["none", "found", "unknown"]
     effects: dict[str, Cause] = Field(default_factory=dict)
-    rope: dict[str, Size] = Field(description="of the rope in equilibrium that is most like it")
+    rope: dict[str, Size] = Field(description="of the rope that is most like it")
     refused: list[str]
     missing: list[str] = Field(
         default_factory=list, description="effects of the recording that the simulation lacks"
     )
     differences: list[str] = Field(
-        default_factory=list, description="effects that both have, in different sizes"
+        default_factory=list, description="parameters and effects that both have, in other sizes"
     )
     x: Annotated[np.ndarray, ArraySpec(("frame", "node", "xyz"), "m", nan=True)]
     rms: float = quantity("m", "of the recording's points from the simulation")
-    rms_converged: float = quantity("m", "of the recording's rope in equilibrium, held-out frames")
+    rms_converged: float = quantity("m", "of the recording from its own rope, held-out frames")
     rms_of_rope: float = quantity("m", "of the simulation from that rope, held-out frames")
     rms_explained: float = quantity("m", "the same with the effects")
 

@@ -85,9 +85,10 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
             session.say(c.sentence)
     if d.simulation:
         _show_simulation(session, d.simulation)
+    before = "simulation" if d.simulation else "nominal model"
     after = f", {d.rms_after * 1e3:.3g} mm with what was found" if d.causes else ""
     session.say(
-        f"held-out frames: rms {d.rms_before * 1e3:.3g} mm by the nominal model{after}; noise of a "
+        f"held-out frames: rms {d.rms_before * 1e3:.3g} mm by the {before}{after}; noise of a "
         f"point {d.noise_white * 1e3:.3g} mm"
     )
     for reason in d.refused:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ropefit.adapters.motion_of import times_of
+from ropefit.adapters.motion_of import centrelines, times_of
 from ropefit.adapters.rope_setup import STATIONS, data_in_space
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.adapters.xpbd_model import restored_xpbd
@@ -89,7 +89,7 @@ def _both(
     missing, differences = beside(real["causes"], simulated["causes"], o.length)
     differences = [*_apart(real["rope"], simulated["rope"]), *differences]
     rows = np.searchsorted(o.frames, real["frames"])
-    now, seen = shapes.centreline[rows], data_in_space(o).frames(rows)
+    now, seen = _nodes(shapes)[rows], data_in_space(o).frames(rows)
     rms = points_rms(stations := match(seen, now, STATIONS), stations.residual)
     return real | {
         "rms_before": rms,  # of the simulation: what the user has before
@@ -101,6 +101,12 @@ def _both(
             rms_explained=simulated["rms_after"],
         )
     }  # fmt: skip
+
+
+def _nodes(shapes: Observations) -> np.ndarray:
+    """Return (F, K, 3) [m] the simulated nodes; of few markers, on a spline through these."""
+    told = shapes.centreline
+    return told if np.isfinite(told).all() else centrelines(shapes, shapes.node_arc)
 
 
 def beside(

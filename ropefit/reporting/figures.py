@@ -18,7 +18,7 @@ NOMINAL = "#3288c9"
 WITH_CAUSE = "#d55e00"
 CAUSE = "#b8478f"
 TARGET = "#009e73"
-SIMULATED = "#8a6fd0"
+SIMULATED = "#009e73"
 MANY = ["#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#999999", "#0072b2"]
 DIVERGING = [  # see-through, so that the page's ink is readable on it, light or dark
     [0.0, "rgba(0,114,178,0.85)"],
