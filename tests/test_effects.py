@@ -168,6 +168,23 @@ def test_a_frame_that_cannot_settle_stops_no_other():
     assert np.abs(every.x[[0, 2]] - alone.x).max() < 1e-7
 
 
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        (Tether(), [0.7, 0.02, -0.03, 0.05, 0.403]),
+        (SupportPlane(), VALUES[SupportPlane]),
+        (Obstacle(), VALUES[Obstacle]),
+    ],
+)
+def test_derivatives_that_a_potential_tells_are_those_of_its_energy(effect, values):
+    setup = effect.apply(pinned(), torch.tensor(values, dtype=torch.float64))
+    x = torch.from_numpy(Equilibrium(setup, []).at(np.empty(0)).solution.x) - 0.02
+    told = force_and_stiffness(setup.potentials, x)
+    bare = tuple(p._replace(derivatives=None) for p in setup.potentials)
+    torch.testing.assert_close(told, force_and_stiffness(bare, x), rtol=1e-9, atol=1e-9)
+    assert told[0].abs().max() > 0
+
+
 def test_potentials_know_their_forces_where_gradients_are_off():
     setup = SupportPlane(0).apply(pinned(), torch.tensor([-0.3, 0.0, 0.0], dtype=torch.float64))
     x = torch.from_numpy(Equilibrium(setup, []).at(np.empty(0)).solution.x)

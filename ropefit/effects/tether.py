@@ -50,7 +50,12 @@ class Tether(Effect):
             arm = x - middle
             return 0.5 * stiffness * (arm * arm).sum(-1) - (arm * pull).sum(-1)
 
-        return setup._replace(potentials=(*setup.potentials, Potential(energy, share)))
+        def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
+            rows = stiffness * torch.eye(3, dtype=x.dtype)
+            return stiffness * (x - middle) - pull, rows.expand(*x.shape[:-1], 3, 3)
+
+        spring = Potential(energy, share, derivatives=derivatives)
+        return setup._replace(potentials=(*setup.potentials, spring))
 
     def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Return the force k (anchor - x) on the place, per unit of k and of k anchor."""
