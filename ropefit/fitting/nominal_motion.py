@@ -72,14 +72,19 @@ def nominal_in_motion(
         span.data, Noise(marker=LEAST_NOISE, sensor=noise_of(o, span.data).marker), STATIONS
     ).without(~compared)
     fitted = fit(forward, problem, start, EVALUATIONS, tolerance=1e-4)
-    # Without the mesh's error stiffness makes up for it, and may fit better. Only of a rope that is
-    # far off others would be corrected wrongly.
     corrected = forward.corrected(fitted.point.u)
     again = fit(corrected, problem, fitted.point.u, EVALUATIONS, tolerance=1e-4)
-    fitted = again if again.cost < FAR_OFF * fitted.cost else fitted
+    fitted = with_mesh_error(fitted, again)
     if not fitted.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
     return span, fitted, taken
+
+
+def with_mesh_error(plain: Fit, corrected: Fit) -> Fit:
+    """Return the fit to which the mesh's error is added, though the plain one may cost less:
+    stiffness makes up for that error. Not of a rope so far off that others are corrected wrongly.
+    """
+    return corrected if corrected.cost < FAR_OFF * plain.cost else plain
 
 
 def _known_rope(
