@@ -173,4 +173,5 @@ def filmed(
     # The outer vertices of held elements are no part of the rope.
     middle = 0.5 * (x[..., [0, -2], :] + x[..., [1, -1], :])
     x = np.concatenate([middle[..., :1, :], x[..., 1:-1, :], middle[..., 1:, :]], axis=-2)
-    return np.concatenate([[0.0], edge * (np.arange(ELEMENTS) + 0.5), [rod.length]]), x
+    inner: Array = edge * (np.arange(ELEMENTS) + 0.5)
+    return np.concatenate([[0.0], inner, [rod.length]]), x

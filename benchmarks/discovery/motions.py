@@ -59,7 +59,7 @@ def one(seed: int, out: Path, cases: str, elastica: Path | None) -> dict[str, An
 
 
 def visibility(
-    scene: Scene, recording: Path, run: Path, stored: Path, elastica: Path | None
+    scene: Scene, recording: Path, run: Path, stored: Path, elastica: Path | None = None
 ) -> float | None:
     """Return the score of what is concealed, kept in a file; None of nothing, or of a recording
     that was not identified."""
