@@ -167,11 +167,11 @@ def filmed(
         if run.returncode:
             raise RuntimeError((run.stderr.strip().splitlines() or ["no output"])[-1])
         x = np.load(out)
-    edge = rod.length / ELEMENTS
     if not clamped:
-        return edge * np.arange(ELEMENTS + 1), x
+        return np.linspace(0.0, rod.length, ELEMENTS + 1), x
     # The outer vertices of held elements are no part of the rope.
     middle = 0.5 * (x[..., [0, -2], :] + x[..., [1, -1], :])
     x = np.concatenate([middle[..., :1, :], x[..., 1:-1, :], middle[..., 1:, :]], axis=-2)
-    inner: Array = edge * (np.arange(ELEMENTS) + 0.5)
+    edge = rod.length / ELEMENTS
+    inner = np.linspace(0.5 * edge, rod.length - 0.5 * edge, ELEMENTS)
     return np.concatenate([[0.0], inner, [rod.length]]), x
