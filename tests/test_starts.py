@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ropefit.fitting.nominal_motion import with_mesh_error
 from ropefit.inference.starts import best_start, cheaper, ranked
 
 
@@ -40,12 +39,6 @@ def test_a_fit_begun_anew_must_cost_less():
     assert cheaper(old, new) is new
     assert cheaper(old, new, by=0.6) is old
     assert cheaper(new, some(cost=1.5)) is new
-
-
-def test_the_error_of_a_mesh_is_not_left_to_stiffness():
-    plain = some(cost=1.0)
-    assert with_mesh_error(plain, close := some(cost=1.4)) is close
-    assert with_mesh_error(plain, some(cost=5.0)) is plain
 
 
 def test_losses_are_ranked_with_failures_last_and_the_first_of_equals_first():

@@ -21,7 +21,7 @@ from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.choices import held_node
 from ropefit.fitting.nominal import set_up_errors
 from ropefit.fitting.settings import IdentifySettings
-from ropefit.inference.least_squares import fit
+from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.sandwich import BLOCK, block_estimates
@@ -42,6 +42,8 @@ LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get 
 # so remains, which matters more where that is nearly what is told of ropes of any mesh.
 MOST_MESH_ERROR = {24: 1e-3, 48: 3e-3}
 LOOK = 15  # evaluations of a first fit
+CORRECTIONS = 3  # of the mesh's error, while the fit moves
+UNMOVED = 0.3  # standard errors
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> FittedModel:
@@ -77,7 +79,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
         forward, problem = _forward(o, span, terms, train), _within(span, noise, train)
         u = fit(forward, problem, u, settings.evaluations, tolerance=1e-4).point.u
         forward = forward.corrected(u)
-    found = fit(forward, problem, u, settings.evaluations, tolerance=1e-4)
+    found = self_corrected(forward, problem, u, settings.evaluations)
     estimates = block_estimates(found, train, times_of(o))
     u, trace = found.point.u, found.trace
     outcome = outcome_of_fit(trace, found.cost, found.evaluations, found.converged)
@@ -109,6 +111,22 @@ def _in_step(
         rms = float(np.sqrt((near.stations.residual**2).mean()))
         noise = Noise(marker=max(noise.marker, rms * (BLOCK / step) ** 0.5))
     return u, noise
+
+
+def self_corrected(forward: Dynamics, problem: FitProblem, u: np.ndarray, most: int) -> Fit:
+    """Return the fit to which the error of the mesh is added as it is where the fit ends: stiffness
+    makes up for what is missing of it, and it is another one of another rope.
+
+    forward: corrected at u (P,); most: evaluations of a fit.
+    """
+    found = fit(forward, problem, u, most, tolerance=1e-4)
+    for _ in range(CORRECTIONS if found.forward.mesh_error is not None else 0):
+        moved = np.abs(found.point.u - u) / np.maximum(found.sd(), 1e-12)
+        if moved.max(initial=0.0) < UNMOVED:
+            break
+        u = found.point.u
+        found = fit(found.forward.corrected(u), problem, u, most, tolerance=1e-4)
+    return found
 
 
 def restored_motion(o: Observations, model: FittedModel) -> tuple[Span, MotionPoint]:

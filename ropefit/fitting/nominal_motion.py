@@ -15,9 +15,16 @@ from ropefit.adapters.taken_over import TakenOver, held_alike, of_rope
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.errors import NotConverged
-from ropefit.fitting.motion import LEAST_NOISE, OF_MOTION, identified_span, long_clips, model_of
+from ropefit.fitting.motion import (
+    LEAST_NOISE,
+    OF_MOTION,
+    identified_span,
+    long_clips,
+    model_of,
+    self_corrected,
+)
 from ropefit.fitting.nominal import as_known, calibrated, set_up_errors
-from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.least_squares import Fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.models.dynamics import Dynamics
@@ -26,7 +33,6 @@ from ropefit.models.parameters import IN_MOTION, PARAMETERS
 
 SAMPLE = 0.04  # s between compared frames: a rope swings slower
 EVALUATIONS = 8
-FAR_OFF = 2.0  # times the cost without the error of the mesh
 
 
 def nominal_in_motion(
@@ -71,20 +77,10 @@ def nominal_in_motion(
     problem = FitProblem(
         span.data, Noise(marker=LEAST_NOISE, sensor=noise_of(o, span.data).marker), STATIONS
     ).without(~compared)
-    fitted = fit(forward, problem, start, EVALUATIONS, tolerance=1e-4)
-    corrected = forward.corrected(fitted.point.u)
-    again = fit(corrected, problem, fitted.point.u, EVALUATIONS, tolerance=1e-4)
-    fitted = with_mesh_error(fitted, again)
+    fitted = self_corrected(forward.corrected(start), problem, start, EVALUATIONS)
     if not fitted.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
     return span, fitted, taken
-
-
-def with_mesh_error(plain: Fit, corrected: Fit) -> Fit:
-    """Return the fit to which the mesh's error is added, though the plain one may cost less:
-    stiffness makes up for that error. Not of a rope so far off that others are corrected wrongly.
-    """
-    return corrected if corrected.cost < FAR_OFF * plain.cost else plain
 
 
 def _known_rope(
