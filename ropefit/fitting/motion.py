@@ -120,12 +120,13 @@ def self_corrected(forward: Dynamics, problem: FitProblem, u: np.ndarray, most: 
     forward: corrected at u (P,); most: evaluations of a fit.
     """
     found = fit(forward, problem, u, most, tolerance=1e-4)
-    for _ in range(CORRECTIONS if found.forward.mesh_error is not None else 0):
+    for _ in range(CORRECTIONS if forward.mesh_error is not None else 0):
         moved = np.abs(found.point.u - u) / np.maximum(found.sd(), 1e-12)
         if moved.max(initial=0.0) < UNMOVED:
             break
         u = found.point.u
-        found = fit(found.forward.corrected(u), problem, u, most, tolerance=1e-4)
+        del found  # two fits at once are large
+        found = fit(forward.corrected(u), problem, u, most, tolerance=1e-4)
     return found
 
 
