@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.discovery.elastica_rope import between_clamps, run_script
 from benchmarks.discovery.setting import World
 from reference_simulators.kirchhoff_rod import CLAMPED
 from reference_simulators.rod_equations import Array, rotation
@@ -19,7 +18,6 @@ PART = 0.4  # of the time in which a wave runs along an element: a step
 SAMPLE = 0.001  # s between the told poses, linear in between
 CALM, LED = 1.5, 1.0  # s to come to rest in a first pose, and on the way there
 DAMPED = 8.0  # 1/s, meanwhile; of spin always: its inertia is a hundredth of a per cent
-LONGEST = 3600  # s
 
 # Clamps hold the frame of a whole element, which straddles the clamping point: no part of the rope
 # is kept from bending. Both ends are led from a straight rope without twist.
@@ -45,7 +43,6 @@ rod = ea.CosseratRod.straight_rod(count, last - (length + clamped * half) * way,
     now["last"][0], count * edge, radius, density / (np.pi * radius**2),
     youngs_modulus=bend / (np.pi * radius**4 / 4))
 at = edge * np.arange(count + 1) - clamped * half
-middle = 0.5 * (at[1:] + at[:-1])
 rod.shear_matrix[:], rod.bend_matrix[:] = 0, 0
 factor = np.ones(count - 1)
 for begin, end, times, _ in told["sections"]:
@@ -149,29 +146,15 @@ def filmed(
     wrong.
     """
     rod, clamped = world.rod, world.held.kinds[0] == CLAMPED
-    with tempfile.TemporaryDirectory() as name:
-        told, out = Path(name) / "told.npz", Path(name) / "films.npy"
-        np.savez(
-            told, count=ELEMENTS + clamped, gravity=np.array(rod.gravity), clamped=clamped,
-            rope=[rod.length, rod.density, rod.bending, rod.torsion], drag=drag, sample=SAMPLE,
-            places=places, turns=rotation(turns), last=world.held.positions[0, 1],
-            last_turns=rotation(last_turns), film=len(times), step_of_film=times[1] - times[0],
-            limits=[STRETCH, SHEAR, GYRATION, PART], calm=[CALM, LED, DAMPED],
-            sections=np.array(
-                [(p.start, p.end, p.bending, p.density) for p in rod.sections]
-            ).reshape(-1, 4),
-            points=np.array([(p.at, p.mass) for p in rod.points]).reshape(-1, 2),
-        )  # fmt: skip
-        command = [str(python), "-c", SCRIPT, str(told), str(out)]
-        run = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST)
-        if run.returncode:
-            raise RuntimeError((run.stderr.strip().splitlines() or ["no output"])[-1])
-        x = np.load(out)
-    if not clamped:
-        return np.linspace(0.0, rod.length, ELEMENTS + 1), x
-    # The outer vertices of held elements are no part of the rope.
-    middle = 0.5 * (x[..., [0, -2], :] + x[..., [1, -1], :])
-    x = np.concatenate([middle[..., :1, :], x[..., 1:-1, :], middle[..., 1:, :]], axis=-2)
-    edge = rod.length / ELEMENTS
-    inner = np.linspace(0.5 * edge, rod.length - 0.5 * edge, ELEMENTS)
-    return np.concatenate([[0.0], inner, [rod.length]]), x
+    x = run_script(
+        python, SCRIPT, count=ELEMENTS + clamped, gravity=np.array(rod.gravity), clamped=clamped,
+        rope=[rod.length, rod.density, rod.bending, rod.torsion], drag=drag, sample=SAMPLE,
+        places=places, turns=rotation(turns), last=world.held.positions[0, 1],
+        last_turns=rotation(last_turns), film=len(times), step_of_film=times[1] - times[0],
+        limits=[STRETCH, SHEAR, GYRATION, PART], calm=[CALM, LED, DAMPED],
+        sections=np.array(
+            [(p.start, p.end, p.bending, p.density) for p in rod.sections]
+        ).reshape(-1, 4),
+        points=np.array([(p.at, p.mass) for p in rod.points]).reshape(-1, 2),
+    )  # fmt: skip
+    return between_clamps(x, rod.length, clamped)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,29 +102,44 @@ np.save(sys.argv[2], np.array(shapes))
 """
 
 
+def run_script(python: Path, script: str, **told: Any) -> Array:
+    """Return the array that a script saves, from what it is told, by a Python that has PyElastica.
+
+    Raises RuntimeError with the last line of what went wrong.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        given, out = Path(name) / "told.npz", Path(name) / "found.npy"
+        np.savez(given, **told)
+        command = [str(python), "-c", script, str(given), str(out)]
+        run = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST)
+        if run.returncode:
+            raise RuntimeError((run.stderr.strip().splitlines() or ["no output"])[-1])
+        return np.load(out)
+
+
+def between_clamps(x: Array, length: float, clamped: bool) -> tuple[Array, Array]:
+    """Return arc lengths (n,) [m] and centrelines (..., n, 3) [m] of a rope from its vertices x.
+
+    The outer vertices of clamped elements are no part of it. length [m]: of the rope.
+    """
+    if not clamped:
+        return np.linspace(0.0, length, x.shape[-2]), x
+    middle = 0.5 * (x[..., [0, -2], :] + x[..., [1, -1], :])
+    x = np.concatenate([middle[..., :1, :], x[..., 1:-1, :], middle[..., 1:, :]], axis=-2)
+    half = 0.5 * length / (x.shape[-2] - 2)
+    inner = np.linspace(half, length - half, x.shape[-2] - 2)
+    return np.concatenate([[0.0], inner, [length]]), x
+
+
 def shapes(python: Path, rod: Rod, held: Ends) -> tuple[Array, Array]:
     """Return arc lengths (n,) [m] and centrelines (T, n, 3) [m] of all frames, each at rest.
 
     Raises RuntimeError with the last line of what went wrong.
     """
     clamped = held.kinds[0] == CLAMPED
-    with tempfile.TemporaryDirectory() as name:
-        told, out = Path(name) / "told.npz", Path(name) / "shapes.npy"
-        np.savez(
-            told, count=ELEMENTS + clamped, gravity=np.array(rod.gravity), stiff=STIFF,
-            rope=[rod.length, rod.density, rod.bending, rod.torsion], ends=held.positions,
-            ways=rotation(held.orientations)[..., 2], clamped=clamped,
-        )  # fmt: skip
-        command = [str(python), "-c", SCRIPT, str(told), str(out)]
-        run = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST)
-        if run.returncode:
-            raise RuntimeError((run.stderr.strip().splitlines() or ["no output"])[-1])
-        x = np.load(out)
-    arc = np.linspace(0, rod.length, ELEMENTS + 1)
-    if clamped:  # the outer vertices of held elements are no part of the rope
-        middle = 0.5 * (x[:, [0, -2]] + x[:, [1, -1]])
-        x = np.concatenate([middle[:, :1], x[:, 1:-1], middle[:, 1:]], axis=1)
-        edge = rod.length / ELEMENTS
-        inner = edge * (np.arange(ELEMENTS) + 0.5)
-        arc = np.concatenate([[0.0], inner, [rod.length]])
-    return arc, x
+    x = run_script(
+        python, SCRIPT, count=ELEMENTS + clamped, gravity=np.array(rod.gravity), stiff=STIFF,
+        rope=[rod.length, rod.density, rod.bending, rod.torsion], ends=held.positions,
+        ways=rotation(held.orientations)[..., 2], clamped=clamped,
+    )  # fmt: skip
+    return between_clamps(x, rod.length, clamped)

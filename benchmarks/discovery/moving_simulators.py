@@ -20,6 +20,7 @@ import numpy as np
 from benchmarks.discovery import motion_scenes as scenes
 from benchmarks.discovery.motions import judge
 from benchmarks.discovery.run import kept, stages
+from benchmarks.discovery.simulators import lacks_and_has
 from benchmarks.document import parser, publish
 
 NODES = 31  # that the user's simulation tells
@@ -98,16 +99,11 @@ def _row(row: dict[str, Any]) -> str:
     if a is None:
         return f"| {row['cause']} | {row['seed']} | {row['error']} | no" + " | -" * 5 + " |"
     s, held = a["simulation"], a["heldout"]
-    lacks = ", ".join(
-        e["name"] + f" ({', '.join(e['equivalent_to'])})" * bool(e["equivalent_to"])
-        for e in a["effects"]
-        if e["name"] in s["missing"]
-    )
-    has = ", ".join(e["name"] for e in s["effects"]) or s["verdict"]
+    lacks, has = lacks_and_has(a)
     steps = (s["rms_m"], s["rms_converged_m"], held["rms_after_m"])
     size = {None: "-", True: "yes", False: "no"}
     return (
-        f"| {row['cause']} | {row['seed']} | {lacks or a['verdict']} "
+        f"| {row['cause']} | {row['seed']} | {lacks} "
         f"| {'yes' if row['in_set'] else 'no'} | {size[row['size']]} | {has} "
         f"| {row['own']:.2f}, {size[row['rope']]} "
         f"| {', '.join(f'{1e3 * v:.2f}' for v in steps)} | {row['seconds']['diagnose']:.0f} |"

@@ -137,22 +137,29 @@ def table(found: list[dict[str, Any]], elastica: bool) -> str:
             rows.append(f"| {row['cause']} | {row['seed']} | {row['error']} | no | - | - | - |")
             continue
         s, held = a["simulation"], a["heldout"]
-        lacks = ", ".join(
-            e["name"] + f" ({', '.join(e['equivalent_to'])})" * bool(e["equivalent_to"])
-            for e in a["effects"]
-            if e["name"] in s["missing"]
-        )
-        has = ", ".join(e["name"] for e in s["effects"]) or s["verdict"]
+        lacks, has = lacks_and_has(a)
         steps = (s["rms_m"], s["rms_converged_m"], held["rms_after_m"], held["noise_m"])
         size = {None: "-", True: "yes", False: "no"}[row["size"]]
         rows.append(
-            f"| {row['cause']} | {row['seed']} | {lacks or a['verdict']} "
+            f"| {row['cause']} | {row['seed']} | {lacks} "
             f"| {'yes' if row['right'] else 'no'} | {size} | {has} "
             f"| {' → '.join(f'{1e3 * v:.2f}' for v in steps[:3])}; {1e3 * steps[3]:.2f} |"
         )
     causes = [row for row in found if row["cause"] != "nothing"]
     named = sum(row["right"] for row in causes)
     return "\n".join([*rows, "", f"Named: {named} of {len(causes)}."]) + "\n"
+
+
+def lacks_and_has(answer: dict[str, Any]) -> tuple[str, str]:
+    """Return in words what a simulation lacks of a recording's effects, and what it has."""
+    s = answer["simulation"]
+    lacks = ", ".join(
+        e["name"] + f" ({', '.join(e['equivalent_to'])})" * bool(e["equivalent_to"])
+        for e in answer["effects"]
+        if e["name"] in s["missing"]
+    )
+    has = ", ".join(e["name"] for e in s["effects"])
+    return lacks or answer["verdict"], has or s["verdict"]
 
 
 def main() -> None:

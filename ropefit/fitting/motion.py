@@ -38,9 +38,9 @@ OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes
 HORIZONS = (0.5, 1.5)  # s of each clip that are fitted before all of it
 LEAST_MOTION = 0.01  # of the length: a rope that moves less shows neither inertia nor damping
 LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get below
-# Of the length, rms: the error of a mesh that is extrapolated from the next finer one. A quarter or
-# so remains, which matters more where that is nearly what is told of ropes of any mesh.
-MOST_MESH_ERROR = {24: 1e-3, 48: 3e-3}
+# Of the length, rms, by segments: from a larger error on, the next finer mesh is used. It is
+# extrapolated, so that about a quarter of it remains; the finest mesh takes four times as long.
+MOST_MESH_ERROR: dict[int, float] = dict(zip(SEGMENTS, (1e-3, 3e-3), strict=False))
 LOOK = 15  # evaluations of a first fit
 CORRECTIONS = 3  # of the mesh's error, while the fit moves
 UNMOVED = 0.3  # standard errors
@@ -114,10 +114,11 @@ def _in_step(
 
 
 def self_corrected(forward: Dynamics, problem: FitProblem, u: np.ndarray, most: int) -> Fit:
-    """Return the fit to which the error of the mesh is added as it is where the fit ends: stiffness
-    makes up for what is missing of it, and it is another one of another rope.
+    """Return the fit whose mesh error is estimated at its own parameters: an estimate at others is
+    compensated by a wrong EI (deferred correction, repeated).
 
-    forward: corrected at u (P,); most: evaluations of a fit.
+    forward: corrected at u (P,), search variables; most: evaluations of each fit. It stops when no
+    variable moves by more than `UNMOVED`, or after `CORRECTIONS`.
     """
     found = fit(forward, problem, u, most, tolerance=1e-4)
     for _ in range(CORRECTIONS if forward.mesh_error is not None else 0):
