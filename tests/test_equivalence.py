@@ -11,6 +11,8 @@ from ropefit.diagnosis.acceptance import at_most
 from ropefit.diagnosis.equivalence import equivalents, ordered, within_reach
 from ropefit.effects import (
     BendingLaw,
+    ClampedEnd,
+    EndOffset,
     ForceField,
     HalfSpace,
     LostOutOfPlane,
@@ -25,10 +27,14 @@ from tests.concealed import rope
 
 
 def candidate(
-    effect: Any, evidence: float, gained: float, unlikely: float = 0.0, beyond: bool = False
-) -> Any:
-    """gained [nats] by held-out data; unlikely: sd that an error of the set-up is off zero."""
+    effect: Any, evidence: float, gained: float, unlikely: float = 0.0, beyond: bool = False,
+    arc_length: float = 0.5,
+) -> Any:  # fmt: skip
+    """gained [nats] by held-out data; unlikely: sd that an error of the set-up is off zero;
+    arc_length [m]: where on a rope of 1 m an effect at a point is."""
+    one_metre = SimpleNamespace(properties=SimpleNamespace(length=np.full(4, 0.25)))
     return SimpleNamespace(
+        values=lambda: np.where(np.array(effect.names) == "arc_length", arc_length, 0.0),
         hypothesis=SimpleNamespace(effect=effect),
         evidence=evidence,
         wants_beyond_bounds=lambda: beyond,
@@ -36,7 +42,7 @@ def candidate(
         term=SimpleNamespace(prior=np.full(len(effect.names), np.inf)),
         fit=SimpleNamespace(
             prior=np.array([1.0, np.inf]), point=SimpleNamespace(u=np.array([unlikely, 9.0])),
-            spread=1.0,
+            spread=1.0, forward=SimpleNamespace(base=one_metre),
         ),
     )  # fmt: skip
 
@@ -72,6 +78,30 @@ def test_what_wants_more_than_is_possible_is_not_first_of_a_tie(evidence, first)
     named, others = ordered(error, [mass])
     assert named.hypothesis.effect.name == first
     assert len(others) == 1
+
+
+@pytest.mark.parametrize(
+    ("arc_length", "end", "first"),
+    [
+        (0.98, 1, "clamped_end"),
+        (0.02, 0, "clamped_end"),
+        (0.98, 0, "point_force"),  # of the other end
+        (0.95, 1, "point_force"),  # that is far enough to be told from it
+    ],
+)
+def test_an_effect_of_an_end_is_named_before_a_force_next_to_it(arc_length, end, first):
+    force = candidate(PointForce(), 20.5, 24.0, arc_length=arc_length)
+    for clamp in (candidate(ClampedEnd(end), 18.0, 24.0), candidate(EndOffset(end), 18.0, 24.0)):
+        named, others = ordered(force, [clamp])
+        wanted = first if clamp.hypothesis.effect.kind == "physics" else "end_offset"
+        assert named.hypothesis.effect.name == wanted
+        assert len(others) == 1
+
+
+@pytest.mark.parametrize(("behind", "first"), [(2.9, "point_mass"), (3.1, "mass_section")])
+def test_a_special_case_is_named_unless_the_additional_values_are_worth_more(behind, first):
+    section, mass = candidate(MassSection(), 23.0, 24.0), candidate(PointMass(), 23.0 - behind, 24)
+    assert ordered(section, [mass])[0].hypothesis.effect.name == first
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little b
 # explains that share is less than chance.
 SAME_LIKELIHOOD = 1.5
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
+NEXT_TO_END = 0.03  # of the length: places are told no better
 
 
 def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
@@ -28,7 +29,7 @@ def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Can
     if beyond and possible and best.evidence - leader.evidence < TIE_NATS:
         first, others = ordered(leader, [c for c in possible if c is not leader])
         return first, [*others, *beyond]
-    first, others = _measurement_first(*_simplest_first(best, same))
+    first, others = _measurement_first(*_end_first(*_simplest_first(best, same)))
     better = [c for c in others if _predicts_better(c, first)]
     if first.hypothesis.effect.kind != "measurement" or not better:
         return first, others
@@ -93,13 +94,10 @@ def within_reach(behind: float, share: float, less: float = np.inf) -> bool:
 
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """Name the candidate of a tie with the fewest values first. A special case of the best one is
-    within reach wherever it explains as much."""
+    """Name the candidate of a tie with the fewest values first, before others a special case of the
+    best one. What the extra values of the best one are worth is in its evidence."""
     general = best.hypothesis.effect
-    tied = [best] + [
-        c for c in same
-        if best.evidence - c.evidence < TIE_NATS or is_special_case(c.hypothesis.effect, general)
-    ]  # fmt: skip
+    tied = [c for c in (best, *same) if best.evidence - c.evidence < TIE_NATS]
     first = min(
         tied,
         key=lambda c: (
@@ -109,6 +107,28 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
         ),
     )
     return first, [c for c in (best, *same) if c is not first]
+
+
+def _end_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+    """Name an effect of an end before one of the rope next to it: what acts so near an end is seen
+    as a moment about it, whatever exerts it."""
+    end = _end_beside(best)
+    for one in same:
+        effect = one.hypothesis.effect
+        if effect.locus == "end" and effect.kind == "physics" and effect.end == end:
+            return one, [best, *(c for c in same if c is not one)]
+    return best, same
+
+
+def _end_beside(one: Candidate) -> int | None:
+    """Return which end an effect at a point of the rope is next to, if any."""
+    effect = one.hypothesis.effect
+    if effect.locus != "point":
+        return None
+    arc_length = one.values()[effect.names.index("arc_length")]
+    share = arc_length / float(one.fit.forward.base.properties.length.sum())
+    near = [share < NEXT_TO_END, share > 1 - NEXT_TO_END]
+    return near.index(True) if any(near) else None
 
 
 def _measurement_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
