@@ -103,8 +103,10 @@ def test_a_cause_counts_as_named_with_its_size_in_its_interval(name, equivalent,
               "parameters": {"lag": {"value": 0.03, "ci95": ci95}}}  # fmt: skip
     found = judged({
         "answer": {"effects": [effect]}, "true": {"names": ["time_lag"], "sizes": {"lag": 0.03}},
+        "scores": {"time_lag": 7.0, "damping": 9.0},
     })  # fmt: skip
     assert (found["named"], found["in_set"], found["inside"]) == expected
+    assert found["score"] == 7.0
 
 
 def test_dampings_are_told_as_fitted_with_what_was_found_and_as_the_effect_has_them(monkeypatch):
