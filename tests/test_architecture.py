@@ -137,6 +137,7 @@ def test_command_line_imports_nothing_heavy():
 EFFECTS = PACKAGE / "effects"
 BASES = {"ropefit.effects.base", "ropefit.effects.contact", "ropefit.effects.misfit"}
 BASES |= {"ropefit.effects.place", "ropefit.effects.drawn", "ropefit.effects.law"}
+BASES |= {"ropefit.effects.ends"}
 # All are of effects, of no single one.
 
 

@@ -147,6 +147,38 @@ def test_two_heavier_sections_are_two_weights():
     np.testing.assert_allclose(np.array(found), [[0.004, 0.3], [0.003, 0.65]], rtol=0.1)
 
 
+@pytest.mark.parametrize(("centre", "width"), [(0.2, 0.4), (0.8, 0.4)])
+def test_a_lighter_section_at_an_end_is_a_heavier_rest(centre, width):
+    setup, values = rope(288), np.array([-0.006, centre, width])
+    weight = float((setup.properties.density * setup.properties.length).sum())
+    heavier = MassSection().more_usual(setup, values)
+    assert heavier is not None
+    assert heavier[1:] == pytest.approx([0.3 if centre > 0.5 else 0.7, 0.6])
+    p = setup.properties
+    stiffer = 1 / (1 - 0.006 / width / weight)  # rope of 1 m
+    scaled = setup._replace(properties=p._replace(bend=stiffer * p.bend))
+    shapes = [
+        Equilibrium(MassSection().apply(s, tensor(v)), []).at(np.empty(0)).seen
+        for s, v in ((setup, values), (scaled, heavier))
+    ]
+    np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-5)
+    for other in ([0.006, centre, width], [-0.006, 0.5, 0.4], [-0.006, 0.5, 1.1]):
+        assert MassSection().more_usual(setup, np.array(other)) is None
+
+
+def test_of_both_the_heavier_section_is_named():
+    nominal = compared(recorded(with_effect(MassSection(), [0.01, 0.75, 0.5]), seed=109))
+    lighter = fit_candidate(
+        nominal, Hypothesis(MassSection(), NO_PLACE), np.array([-0.008, 0.25, 0.5])
+    )
+    assert lighter is not None
+    assert lighter.values()[0] < 0
+    named = accept(lighter, [lighter], nominal, 20).candidate
+    found, sd = named.values(), named.sd()
+    assert np.abs(found - [0.01, 0.75, 0.5])[0] < 4 * sd[0]
+    assert found[1] - found[2] / 2 == pytest.approx(0.5, abs=0.03)
+
+
 def test_a_uniform_rope_has_no_section():
     """What the whole rope has is its own rigidity and weight, which every fit allows for."""
     nominal = compared(recorded(rope(288), seed=105))

@@ -9,7 +9,7 @@ import numpy as np
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import TIE_NATS, equivalents, ordered
-from ropefit.diagnosis.nested import is_special_case, with_special_cases
+from ropefit.diagnosis.nested import as_usual, is_special_case, with_special_cases
 from ropefit.inference.least_squares import Fit
 
 CLOSE_EVIDENCE = 0.5  # of the best's: candidates with less do not win beside other effects either
@@ -42,6 +42,8 @@ def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: in
     without: the model without any of them; tried: how many hypotheses were scanned, for which the
     p-value is corrected (Bonferroni).
     """
+    usual = as_usual(best, without, TIE_NATS)
+    best, candidates = usual, [usual if c is best else c for c in candidates]
     candidates = with_special_cases(best, candidates, without)
     tied = equivalents(best, candidates, without.cost)
     first, same = ordered(best, tied)

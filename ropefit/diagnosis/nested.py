@@ -20,6 +20,17 @@ from ropefit.inference.least_squares import Fit, attempted
 MOST_SIGNIFICANCE = 6.0  # standard errors from zero: beyond, a quantity is there
 
 
+def as_usual(best: Candidate, without: Fit, within: float) -> Candidate:
+    """Return the candidate as fitted from the more usual values that do the same, if there are any
+    and its evidence is then at most `within` nats less."""
+    setup = best.fit.forward.base
+    values = best.hypothesis.effect.more_usual(setup, best.values())
+    if values is None:
+        return best
+    usual = _fitted_from(best, best.hypothesis, values, without)
+    return best if usual is None or best.evidence - usual.evidence > within else usual
+
+
 def with_special_cases(
     best: Candidate, candidates: list[Candidate], without: Fit
 ) -> list[Candidate]:

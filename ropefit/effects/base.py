@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from ropefit.effects.drawn import Drawn
 from ropefit.effects.law import Law
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import intervals_along, points_along
-from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
 Kind = Literal["physics", "measurement", "solver"]
@@ -257,6 +255,10 @@ class Effect(ABC):
         """Return further starts where another effect, fitted with `values`, explains most."""
         return []
 
+    def more_usual(self, setup: Setup, values: np.ndarray) -> np.ndarray | None:
+        """Return values (n,) that do the same, in proportion, and are more usual, if there are."""
+        return None
+
     def borne(self, values: np.ndarray, misfit: Misfit) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the centre (3,) [m] of what an effect of such values bears in the frame where it
         bears most, against the middle of the ends, and the direction (3,) in which it pushes.
@@ -309,22 +311,3 @@ class Effect(ABC):
 def duration(setup: Setup) -> float:
     """Return the time [s] from the first frame to the last."""
     return float((setup.clock.max() - setup.clock.min()).clamp_min(1e-9))
-
-
-def one_end(end: int, value: Tensor) -> Tensor:
-    """Return (2, ...) with value (...) at one end and zero at the other."""
-    zero = torch.zeros_like(value)
-    return torch.stack([value, zero] if end == 0 else [zero, value])
-
-
-def turned_clamp(setup: Setup, end: int, turn: Tensor) -> Setup:
-    """Return the setup with one end's clamp turned by turn (3,) [rad] about its own axes."""
-    wide = torch.zeros(2, 1, dtype=torch.bool)
-    wide[end] = True
-    turned = multiply(setup.clamp, from_rotation_vector(turn).expand_as(setup.clamp))
-    return setup._replace(clamp=torch.where(wide, turned, setup.clamp))
-
-
-def where(end: int) -> str:
-    """Return an end in words."""
-    return "the gripper's end (end 0)" if end == 0 else "the other end (end 1)"

@@ -31,7 +31,7 @@ class BendingHysteresis(Effect):
     path_dependent = True
     shaping = 1
     looks_like_noise = True
-    tries = (0.3, 2.0)
+    tries = (0.3, 2.0, 10.0)
     builds_up: ClassVar[Literal["Prandtl", "Dahl"]] = "Prandtl"
 
     def applies(self, setup: Setup) -> bool:

@@ -8,8 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Derived, Effect, Quantity, one_end, turned_clamp, where
+from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.drawn import Drawn, components
+from ropefit.effects.ends import one_end, turned_clamp, where
 from ropefit.rod.quaternion import smallest_rotation
 from ropefit.rod.setup import Setup
 

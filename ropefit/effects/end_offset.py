@@ -6,8 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Calibration, Effect, Quantity, one_end, where
+from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn, components
+from ropefit.effects.ends import one_end, where
 from ropefit.rod.setup import Setup
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import Effect, Quantity, turned_clamp
+from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
+from ropefit.effects.ends import turned_clamp
 from ropefit.rod.setup import Setup
 
 

@@ -13,6 +13,8 @@ from ropefit.effects.place import over_interval
 from ropefit.effects.point_mass import PointMass
 from ropefit.rod.setup import Setup
 
+AT_END = 0.03  # of the length: so near, a section reaches the end
+
 
 def gathered(setup: Setup, values: np.ndarray) -> np.ndarray | None:
     """Return mass and place of a heavier section of no width; None for a lighter one."""
@@ -32,6 +34,23 @@ class MassSection(Effect):
     def bounds(self, setup: Setup) -> tuple[list[float], list[float]]:
         """Return the bounds: nothing is lighter by more than all that it weighs."""
         return [-float((setup.properties.density * setup.properties.length).sum())], [math.inf]
+
+    def more_usual(self, setup: Setup, values: np.ndarray) -> np.ndarray | None:
+        """Return the rest of the rope as the heavier section, where a lighter one reaches an end:
+        shapes show ratios to the weight only."""
+        p = setup.properties
+        mass, centre, width = values
+        length, weight = float(p.length.sum()), float((p.density * p.length).sum())
+        low, high = max(centre - width / 2, 0.0), min(centre + width / 2, length)
+        first, last = low < AT_END * length, high > (1 - AT_END) * length
+        if mass >= 0 or first == last:
+            return None
+        begin, end = (high, length) if first else (0.0, low)
+        left = weight / length + mass / (high - low)  # density of the lighter section [kg/m]
+        if left <= 0:
+            return None
+        heavier = -mass / (high - low) * (end - begin) * (weight / length) / left
+        return np.array([heavier, (begin + end) / 2, end - begin])
 
     def apply(self, setup: Setup, values: Tensor) -> Setup:
         p = setup.properties

@@ -30,7 +30,7 @@ class PlasticSet(Effect):
     path_dependent = True
     shaping = 1
     looks_like_noise = True
-    tries = (0.4, 1.0, 2.5)
+    tries = (0.4, 1.0, 2.5, 6.0, 12.0)  # next to a clamp a rope bends many times as much
 
     def applies(self, setup: Setup) -> bool:
         return revisits(setup)

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.effects.base import turned_clamp
+from ropefit.effects.ends import turned_clamp
 from ropefit.models.priors import DEGREE, nuisance, turn_clamp
 from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup

@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from ropefit.effects import CATALOGUE, Effect
-from ropefit.effects.base import turned_clamp
+from ropefit.effects.ends import turned_clamp
 from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup
 
