@@ -31,6 +31,9 @@ from ropefit.solvers.equilibrium.branches import follow
 
 GJ_PRIOR_SD = 0.5  # of the logarithm of GJ/EI, about that of a solid round section
 LEAST_PRIOR_SD = 1e-4  # search variables
+# Of the logarithm of a rigidity known from another recording: handling changes it, and what the
+# model lacks there (a fitting at the tip that nobody tells) is a part of it.
+RIGIDITY_SD = 0.05
 LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run knows an error
 
 
@@ -42,6 +45,7 @@ def nominal_terms(
 
     prior: they are known from another run, within that run's intervals, and the points of a rest
     curve, which are correlated, within its covariance. GJ joins them where both clamps hold twist.
+    Of a rope recorded elsewhere rigidities are no better known than `RIGIDITY_SD`.
     """
     group = next(iter(source.nominal.groups.values()))
     if prior:
@@ -67,7 +71,8 @@ def nominal_terms(
             term = _with_prior(term, GJ_PRIOR_SD)
         p = group.parameters.get(name)
         if prior and p is not None:
-            term = as_known(term, p)
+            elsewhere = source.recording != o.recording and name in ("EI", "GJ")
+            term = as_known(term, p, RIGIDITY_SD if elsewhere else LEAST_PRIOR_SD)
         terms.append(term)
     bends = {name: PARAMETERS[name].term(setup, value) for name, value in curve.items()}
     seen = [name for name in bends if prior and group.parameters[name].ci95 is not None]
@@ -86,16 +91,17 @@ def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
     return replace(noise, marker=missed, sensor=noise.sensor or noise.marker)
 
 
-def as_known(term: Term, p: Parameter) -> Term:
-    """Return a parameter's term with the uncertainty of another fit as its prior."""
+def as_known(term: Term, p: Parameter, least: float = LEAST_PRIOR_SD) -> Term:
+    """Return a parameter's term with the uncertainty of another fit as its prior, `least` (search
+    variable) or more."""
     if p.ci95 is None:
         return term
     low, high = np.log(p.ci95) if term.log else p.ci95
-    return _with_prior(term, 0.5 * (high - low) / NORMAL_QUANTILE)
+    return _with_prior(term, max(0.5 * (high - low) / NORMAL_QUANTILE, least))
 
 
 def _with_prior(term: Term, sd: float) -> Term:
-    return replace(term, prior=np.array([max(sd, LEAST_PRIOR_SD)]))
+    return replace(term, prior=np.array([sd]))
 
 
 def set_up_errors(setup: Setup, o: Observations, known: Model | None) -> list[Term]:
