@@ -14,7 +14,8 @@ from ropefit.effects.contact import up_of
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import middle_of
 
-LEAST_SHARE = 0.02  # of the squared misfit that a body must remove by itself
+# Of the squared misfit that a body must remove where it is touched: most of it comes after that.
+LEAST_SHARE = 0.002
 PLACES = 25  # tried, of a bar across the rope
 RADII = (0.05, 0.02)  # m, of a bar, tried
 
