@@ -9,18 +9,21 @@ import pytest
 from ropefit.diagnosis import accepted
 from ropefit.diagnosis.acceptance import at_most
 from ropefit.diagnosis.equivalence import equivalents, ordered, within_reach
+from ropefit.diagnosis.limits import Limits
 from ropefit.effects import (
     BendingLaw,
     ClampedEnd,
     EndOffset,
     ForceField,
     HalfSpace,
+    Inertia,
     LostOutOfPlane,
     MassSection,
     Obstacle,
     PointForce,
     PointMass,
     StiffSection,
+    TimeLag,
     WallField,
 )
 from tests.concealed import rope
@@ -191,3 +194,15 @@ def test_a_special_case_is_named_as_what_contains_it_was_accepted(monkeypatch):
     monkeypatch.setattr(accepted, "refusal", lambda one, fit: "held-out frames do not support it")
     without: Any = SimpleNamespace(cost=100.0)
     assert accepted.accept(pull, [pull, mass], without, 20).candidate is mass
+
+
+def test_beside_what_is_not_exact_a_further_effect_needs_more_than_its_error():
+    limits = Limits(6.0, 6.0, {}, {})
+    accepted: list[Any] = [
+        SimpleNamespace(candidate=candidate(effect, 0.0, 0.0), evidence=evidence)
+        for effect, evidence in ((Inertia(), 600.0), (TimeLag(), 300.0), (PointMass(), 900.0))
+    ]
+    assert limits.needed([]) == 6.0
+    assert limits.needed(accepted[2:]) == 6.0  # exact
+    assert limits.needed(accepted[:1]) == pytest.approx(60.0)
+    assert limits.needed(accepted[:2]) == pytest.approx(90.0)

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.full_scan import Scan
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.scan import null_residuals
 
+INEXACT_SHARE = 0.1  # of what is explained, where an effect is not exact: a third of its size
 EULER = 0.5772  # of Gumbel's law
 
 
@@ -22,6 +24,13 @@ class Limits:
     latent: float
     detectable: dict[str, float]
     units: dict[str, str]
+
+    def needed(self, accepted: list[Accepted]) -> float:
+        """Return the evidence [nats] that a further effect needs: beside one that is not exact more
+        than errors of what is accepted leave to be explained."""
+        exact = all(one.candidate.hypothesis.effect.exact for one in accepted)
+        explained = 0.0 if exact else sum(one.evidence for one in accepted)
+        return max(self.threshold, INEXACT_SHARE * explained)
 
 
 def clean_limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:

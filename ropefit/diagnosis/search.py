@@ -113,6 +113,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             scores, limits = scan.scores, clean_limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
         scan.latent.threshold, latent = limits.latent, scan.latent
+        needed = limits.needed(
+            [one for one in accepted if not one.candidate.hypothesis.effect.exact]
+        )
         if len(accepted) == most:
             crowded, two = _one_more(nominal, accepted, scan, limits), accepted
             left = crowded or latent.evidence > latent.threshold
@@ -128,7 +131,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         quick = started_from(fitted, proposals(current, slow=False, names=rules.effects))
         quick += beside_contact(accepted, singles)
         singles_of = partial(
-            rules.selection.candidates, current, scan.scores, quick, threshold=limits.threshold,
+            rules.selection.candidates, current, scan.scores, quick, threshold=needed,
             names=rules.effects, progress=_fits_of_round(progress, round_),
         )  # fmt: skip
         pair = accepted_companions(current, both, limits.threshold) if both else None
@@ -143,7 +146,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         fitted = []  # to the nominal model
         if far_beyond_sensor(current):
             current, candidates = _in_motion(current, candidates, scan, limits.threshold)
-        if candidates and candidates[0].evidence >= limits.threshold:
+        if candidates and candidates[0].evidence >= needed:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:  # about which the scan may not show the leader any more
                 best = candidates[0]
@@ -152,8 +155,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
                     compared_if_comparable(best.hypothesis, best.term, again, best.fit),
                 )
                 continue
-        candidates, best, pair = *_acceptable(current, candidates, limits, rules, refused), None
-        there = bool(candidates) and candidates[0].evidence >= limits.threshold
+        candidates, best, pair = *_acceptable(current, candidates, needed, rules, refused), None
+        there = bool(candidates) and candidates[0].evidence >= needed
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
@@ -208,15 +211,15 @@ def _in_motion(
 
 
 def _acceptable(
-    current: Fit, candidates: list[Candidate], limits: Limits, rules: Rules, refused: list[str]
+    current: Fit, candidates: list[Candidate], needed: float, rules: Rules, refused: list[str]
 ) -> tuple[list[Candidate], Candidate | None]:
     """Return the candidates and the one that is accepted, if any; why others are not goes to
     `refused`. Where the leader is not, those that were stopped for it are fitted to the end."""
     refusals: list[str] = []
-    best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+    best = rules.selection.acceptable(candidates, needed, current, refusals)
     if refusals and any(c.fit.stopped for c in candidates):
         candidates, refusals = completed(current, candidates), []
-        best = rules.selection.acceptable(candidates, limits.threshold, current, refusals)
+        best = rules.selection.acceptable(candidates, needed, current, refusals)
     refused += refusals
     return candidates, best
 

@@ -33,7 +33,7 @@ GJ_PRIOR_SD = 0.5  # of the logarithm of GJ/EI, about that of a solid round sect
 LEAST_PRIOR_SD = 1e-4  # search variables
 # Of the logarithm of a rigidity known from another recording: handling changes it, and what the
 # model lacks there (a fitting at the tip that nobody tells) is a part of it.
-RIGIDITY_SD = 0.05
+RIGIDITY_SD = 0.1
 LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run knows an error
 
 
