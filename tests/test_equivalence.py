@@ -199,10 +199,19 @@ def test_a_special_case_is_named_as_what_contains_it_was_accepted(monkeypatch):
 def test_beside_what_is_not_exact_a_further_effect_needs_more_than_its_error():
     limits = Limits(6.0, 6.0, {}, {})
     accepted: list[Any] = [
-        SimpleNamespace(candidate=candidate(effect, 0.0, 0.0), evidence=evidence)
+        SimpleNamespace(candidate=candidate(effect, 0.0, 0.0), evidence=evidence, equivalent=[])
         for effect, evidence in ((Inertia(), 600.0), (TimeLag(), 300.0), (PointMass(), 900.0))
     ]
     assert limits.needed([]) == 6.0
     assert limits.needed(accepted[2:]) == 6.0  # exact
     assert limits.needed(accepted[:1]) == pytest.approx(60.0)
     assert limits.needed(accepted[:2]) == pytest.approx(90.0)
+
+
+@pytest.mark.parametrize(("evidence", "needed"), [(18.0, 6.0), (22.5, 8.5)])
+def test_a_further_effect_needs_more_where_one_of_a_tie_may_leave_nothing(evidence, needed):
+    mass: Any = SimpleNamespace(
+        candidate=candidate(PointMass(), 20.0, 0.0), evidence=20.0,
+        equivalent=[candidate(MassSection(), evidence, 0.0)],
+    )  # fmt: skip
+    assert Limits(6.0, 6.0, {}, {}).needed([mass]) == needed

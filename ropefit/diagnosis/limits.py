@@ -26,11 +26,16 @@ class Limits:
     units: dict[str, str]
 
     def needed(self, accepted: list[Accepted]) -> float:
-        """Return the evidence [nats] that a further effect needs: beside one that is not exact more
-        than errors of what is accepted leave to be explained."""
+        """Return the evidence [nats] that a further effect needs.
+
+        Beside one that is not exact: more than errors of what is accepted leave to be explained.
+        Where what is equivalent to an accepted effect has more evidence: more by that, as it may
+        leave nothing.
+        """
         exact = all(one.candidate.hypothesis.effect.exact for one in accepted)
         explained = 0.0 if exact else sum(one.evidence for one in accepted)
-        return max(self.threshold, INEXACT_SHARE * explained)
+        ahead = (c.evidence - one.evidence for one in accepted for c in one.equivalent)
+        return max(self.threshold + max((0.0, *ahead)), INEXACT_SHARE * explained)
 
 
 def clean_limits(scan: Scan, rng: np.random.Generator, rules: Rules) -> Limits:
