@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 import torch
 
+from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
 from ropefit.adapters.taken_over import as_found, held_alike, of_rope, over_mass
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
 from ropefit.fitting import diagnosed as diagnoses
+from ropefit.fitting.nominal import RIGIDITY_SD, nominal_terms
 from ropefit.models.correlated import Correlated
 from ropefit.models.grips import grips
 from ropefit.models.priors import DEGREE, PAIR
@@ -110,6 +112,31 @@ def test_the_ropes_own_values_are_those_fitted_along_with_what_was_found(identif
     lengths = [m.nominal.balance.bending_length for m in (model, changed) if m.nominal.balance]
     assert now.value / was.value == pytest.approx((lengths[1] / lengths[0]) ** 3)  # same weight
     assert as_found(model, found_with(model)) is model
+
+
+def test_rigidities_of_another_recording_are_not_known_exactly(identified):
+    """And are not uniform where the rope missed more than noise there."""
+    o, model = identified
+    model = model.model_copy()
+    known: dict[tuple[bool, bool], Any] = {}
+    for elsewhere in (False, True):
+        group = next(iter(model.nominal.groups.values()))
+        ei = group.parameters["EI"]
+        sure = ei.model_copy(update={"ci95": (0.999 * ei.value, 1.001 * ei.value)})
+        changed = group.model_copy(update={"parameters": group.parameters | {"EI": sure}})
+        of = "another" if elsewhere else o.recording
+        nominal = model.nominal.model_copy(update={"groups": {"all": changed}})
+        source = model.model_copy(update={"models": {"nominal": nominal}, "recording": of})
+        for misfit in (False, True):
+            terms, setup = nominal_terms(o, source, base_setup(o, 24), prior=True, misfit=misfit)
+            known[elsewhere, misfit] = {term.name: term for term in terms}
+    assert known[False, False]["EI"].prior[0] == pytest.approx(0.001 / 1.96, rel=0.01)
+    assert known[True, False]["EI"].prior[0] == RIGIDITY_SD
+    assert "rigidity" not in known[True, False]
+    uneven = known[True, True]["rigidity"]
+    assert uneven.nuisance
+    doubled = uneven.apply(setup, torch.full((uneven.size,), np.log(2.0), dtype=torch.float64))
+    np.testing.assert_allclose(doubled.properties.bend, 2 * setup.properties.bend)
 
 
 def test_in_motion_what_was_found_of_the_rope_is_known_and_no_effect_of_rest():

@@ -117,8 +117,9 @@ def recorded(pair: Pair, weights: tuple[tuple[float, float], ...], folder: Path,
 def weighed(o: Observations, source: Model) -> Candidate | None:
     """Return the weight as fitted to a recording of a rope that is known from another."""
     data, setup = data_in_space(o), base_setup(o, segments_of(o))
-    terms, setup = nominal_terms(o, source, setup, prior=True)
-    problem = FitProblem(data, with_what_is_missed(noise_of(o, data), source, o), STATIONS)
+    noise = with_what_is_missed(noise_of(o, data), source, o)
+    terms, setup = nominal_terms(o, source, setup, prior=True, misfit=noise.misfit)
+    problem = FitProblem(data, noise, STATIONS)
     terms += set_up_errors(setup, o, None)
     nominal = nominal_at_rest(setup, terms, problem)
     firm = np.flatnonzero(~on_edge(nominal))  # others are excluded

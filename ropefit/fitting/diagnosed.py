@@ -76,12 +76,12 @@ def at_rest(
     source, found = (context.external["nominal"] if settings.nominal else model), None
     if settings.nominal:
         source, found = _as_diagnosed(source, context)
-    terms, setup = nominal_terms(o, source, setup, prior=settings.nominal)
-    known = of_rope(source, found, o, setup) if found else own_laws(source.nominal, setup)
-    terms += [term for _, _, term in known]
     noise = noise_of(o, data)
     if settings.nominal:
         noise = with_what_is_missed(noise, source, o)
+    terms, setup = nominal_terms(o, source, setup, prior=settings.nominal, misfit=noise.misfit)
+    known = of_rope(source, found, o, setup) if found else own_laws(source.nominal, setup)
+    terms += [term for _, _, term in known]
     problem = FitProblem(data, noise, STATIONS)
     context.progress(0.02, "nominal fit")
     calibrated = context.external["calibration"] if settings.calibration else None

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.frozen import covariance_of, frozen_values
@@ -14,6 +15,7 @@ from ropefit.adapters.rope_setup import surface_sd
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.model import Parameter
+from ropefit.effects.place import QUARTERS, between_quarters
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.fitting.branch import nearer_branch
 from ropefit.inference.least_squares import Fit, fit
@@ -24,7 +26,7 @@ from ropefit.models import rest_curve
 from ropefit.models.correlated import correlated
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
-from ropefit.models.priors import calibration
+from ropefit.models.priors import calibration, nuisance
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import follow
@@ -34,18 +36,21 @@ LEAST_PRIOR_SD = 1e-4  # search variables
 # Of the logarithm of a rigidity known from another recording: handling changes it, and what the
 # model lacks there (a fitting at the tip that nobody tells) is a part of it.
 RIGIDITY_SD = 0.1
+# The same of how it varies along a rope, where a uniform one missed more than noise.
+UNEVEN_SD = 0.15
 LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run knows an error
 
 
 def nominal_terms(
-    o: Observations, source: Model, setup: Setup, prior: bool
+    o: Observations, source: Model, setup: Setup, prior: bool, misfit: bool = False
 ) -> tuple[list[Term], Setup]:
     """Return the rope's own parameters, starting where they were identified; at their usual values
     where the search ran to a bound.
 
     prior: they are known from another run, within that run's intervals, and the points of a rest
     curve, which are correlated, within its covariance. GJ joins them where both clamps hold twist.
-    Of a rope recorded elsewhere rigidities are no better known than `RIGIDITY_SD`.
+    Of a rope recorded elsewhere rigidities are no better known than `RIGIDITY_SD`; and not uniform,
+    where its misfit is more than noise (misfit).
     """
     group = next(iter(source.nominal.groups.values()))
     if prior:
@@ -79,7 +84,18 @@ def nominal_terms(
     if seen:
         covariance = covariance_of(group, seen)
         terms.append(correlated(rest_curve.SHORT, [bends.pop(n) for n in seen], covariance))
+    if misfit:
+        names, size = [f"at_{place}" for place in QUARTERS], len(QUARTERS)
+        terms.append(nuisance("rigidity", names, ["1"] * size, _uneven, [UNEVEN_SD] * size))
     return [*terms, *bends.values()], setup
+
+
+def _uneven(setup: Setup, v: Tensor) -> Setup:
+    """Return a rope whose rigidity has these logarithms (5,) of factors at the quarters."""
+    p = setup.properties
+    return setup._replace(
+        properties=p._replace(bend=p.bend * torch.exp(between_quarters(setup) @ v))
+    )
 
 
 def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
