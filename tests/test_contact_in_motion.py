@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 import torch
 
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.proposals import Start, proposals
 from ropefit.effects import Effect, Obstacle, SupportPlane
+from ropefit.effects.place import middle_of
+from ropefit.effects.stopped import bars_below
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -74,3 +80,19 @@ def test_nothing_is_proposed_where_nothing_is_touched():
     current = left(None, [])
     assert not proposed(current, "support_plane")
     assert not proposed(current, "obstacle")
+
+
+def test_a_bar_that_is_entered_deeply_is_proposed_though_it_removes_little():
+    """After it was touched the rope is elsewhere, on either side of where the fitted one is."""
+    moves = np.zeros((60, 3))
+    places = np.stack([np.linspace(-0.4, 0.4, 60), np.zeros(60), np.full(60, -0.4)], axis=1)
+    for lifted in (0.004, 0.03):
+        moves[25:35, 2] = lifted
+        moves[:, 1] = 3 * lifted * np.sign(np.arange(60) - 30)
+        misfit: Any = SimpleNamespace(
+            frame=np.zeros(60, int), places=places, moves=moves, setup=driven(24)
+        )
+        origin = middle_of(misfit.setup).numpy()
+        misfit.places = places + origin
+        found = bars_below(misfit, np.array([0.0, 1.0, 0.0]))
+        assert bool(found) == (lifted > 0.02)

@@ -14,8 +14,10 @@ from ropefit.effects.contact import up_of
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import middle_of
 
-# Of the squared misfit that a body must remove where it is touched: most of it comes after that.
-LEAST_SHARE = 0.002
+LEAST_SHARE = 0.02  # of the squared misfit that a body must remove where it is touched
+# The same of one that the fitted rope enters deeply, by this share of its length: most of what it
+# does comes after it was touched.
+DEEP, LEAST_SHARE_DEEP = 0.02, 0.002
 PLACES = 25  # tried, of a bar across the rope
 RADII = (0.05, 0.02)  # m, of a bar, tried
 
@@ -51,19 +53,21 @@ def bars_below(misfit: Misfit, axis: np.ndarray) -> list[tuple[np.ndarray, float
         return []
     up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
     side = np.cross(up, axis)
-    data = misfit.places + misfit.moves - origin
+    data, length = misfit.places + misfit.moves - origin, float(misfit.setup.arc[-1])
     across, height = data @ side, data @ up
     out = []
     for radius in RADII:
-        best, found = LEAST_SHARE, None
+        best, found = 0.0, None
         for place in np.linspace(across.min(), across.max(), PLACES):
             near = np.abs(across - place) < radius
             if not near.any():
                 continue
             rise = np.sqrt(radius**2 - (across[near] - place) ** 2)
             centre = place * side + float((height[near] - rise).min()) * up
-            share = removed(misfit, _around(origin + centre, side, up, radius))
-            if share > best:
+            gap = _around(origin + centre, side, up, radius)
+            share = removed(misfit, gap)
+            deep = -gap(misfit.places)[0].min() > DEEP * length
+            if share > max(best, LEAST_SHARE_DEEP if deep else LEAST_SHARE):
                 best, found = share, centre
         if found is not None:
             out.append((found, radius))
