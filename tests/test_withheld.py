@@ -126,7 +126,9 @@ def test_dampings_are_told_as_fitted_with_what_was_found_and_as_the_effect_has_t
 
 
 def test_nothing_answered_is_nothing_named():
-    found = judged({"answer": None, "true": {"names": ["time_lag"], "sizes": {"lag": 0.03}}})
+    found = judged(
+        {"answer": None, "scores": {}, "true": {"names": ["time_lag"], "sizes": {"lag": 0.03}}}
+    )
     assert not found["named"]
 
 

@@ -153,7 +153,8 @@ def _diagnosed(
         Told(recording, clips=len(clips)).changed(falsehood)
     free = ("--free", "EI,GJ") if undamped else ()
     begin, seconds = _used(), {}
-    out: dict[str, Any] = {"answer": None, "error": None, "seconds": seconds}
+    scores: dict[str, float] = {}
+    out: dict[str, Any] = {"answer": None, "error": None, "seconds": seconds, "scores": scores}
     steps = (
         ("preprocess", recording, "--run", run),
         ("identify", "--solver", "dynamics", *HELD, *free, "--run", run),
@@ -166,7 +167,6 @@ def _diagnosed(
             return out | {"answer": None, "error": str(error)}
         seconds[step[0]] = _used() - begin - sum(seconds.values())
     found, _ = read(run / Diagnosis.file_name, Diagnosis)
-    scores = out["scores"] = {}
     for one in found.scan.values():
         scores[one.name] = max(one.score, scores.get(one.name, 0.0))
     return out
@@ -182,7 +182,7 @@ def judged(found: dict[str, Any]) -> dict[str, Any]:
     """Return whether a cause is named, in a reported set at least, and its sizes in their
     intervals; the sizes as told, and the score of the right effect in the scan."""
     answer, true = found["answer"], found["true"]
-    scores = (found.get("scores", {}).get(name, 0.0) for name in true["names"])
+    scores = (found["scores"].get(name, 0.0) for name in true["names"])
     out = {"named": False, "in_set": False, "inside": False, "told": {}, "score": max(scores)}
     for effect in answer["effects"] if answer else []:
         named = effect["name"] in true["names"]

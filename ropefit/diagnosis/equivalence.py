@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.nested import is_special_case
+from ropefit.effects import Effect
 
 TIE_NATS = 3.0
 SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little behind
@@ -113,11 +116,9 @@ def _end_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[
     """Name an effect of an end before one of the rope next to it: what acts so near an end is seen
     as a moment about it, whatever exerts it."""
     end = _end_beside(best)
-    for one in same:
-        effect = one.hypothesis.effect
-        if effect.locus == "end" and effect.kind == "physics" and effect.end == end:
-            return one, [best, *(c for c in same if c is not one)]
-    return best, same
+    if end is None:
+        return best, same
+    return _preferred(best, same, lambda e: (e.locus, e.kind, e.end) == ("end", "physics", end))
 
 
 def _end_beside(one: Candidate) -> int | None:
@@ -135,7 +136,12 @@ def _measurement_first(best: Candidate, same: list[Candidate]) -> tuple[Candidat
     """Name the measurement first in a tie between physics and measurement."""
     if best.hypothesis.effect.kind == "measurement":
         return best, same
-    for one in same:
-        if one.hypothesis.effect.kind == "measurement":
-            return one, [best, *(c for c in same if c is not one)]
-    return best, same
+    return _preferred(best, same, lambda e: e.kind == "measurement")
+
+
+def _preferred(
+    best: Candidate, same: list[Candidate], wanted: Callable[[Effect], bool]
+) -> tuple[Candidate, list[Candidate]]:
+    """Name the first of the others whose effect is wanted before the best one, if there is any."""
+    first = next((c for c in same if wanted(c.hypothesis.effect)), best)
+    return first, [c for c in (best, *same) if c is not first]
