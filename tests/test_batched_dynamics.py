@@ -1,11 +1,12 @@
-"""Motions as tensors on a device: those of the compiled path, with the same derivatives."""
+"""Motions with the clips side by side, as on a device: the same states and derivatives."""
 
 import numpy as np
 import pytest
 import torch
 
+from ropefit.rod.fields import PLANE
 from ropefit.rod.moving import Moving
-from ropefit.solvers.batched.simulate import solve_batched
+from ropefit.solvers.batched.simulate import simulate_batched, step_batched
 from ropefit.solvers.dynamics.derivatives import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import solve
@@ -57,7 +58,7 @@ def test_states_and_gradients_of_the_compiled_path(name):
         if way == "compiled":
             x, q, _ = simulate(rope, drive, start, member)
         else:
-            x, q, _ = simulate(rope, drive, start, member, CPU)
+            x, q, _ = simulate_batched(rope, drive, start, CPU, member)
         loss = (weights * x).sum() + (q_weights * q).sum()
         gradient = torch.autograd.grad(loss, list(amounts.values()), allow_unused=True)
         found[way] = x.detach(), q.detach(), [0.0 if g is None else float(g) for g in gradient]
@@ -68,13 +69,46 @@ def test_states_and_gradients_of_the_compiled_path(name):
     np.testing.assert_allclose(found["batched"][2], expected, rtol=1e-7, atol=1e-9)
 
 
+def test_contact_and_clips_in_parts_are_those_of_the_compiled_path(monkeypatch):
+    def in_parts(clips, each, device):
+        assert each > 0
+        return [slice(0, 2), slice(2, clips)]
+
+    monkeypatch.setattr("ropefit.solvers.batched.threads._parts", in_parts)
+    weights = torch.from_numpy(np.random.default_rng(9).normal(size=(3, 40, 13, 3)))
+    found = {}
+    for way in ("compiled", "batched"):
+        amounts = {n: torch.zeros((), dtype=torch.float64, requires_grad=True) for n in NAMES}
+        rope, drive, start, member = two(40, (True, True), 30.0, amounts)
+        lowest = float(start.x.detach()[..., 2].min())
+        plane = torch.tensor([0.0, 0.0, lowest + 0.02, 0.0, 0.0, 1.0, 0.0, PLANE])
+        rows = torch.zeros_like(rope.bodies)
+        rows[:1, 0] = plane  # of one of the ropes only
+        rope = rope._replace(bodies=rows.requires_grad_())
+        if way == "compiled":
+            x, _, _ = simulate(rope, drive, start, member)
+        else:
+            x, _, _ = simulate_batched(rope, drive, start, CPU, member)
+        inputs = [*amounts.values(), rope.bodies]
+        gradient = torch.autograd.grad((weights * x).sum(), inputs, allow_unused=True)
+        gradient = [torch.zeros(1) if g is None else g for g in gradient]
+        found[way] = x.detach(), torch.cat([g.double().ravel() for g in gradient])
+    assert (found["compiled"][0] - found["batched"][0]).abs().max() < 1e-9
+    expected = found["compiled"][1]
+    assert expected[-32:].abs().max() > 1e-6  # it touches
+    torch.testing.assert_close(found["batched"][1], expected, rtol=1e-7, atol=1e-9)
+
+
 def test_a_clip_that_fails_leaves_the_others():
     zeros = {n: torch.zeros((), dtype=torch.float64) for n in NAMES}
     rope, drive, start, member = two(10, (True, True), 30.0, zeros)
     ends = drive.ends.clone()
     ends[1, 5:, 1, 0] += 3.0  # three times its length away within a step
     torn = drive._replace(ends=ends)
-    one, other = solve(rope, torn, start, member), solve_batched(rope, torn, start, CPU, member)
+    one, other = (
+        solve(rope, torn, start, member),
+        step_batched(rope, torn, start, CPU, member).trajectory(),
+    )
     np.testing.assert_array_equal(other.status, one.status)
     np.testing.assert_array_equal(other.done, one.done)
     assert list(one.converged) == [True, False, True]
@@ -82,5 +116,5 @@ def test_a_clip_that_fails_leaves_the_others():
     np.testing.assert_allclose(other.x[[0, 2]], one.x[[0, 2]], rtol=0, atol=1e-9)
     np.testing.assert_array_equal(other.iterations[[0, 2]], one.iterations[[0, 2]])
     with pytest.raises(ArithmeticError, match=f"clip 1, step {one.done[1]}"):
-        simulate(rope, torn, start, member, CPU)
+        simulate_batched(rope, torn, start, CPU, member)
     assert Status(int(one.status[1])) is not Status.CONVERGED

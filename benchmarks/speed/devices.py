@@ -1,8 +1,8 @@
-"""Many ropes at once: the compiled path against the tensors of each device there is.
+"""Many ropes at once, at rest and in motion: on a CPU and on an accelerator, if there is one.
 
 The same ropes (36 frames times C candidate bending rigidities), each with its own rod, from a cold
-start to states, and on to the gradient of a loss in every rope's rigidity; and the same clip of a
-motion, of as many candidates; answers are compared.
+start to states, and on to the gradient of a loss in every rope's rigidity: compiled, and as
+tensors. And one clip of a motion, of many candidates. Answers are compared.
 
     python -m benchmarks.speed.devices [--write docs/results.md] [--json FILE] [--ropes N ...]
                                        [--clips N ...]
@@ -22,6 +22,7 @@ from benchmarks.document import parser, publish
 from benchmarks.speed.workloads import FRAMES, GRAVITY, apart
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.batched.implicit import settled_batched
+from ropefit.solvers.batched.simulate import simulate_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.dynamics.derivatives import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
@@ -31,9 +32,12 @@ from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.equilibrium.solve import solve
 
 ROPES = (36, 1152)
+ROPES_ON_DEVICE = (36, 1152, 36864)
 SEGMENTS = 19
 CLIPS = (16, 1024)
+CLIPS_ON_DEVICE = (1024, 16384, 65536)
 STEPS = 50  # of 10 ms
+COMPARED = 64  # clips, with those of the compiled path
 
 
 def ropes(count: int) -> tuple[torch.Tensor, Callable[[torch.Tensor], Rod], Conditions]:
@@ -93,18 +97,22 @@ def measure(device: torch.device | None, count: int) -> dict[str, Any]:
 def measure_motion(device: torch.device | None, count: int) -> dict[str, float]:
     """Time [s] one clip of `count` candidates, with the gradient in every bending rigidity."""
     drive, start = clip(STEPS + 1, held=True)
-    drive = Drive(*(f.expand(count, *f.shape[1:]) for f in drive))
-    start = Start(*(f.expand(count, *f.shape[1:]) for f in start))
     bend = 1e-3 * torch.logspace(-0.5, 0.5, count, dtype=torch.float64)
 
-    def gradient(by: torch.device | None = device) -> torch.Tensor:
-        leaf = bend.clone().requires_grad_()
+    def gradient(by: torch.device | None = device, every: int = 1) -> torch.Tensor:
+        leaf = bend[::every].clone().requires_grad_()
+        drives = Drive(*(f.expand(len(leaf), *f.shape[1:]) for f in drive))
+        starts = Start(*(f.expand(len(leaf), *f.shape[1:]) for f in start))
         ropes = rope(leaf, (True, True), 1.0, 13)
-        x = simulate(ropes, drive, start, None, by)[0]
+        if by is None:
+            x = simulate(ropes, drives, starts)[0]
+        else:
+            x = simulate_batched(ropes, drives, starts, by)[0]
         return torch.autograd.grad((x**2).sum(), leaf)[0]
 
-    exact, found = gradient(None), gradient()
-    clock = time.process_time if device is None or device.type == "cpu" else time.perf_counter
+    every = max(count // COMPARED, 1)
+    exact, found = gradient(None, every), gradient()[::every]
+    clock = time.process_time if device is None else time.perf_counter
     return {
         "gradient_s": shortest(gradient, clock),
         "rope_s": count * STEPS * 0.01,
@@ -112,13 +120,20 @@ def measure_motion(device: torch.device | None, count: int) -> dict[str, float]:
     }
 
 
-def devices() -> dict[str, torch.device | None]:
-    found: dict[str, torch.device | None] = {
-        "compiled, CPU": None,
-        "tensors, CPU": torch.device("cpu"),
-    }
+def settlers(ropes: tuple[int, ...]) -> list[tuple[str, torch.device | None, tuple[int, ...]]]:
+    """Return what settles ropes, where, and how many at once."""
+    found = [("compiled, CPU", None, ROPES), ("tensors, CPU", torch.device("cpu"), ROPES)]
     if torch.cuda.is_available():
-        found[f"tensors, {torch.cuda.get_device_name()}"] = torch.device("cuda")
+        name = f"tensors, {torch.cuda.get_device_name()}"
+        found.append((name, torch.device("cuda"), ropes))
+    return found
+
+
+def steppers(clips: tuple[int, ...]) -> list[tuple[str, torch.device | None, tuple[int, ...]]]:
+    """Return what steps clips, and how many at once: compiled code, and that on an accelerator."""
+    found: list[tuple[str, torch.device | None, tuple[int, ...]]] = [("CPU", None, CLIPS)]
+    if torch.cuda.is_available():
+        found.append((torch.cuda.get_device_name(), torch.device("cuda"), clips))
     return found
 
 
@@ -140,9 +155,11 @@ def table(data: dict[str, Any]) -> str:
     lines += [
         "",
         f"Clips of {STEPS} steps of 10 ms, 13 nodes, clamped at both ends, with the gradient in",
-        "every rope's bending rigidity.",
+        "every rope's bending rigidity, by the compiled loops: one clip after the other on a CPU,",
+        f"a thread a clip on an accelerator. Difference: of the gradients of some {COMPARED} of",
+        "them from those of the CPU.",
         "",
-        "| path | clips | with gradient [s] | seconds of rope a second | relative difference |",
+        "| where | clips | with gradient [s] | seconds of rope a second | relative difference |",
         "|---|---|---|---|---|",
     ]
     for name, rows in data["motion"].items():
@@ -159,19 +176,19 @@ def table(data: dict[str, Any]) -> str:
 def main() -> None:
     """Print the table; write it where asked."""
     arguments = parser(__doc__)
-    arguments.add_argument("--ropes", type=int, nargs="+", default=ROPES, help="how many at once")
-    arguments.add_argument("--clips", type=int, nargs="+", default=CLIPS, help="how many at once")
+    arguments.add_argument("--ropes", type=int, nargs="+", help="how many at once on a device")
+    arguments.add_argument("--clips", type=int, nargs="+", help="how many at once on a device")
     options = arguments.parse_args()
     torch.set_num_threads(1)
     data = {
         "accelerator": torch.cuda.is_available(),
         "paths": {
-            name: {str(count): measure(device, count) for count in options.ropes}
-            for name, device in devices().items()
+            name: {str(count): measure(device, count) for count in counts}
+            for name, device, counts in settlers(options.ropes or ROPES_ON_DEVICE)
         },
         "motion": {
-            name: {str(count): measure_motion(device, count) for count in options.clips}
-            for name, device in devices().items()
+            name: {str(count): measure_motion(device, count) for count in counts}
+            for name, device, counts in steppers(options.clips or CLIPS_ON_DEVICE)
         },
     }
     publish(options, "devices", table(data), data)

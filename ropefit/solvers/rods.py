@@ -13,17 +13,25 @@ from ropefit.solvers.arrays import as_numpy
 from ropefit.solvers.shapes import check_shapes
 
 
-def rod_arrays(rod: Mapping[str, Tensor], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
-    """Return the fields as arrays (R, ...); what has no dimension of ropes is the same for all."""
+def rod_rows(rod: Mapping[str, Tensor], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
+    """Return the fields as arrays (R, ...), or (1, ...) of what is the same in all ropes."""
     arrays = {}
     for field in fields:
         value = rod[field.name]
         arrays[field.name] = as_numpy(value if value.ndim > len(field.shape) else value[None])
-    ropes = max(len(array) for array in arrays.values())
-    return {
-        name: array if len(array) == ropes else np.repeat(array, ropes, axis=0)
-        for name, array in arrays.items()
-    }
+    return arrays
+
+
+def rod_arrays(rod: Mapping[str, Tensor], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
+    """Return the fields as arrays (R, ...); what has no dimension of ropes is the same for all."""
+    arrays = rod_rows(rod, fields)
+    ropes = max(map(len, arrays.values()))
+    return {name: every_row(array, ropes) for name, array in arrays.items()}
+
+
+def every_row(array: np.ndarray, count: int) -> np.ndarray:
+    """Return an array with a row for each of `count` ropes."""
+    return array if len(array) == count else np.repeat(array, count, axis=0)
 
 
 def whole_rest(rest: np.ndarray) -> np.ndarray:

@@ -29,18 +29,12 @@ def simulate(
     drive: Drive,
     start: Start,
     member: np.ndarray | None = None,
-    device: torch.device | None = None,
 ) -> tuple[Tensor, Tensor, Trajectory]:
     """Run `solve` as a differentiable function: x (C, T, N+1, 3) [m], q (C, T, N, 4), how it went.
 
-    device: where all clips are stepped together and x and q stay; None: one clip after the other,
-    compiled, which is faster on a CPU. Gradients reach every tensor of the rope, the drive (not its
-    times) and the start. Raises ArithmeticError when a step fails.
+    Gradients reach every tensor of the rope, the drive (not its times) and the start. On an
+    accelerator: `solvers.batched.simulate`. Raises ArithmeticError when a step fails.
     """
-    if device is not None:
-        from ropefit.solvers.batched.simulate import simulate_batched
-
-        return simulate_batched(rope, drive, start, device, member)
     trajectory = solve(rope, drive, start, member)
     if not trajectory.converged.all():
         raise ArithmeticError(trajectory.why())

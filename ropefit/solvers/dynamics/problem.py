@@ -13,7 +13,7 @@ from ropefit.rod.moving import Moving
 from ropefit.solvers.arrays import as_numpy
 from ropefit.solvers.dynamics.kernels.records import Drive as DriveArrays
 from ropefit.solvers.dynamics.kernels.records import Rod as RodArrays
-from ropefit.solvers.rods import check_rods, free_to_spin, rod_arrays, whole_rest
+from ropefit.solvers.rods import check_rods, every_row, free_to_spin, rod_rows, whole_rest
 from ropefit.solvers.shapes import check_indices, check_shapes
 
 GAUGE, FREE_GAUGE = 1e-9, 1e-4  # of the largest stiffness: holds a rope that is free to spin
@@ -55,27 +55,41 @@ def problem_of(rope: Moving, drive: Drive, member: np.ndarray | None) -> Problem
     Raises ValueError for what the dynamics does not do, ShapeError where the arrays do not belong
     together.
     """
-    if bool(rope.rod.moment.any()):
-        raise ValueError("moments at the ends have no place in the dynamics")
-    clips = len(drive.time)
-    arrays = rod_arrays(rope.rod._asdict() | rope._asdict(), MOVING_ROD)
-    ropes, stiffness = len(arrays["length"]), arrays["stiffness"]
-    if member is None:
-        if ropes not in (1, clips):
-            raise ValueError(f"{ropes} ropes for {clips} clips: say which clip shows which")
-        member = np.zeros(clips, np.int64) if ropes == 1 else np.arange(clips)
-    # Where bending is damped, spinning is not quite free, and the matrix must be that of it; where
-    # it is free, rounding must not turn the rope by more than an iteration may.
-    small = np.where(arrays["bend_viscosity"].any((1, 2)), GAUGE, FREE_GAUGE)
-    largest = stiffness.max(axis=(1, 2), initial=1e-9)
-    gauge = np.where(free_to_spin(stiffness, arrays["rest"]), small * largest, 0.0)
-    rods = RodArrays(**(arrays | {"rest": whole_rest(arrays["rest"])}), gauge=gauge)
+    rows = ropes_in_motion(rope)
+    arrays = {name: every_row(array, len(rows.gauge)) for name, array in rows._asdict().items()}
     ends = as_numpy(drive.ends)
     held = np.array([not np.isnan(ends[:, :, end]).any() for end in range(2)])
     drives = DriveArrays(
         as_numpy(drive.time), np.nan_to_num(ends), np.nan_to_num(as_numpy(drive.clamp)), held
     )
-    return Problem(rods, np.ascontiguousarray(member, dtype=np.int64), drives)
+    return Problem(RodArrays(**arrays), shown(len(rows.gauge), len(ends), member), drives)
+
+
+def ropes_in_motion(rope: Moving) -> RodArrays:
+    """Return R ropes as the compiled solver takes them; what is the same in all has one row.
+
+    Raises ValueError for moments at the ends, which the dynamics does not know.
+    """
+    if bool(rope.rod.moment.any()):
+        raise ValueError("moments at the ends have no place in the dynamics")
+    rows = rod_rows(rope.rod._asdict() | rope._asdict(), MOVING_ROD)
+    stiffness, rest = rows["stiffness"], rows["rest"]
+    # Where bending is damped, spinning is not quite free, and the matrix must be that of it; where
+    # it is free, rounding must not turn the rope by more than an iteration may.
+    small = np.where(rows["bend_viscosity"].any((1, 2)), GAUGE, FREE_GAUGE)
+    largest = stiffness.max(axis=(1, 2), initial=1e-9)
+    gauge = np.where(free_to_spin(stiffness, rest), small * largest, 0.0)
+    gauge = every_row(gauge, max(map(len, rows.values())))
+    return RodArrays(**(rows | {"rest": whole_rest(rest)}), gauge=gauge)
+
+
+def shown(ropes: int, clips: int, member: np.ndarray | None) -> np.ndarray:
+    """Return (C,) which rope each clip shows; member as in `solve`. Raises ValueError."""
+    if member is None:
+        if ropes not in (1, clips):
+            raise ValueError(f"{ropes} ropes for {clips} clips: say which clip shows which")
+        member = np.zeros(clips, np.int64) if ropes == 1 else np.arange(clips)
+    return np.ascontiguousarray(member, dtype=np.int64)
 
 
 def check_clips(problem: Problem) -> None:

@@ -63,11 +63,15 @@ class Trajectory:
 
     def why(self) -> str:
         """Return in words why the first clip that failed did."""
-        bad = np.flatnonzero(~self.converged)
-        if not bad.size:
-            return Status.CONVERGED.advice
-        status = Status(int(self.status[bad[0]]))
-        return f"clip {bad[0]}, step {self.done[bad[0]]}: {status.step_advice}"
+        return failure(self.status, self.done)
+
+
+def failure(status: np.ndarray, done: np.ndarray) -> str:
+    """Return in words why the first clip that failed did; status (C,) and steps done (C,)."""
+    bad = np.flatnonzero(status != Status.CONVERGED)
+    if not bad.size:
+        return Status.CONVERGED.advice
+    return f"clip {bad[0]}, step {done[bad[0]]}: {Status(int(status[bad[0]])).step_advice}"
 
 
 def solve(

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ropefit.solvers.dynamics.kernels.block_tridiagonal import solve_system
 from ropefit.solvers.dynamics.kernels.contact import leave_bodies
-from ropefit.solvers.dynamics.kernels.histories import histories
+from ropefit.solvers.dynamics.kernels.histories import (
+    Histories,
+    histories_of,
+    make_histories,
+    set_histories,
+)
 from ropefit.solvers.dynamics.kernels.rates import (
     across,
     across_back,
@@ -14,25 +21,58 @@ from ropefit.solvers.dynamics.kernels.rates import (
     rates,
     step_ratio,
 )
-from ropefit.solvers.dynamics.kernels.records import make_work
+from ropefit.solvers.dynamics.kernels.records import Work, make_work, work_of
 from ropefit.solvers.dynamics.kernels.system import settled
 from ropefit.solvers.kernels.bends import set_cross
-from ropefit.solvers.kernels.jit import copy_rows, inlined, maker
+from ropefit.solvers.kernels.jit import copy_rows, helper, inlined, maker
 from ropefit.solvers.kernels.rotations import rotation
 
 
+class Pullback(NamedTuple):
+    """Scratch of one clip: histories, and gradients in speeds, Darboux vectors (T, N+1, 3) and
+    strains (T, N, 3) of all times."""
+
+    work: Work
+    half: np.ndarray
+    past: Histories
+    gv: np.ndarray
+    gp: np.ndarray
+    gs: np.ndarray
+    b: np.ndarray
+    block: np.ndarray
+    mu: np.ndarray
+    pulled: np.ndarray
+
+
 @maker
-def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out):
+def make_pullback(steps, n):
+    """Return scratch for T times of n segments; gradients are zero."""
+    return Pullback(
+        make_work(n), np.zeros((6, 6)), make_histories(steps, n), np.zeros((steps, n + 1, 3)),
+        np.zeros((steps, n + 1, 3)), np.zeros((steps, n, 3)), np.zeros((n, 6)), np.zeros((3, 3)),
+        np.zeros(3), np.zeros((n + 1, 3)),
+    )  # fmt: skip
+
+
+@maker
+def pullback_of(s, k):
+    """Return the scratch of clip k of C."""
+    return Pullback(
+        work_of(s.work, k), s.half[k], histories_of(s.past, k), s.gv[k], s.gp[k], s.gs[k], s.b[k],
+        s.block[k], s.mu[k], s.pulled[k],
+    )  # fmt: skip
+
+
+@helper
+def adjoint_clip(rod, drive, v0, xs, qs, forces, gx, gq, out, scratch):
     """Pull gradients gx (T, N+1, 3) and gq (T, N, 3), in turns, back into `out`, a `Change`.
 
     gx and gq are used up.
     """
     steps, n = qs.shape[0], qs.shape[1]
-    w, half = make_work(n), np.zeros((6, 6))
-    v, p, strain = histories(rod, drive, xs, qs, v0, half[:3, :3])
-    gv, gp = np.zeros((steps, n + 1, 3)), np.zeros((steps, n + 1, 3))
-    gs, b = np.zeros((steps, n, 3)), np.zeros((n, 6))
-    block, mu, pulled = np.zeros((3, 3)), np.empty(3), np.zeros((n + 1, 3))
+    w, half, past, gv, gp, gs, b, block, mu, pulled = scratch
+    set_histories(rod, drive, xs, qs, v0, past)
+    v, p, strain = past.v, past.p, past.strain
     for t in range(steps - 1, -1, -1):
         c0, c1, c2 = rates(drive.time, max(t, 1))
         two = max(t - 2, 0)

@@ -11,9 +11,9 @@ from typing import Any
 
 from ropefit.rod import fields
 from ropefit.solvers import status as statuses
-from ropefit.solvers.dynamics.kernels.adjoint import adjoint_clip
+from ropefit.solvers.dynamics.kernels.adjoint import adjoint_clip, make_pullback
 from ropefit.solvers.dynamics.kernels.records import change_of, drive_of, rod_of
-from ropefit.solvers.dynamics.kernels.simulate import simulate_clip
+from ropefit.solvers.dynamics.kernels.simulate import make_scratch, simulate_clip
 from ropefit.solvers.dynamics.kernels.tangent import tangent_clip
 from ropefit.solvers.kernels.jit import SHARED, kernel, source_key
 
@@ -26,9 +26,10 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
         """Step through the clips from the start in xs[:, 0], qs[:, 0], forces[:, 0]."""
         assert sources != 0
         for k in range(qs.shape[0]):
+            scratch = make_scratch(qs.shape[2])
             status[k], done[k] = simulate_clip(
                 rod_of(rods, of[k]), drive_of(drives, k), v0[k], limit, xs[k], qs[k], forces[k],
-                iterations[k],
+                iterations[k], scratch,
             )  # fmt: skip
 
     @kernel
@@ -47,9 +48,10 @@ def _entries(sources: int) -> tuple[Callable[..., Any], ...]:
         """Pull gradients back into `out`, a `Change` of C clips also in what belongs to ropes."""
         assert sources != 0
         for k in range(qs.shape[0]):
+            scratch = make_pullback(qs.shape[1], qs.shape[2])
             adjoint_clip(
                 rod_of(rods, of[k]), drive_of(drives, k), v0[k], xs[k], qs[k], forces[k], gx[k],
-                gq[k], change_of(out, k, k),
+                gq[k], change_of(out, k, k), scratch,
             )  # fmt: skip
 
     return simulate_clips, tangent_clips, adjoint_clips

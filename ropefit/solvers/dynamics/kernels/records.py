@@ -84,6 +84,17 @@ def make_work(n):
 
 
 @maker
+def work_of(w, k):
+    """Return the scratch of clip k of C."""
+    return Work(
+        w.frame[k], w.u[k], w.g[k], w.yields[k], w.x[k], w.y[k], w.inverse_mass[k], w.p[k], w.m[k],
+        w.firm[k], w.pivot[k], w.off[k], w.right[k], w.old_x[k], w.old_v[k], w.old_p[k],
+        w.old_strain[k], w.air[k], w.drag[k], w.ahead[k], w.order[k], w.rate[k], w.z[k], w.body[k],
+        w.out[k],
+    )  # fmt: skip
+
+
+@maker
 def rod_of(rods, k):
     """Return rope k of R."""
     return Rod(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ropefit.solvers.dynamics.kernels.rates import (
     set_strains,
     step_ratio,
 )
-from ropefit.solvers.dynamics.kernels.records import make_work
+from ropefit.solvers.dynamics.kernels.records import Work, make_work, work_of
 from ropefit.solvers.dynamics.kernels.system import assemble, prepare, set_nodes
 from ropefit.solvers.kernels.jit import copy_rows, helper, maker
 from ropefit.solvers.kernels.rotations import turn_by
@@ -95,13 +96,38 @@ def newton_step(rod, drive, t, c0, q, force, w, half, limit):
     return LIMIT, limit
 
 
+class Scratch(NamedTuple):
+    """Scratch of one clip, and of its last three times speeds (3, N+1, 3), Darboux quaternions
+    (3, N+1, 4) and strains (3, N, 3)."""
+
+    work: Work
+    half: np.ndarray
+    v: np.ndarray
+    p: np.ndarray
+    strain: np.ndarray
+
+
 @maker
-def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
+def make_scratch(n):
+    """Return scratch for n segments."""
+    return Scratch(
+        make_work(n), np.zeros((6, 6)), np.zeros((3, n + 1, 3)), np.zeros((3, n + 1, 4)),
+        np.zeros((3, n, 3)),
+    )  # fmt: skip
+
+
+@maker
+def scratch_of(s, k):
+    """Return the scratch of clip k of C."""
+    return Scratch(work_of(s.work, k), s.half[k], s.v[k], s.p[k], s.strain[k])
+
+
+@helper
+def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations, scratch):
     """Simulate one clip. xs, qs, forces hold the first state and receive the others. Returns the
     status and the number of steps done."""
-    steps, n = qs.shape[0], qs.shape[1]
-    w, half = make_work(n), np.zeros((6, 6))
-    v, p, strain = np.zeros((3, n + 1, 3)), np.zeros((3, n + 1, 4)), np.zeros((3, n, 3))
+    steps = qs.shape[0]
+    w, half, v, p, strain = scratch
     copy_rows(v0, v[0])
     set_bends(rod, drive.clamp[0], qs[0], p[0])
     set_strains(rod, xs[0], qs[0], half[:3, :3], strain[0])
@@ -122,7 +148,7 @@ def simulate_clip(rod, drive, v0, limit, xs, qs, forces, iterations):
             return status, t
         set_nodes(rod, forces[t], w)
         copy_rows(w.x, xs[t])
-        for k in range(n + 1):
+        for k in range(rod.mass.shape[0]):
             for a in range(3):
                 v[now, k, a] = w.rate[k, 0] * xs[t, k, a] + w.old_x[k, a]
         set_bends(rod, drive.clamp[t], qs[t], p[now])

@@ -14,7 +14,7 @@ from ropefit.solvers.dynamics.kernels.directions import (
     solve_systems,
     transpose,
 )
-from ropefit.solvers.dynamics.kernels.histories import histories
+from ropefit.solvers.dynamics.kernels.histories import make_histories, set_histories
 from ropefit.solvers.dynamics.kernels.rates import jointed, rates, step_ratio
 from ropefit.solvers.dynamics.kernels.records import make_work
 from ropefit.solvers.dynamics.kernels.system import settled
@@ -32,7 +32,9 @@ def tangent_clip(rod, drive, v0, xs, qs, forces, d, every, out):
     """
     steps, n, many = qs.shape[0], qs.shape[1], out.shape[0]
     w, half = make_work(n), np.zeros((6, 6))
-    v, p, strain = histories(rod, drive, xs, qs, v0, half[:3, :3])
+    past = make_histories(steps, n)
+    set_histories(rod, drive, xs, qs, v0, past)
+    v, p, strain = past.v, past.p, past.strain
     # The last three times of what changes, and what the rates take from the past.
     dx, dv = np.zeros((3, n + 1, 3, many)), np.zeros((3, n + 1, 3, many))
     dp, ds = np.zeros((3, n + 1, 3, many)), np.zeros((3, n, 3, many))
