@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from ropefit.fitting.motion import finer_mesh_needed
+from ropefit.fitting.motion import finer_mesh_needed, resolved_clips
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -96,3 +96,16 @@ def test_rigidity_does_not_depend_on_the_mesh():
     (plain, corrected), (plain_finer, corrected_finer) = found
     assert plain / plain_finer > 1.06
     assert corrected == pytest.approx(corrected_finer, rel=0.01)
+
+
+def test_clips_that_a_finer_mesh_moves_otherwise_are_excluded():
+    plain = model(driven(24, clips=1), hung(24))
+    parts = np.array_split(plain.clips[0], 3)
+    error = np.zeros((len(plain.time), plain.base.segments + 1, 3))
+    error[parts[1]] = 0.01 * LENGTH
+    several = replace(plain, clips=parts, mesh_error=error)
+    left = [clip[0] for clip in resolved_clips(several, LENGTH)]
+    assert left == [parts[0][0], parts[2][0]]
+    nowhere = replace(several, mesh_error=np.full_like(error, 0.01 * LENGTH))
+    assert len(resolved_clips(nowhere, LENGTH)) == 3
+    assert len(resolved_clips(replace(several, mesh_error=None), LENGTH)) == 3

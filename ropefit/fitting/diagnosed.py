@@ -48,7 +48,7 @@ def in_motion(
         source = over_mass(source, context.external.get(NOMINAL_OBSERVATIONS, o), o)
     calibration = context.external["calibration"] if settings.calibration else None
     span, nominal, known = nominal_in_motion(
-        o, model, settings.most_frames, source, found, calibration
+        o, model, settings.most_frames, source, found, calibration, context.say
     )
     result = engine.search(nominal, settings.seed, context.progress, rules)
     shown = np.unique(nominal.stations.frame)

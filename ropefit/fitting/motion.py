@@ -260,9 +260,24 @@ def finer_mesh_needed(corrected: Dynamics, length: float) -> bool:
     """Return whether the mesh's error is too large to be extrapolated; length [m] of the rope."""
     if corrected.mesh_error is None:
         return False
-    error = corrected.mesh_error[np.concatenate(corrected.clips)]
     most = MOST_MESH_ERROR.get(corrected.base.segments, np.inf)
-    return float(np.sqrt((error**2).mean())) > most * length
+    return _rms(corrected.mesh_error[np.concatenate(corrected.clips)]) > most * length
+
+
+def resolved_clips(corrected: Dynamics, length: float) -> list[np.ndarray]:
+    """Return the clips whose mesh error is small enough to be extrapolated; all, if none is.
+
+    In another the rope is thrown such that a finer mesh predicts another motion: nothing can be
+    learnt from its misfit. length [m] of the rope.
+    """
+    if corrected.mesh_error is None:
+        return corrected.clips
+    most = max(MOST_MESH_ERROR.values()) * length
+    return [c for c in corrected.clips if _rms(corrected.mesh_error[c]) <= most] or corrected.clips
+
+
+def _rms(item: np.ndarray) -> float:
+    return float(np.sqrt((item**2).mean()))
 
 
 def _check_that_it_moves(span: Span, clips: list[np.ndarray]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from ropefit.fitting.motion import (
     identified_span,
     long_clips,
     model_of,
+    resolved_clips,
     self_corrected,
 )
 from ropefit.fitting.nominal import as_known, calibrated, set_up_errors
@@ -33,25 +35,34 @@ from ropefit.models.parameters import IN_MOTION, PARAMETERS
 
 SAMPLE = 0.04  # s between compared frames: a rope swings slower
 EVALUATIONS = 8
+SPARE = 2  # times as many clips as are fitted are looked at
 
 
 def nominal_in_motion(
     o: Observations, model: Model, most_frames: int, known: Model | None, found: Diagnosis | None,
-    calibration: Model | None,
+    calibration: Model | None, say: Callable[[str], None],
 ) -> tuple[Span, Fit, list[TakenOver]]:  # fmt: skip
     """Fit the nominal model to as many clips as `most_frames` shapes stand for; with what it takes
     over from another run.
 
     known: that run's model, whose rope is known, and found: its diagnosis; calibration: a model
-    whose camera and gravity are known. Raises BadInput, NotConverged, WrongUsage.
+    whose camera and gravity are known; say: tells which clips are excluded. Raises BadInput,
+    NotConverged, WrongUsage.
     """
     span = identified_span(o, model.nominal)
     clips = long_clips(o, span)
     most = max(1, most_frames * OF_MOTION // max(len(c) for c in clips))
-    spread = np.linspace(0, len(clips) - 1, min(most, len(clips))).round().astype(int)
-    clips = [clips[k] for k in spread]
+    clips = _spread(clips, SPARE * most)
     span = replace(span, lines=begun_smoothly(times_of(o), span.lines, clips, clips))
     forward, start = model_of(o, model.nominal, span, clips)
+    forward = forward.corrected(start)
+    resolved = resolved_clips(forward, span.last - span.first)
+    if len(resolved) < len(clips):
+        lost = {clip[0] for clip in clips} - {clip[0] for clip in resolved}
+        starts = ", ".join(str(o.frames[first]) for first in sorted(lost))
+        say(f"excluded, as a finer mesh moves otherwise: clips from frames {starts}")
+    clips = _spread(resolved, most)
+    forward = replace(forward, clips=clips)
     taken: list[TakenOver] = []
     if known:
         forward, start = _known_rope(o, forward, start, known)
@@ -77,10 +88,17 @@ def nominal_in_motion(
     problem = FitProblem(
         span.data, Noise(marker=LEAST_NOISE, sensor=noise_of(o, span.data).marker), STATIONS
     ).without(~compared)
-    fitted = self_corrected(forward.corrected(start), problem, start, EVALUATIONS)
+    forward = forward.corrected(start) if known or calibration else forward
+    fitted = self_corrected(forward, problem, start, EVALUATIONS)
     if not fitted.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
     return span, fitted, taken
+
+
+def _spread(clips: list[np.ndarray], most: int) -> list[np.ndarray]:
+    """Return at most so many clips, evenly spread."""
+    few = np.linspace(0, len(clips) - 1, min(most, len(clips)))
+    return [clips[k] for k in few.round().astype(int)]
 
 
 def _known_rope(
