@@ -60,7 +60,7 @@ def withheld(source: Path, folder: Path, gravity: str) -> dict[str, dict[str, An
     for what, case in CASES.items():
         if what.startswith("gravity") and what != gravity:
             continue
-        run = folder / what.replace(" ", "-")
+        run = folder / what.replace(" ", "-").replace("/", "-per-")
         out[what] = kept(
             run.with_suffix(".json"),
             lambda c=case, r=run: _case(c, source, others, r, nominal, known["answer"]),

@@ -116,14 +116,13 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         needed = limits.needed(
             [one for one in accepted if not one.candidate.hypothesis.effect.exact]
         )
+        instead = partial(two_instead, threshold=limits.threshold, names=rules.effects)
         if len(accepted) == most:
             crowded, two = _one_more(nominal, accepted, scan, limits), accepted
             left = crowded or latent.evidence > latent.threshold
             new = two is not compared and current.forward.instantaneous
             if left and new and len(two) == 2:
-                current, accepted = two_instead(
-                    current, two, limits.threshold, rules.effects, singles
-                )
+                current, accepted = instead(current, two, singles=singles)
                 compared = accepted
             if accepted is two:
                 break
@@ -162,15 +161,13 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
             if leaves_something(current):
-                current, accepted = two_instead(
-                    current, accepted, limits.threshold, rules.effects, singles
-                )
+                current, accepted = instead(current, accepted, singles=singles)
                 compared = accepted
             continue
         left = there or latent.evidence > latent.threshold
         if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
-            one, so_far = accepted, current
-            current, accepted = two_instead(so_far, one, limits.threshold, rules.effects, singles)
+            one = accepted
+            current, accepted = instead(current, one, singles=singles)
             if accepted is not one:
                 compared = accepted
                 continue
@@ -182,12 +179,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         every = _with_known_past(every, current, best.fit)
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
-        current, accepted = reassessed(
-            current, accepted, limits.threshold, len(scan.sensitivities), rules.effects
+        current, accepted = _weighed_again(
+            current, accepted, limits.threshold, len(scan.sensitivities), rules
         )
-        current, accepted = as_points(current, accepted, limits.threshold)
-        if len(accepted) == 2 and current.forward.instantaneous:
-            current, accepted = two_instead(current, accepted, limits.threshold, rules.effects)
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
     assert limits is not None
@@ -196,6 +190,17 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
         scores, limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _weighed_again(
+    current: Fit, accepted: list[Accepted], threshold: float, tried: int, rules: Rules
+) -> tuple[Fit, list[Accepted]]:
+    """Return the fit and the accepted effects, each weighed again beside the newest."""
+    current, accepted = reassessed(current, accepted, threshold, tried, rules.effects)
+    current, accepted = as_points(current, accepted, threshold)
+    if len(accepted) == 2 and current.forward.instantaneous:
+        current, accepted = two_instead(current, accepted, threshold, rules.effects)
+    return current, accepted
 
 
 def _in_motion(
