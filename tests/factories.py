@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from ropefit.artifacts import Artifact, Observations
 from ropefit.artifacts.base import FIXED_SIZES, ArraySpec, array_spec
-from ropefit.artifacts.seal import SIZE, Seal, claimed, sealed
+from ropefit.artifacts.seal import SEAL_BYTES, Seal, claimed, sealed
 
 A = TypeVar("A", bound=Artifact)
 FRAMES = 3
@@ -153,7 +153,7 @@ def edit(path: Path, old: str, new: str) -> None:
 
 def resealed(data: bytes, **claims: Any) -> bytes:
     """An artifact's bytes, spoiled or not, under a seal that fits them: who means harm can."""
-    seal = claimed(data[-SIZE:])
-    image = data[:-SIZE] if seal else data
+    seal = claimed(data[-SEAL_BYTES:])
+    image = data[:-SEAL_BYTES] if seal else data
     seal = seal or Seal(Observations.schema_name, Observations.schema_version, "0" * 64)
     return b"".join(sealed(image, replace(seal, **claims)))

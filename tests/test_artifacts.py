@@ -28,7 +28,7 @@ from ropefit.artifacts import (
     write,
 )
 from ropefit.artifacts.export import schemas
-from ropefit.artifacts.seal import SIZE, Seal, sealed
+from ropefit.artifacts.seal import SEAL_BYTES, Seal, sealed
 from ropefit.artifacts.store import leaves, stored_hash
 from ropefit.errors import BadInput
 from tests.conftest import ROOT
@@ -156,7 +156,7 @@ def test_a_flipped_bit_never_reaches_hdf5(
     path: Path, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = bytearray(path.read_bytes())
-    data[int(share * (len(data) - SIZE))] ^= 4
+    data[int(share * (len(data) - SEAL_BYTES))] ^= 4
     path.write_bytes(data)
     monkeypatch.setattr(store, "open_image", None)
     assert "hash" in refused(path)
@@ -164,7 +164,7 @@ def test_a_flipped_bit_never_reaches_hdf5(
 
 def test_a_seal_that_is_damaged_or_lies_is_refused(path: Path) -> None:
     data = path.read_bytes()
-    cut = data[: -SIZE // 2]
+    cut = data[: -SEAL_BYTES // 2]
     name = f"{Observations.schema_name} ".encode()
     other = data.replace(name + b"%d " % Observations.schema_version, name + b"1 ")
     lies = resealed(data, content_sha256="0" * 64)
@@ -175,7 +175,7 @@ def test_a_seal_that_is_damaged_or_lies_is_refused(path: Path) -> None:
 
 def test_without_its_seal_a_file_is_still_read(path: Path) -> None:
     artifact, digest = read(path, Observations)
-    path.write_bytes(path.read_bytes()[:-SIZE])
+    path.write_bytes(path.read_bytes()[:-SEAL_BYTES])
     same(artifact, read(path, Observations)[0])
     assert stored_hash(path) == digest
     assert identity(path) == (Observations.schema_name, Observations.schema_version)

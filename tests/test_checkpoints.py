@@ -173,7 +173,7 @@ def test_results_are_put_aside_and_saved_without_being_in_memory_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Memory: a diagnosis keeps the states of a hundred fits."""
-    monkeypatch.setattr(store, "LARGE", 100_000)  # written into a file, piece by piece
+    monkeypatch.setattr(store, "LARGE_ARRAYS", 100_000)  # written into a file, piece by piece
     rng, path = np.random.default_rng(0), tmp_path / checkpoint_name("diagnose")
     results = {f"fit {k}": {"x": rng.normal(size=(3, 4000)), "n": np.arange(k)} for k in range(5)}
     with checkpoint.checkpointed(tmp_path, "diagnose", "k", [].append) as saver:
@@ -199,7 +199,7 @@ def test_a_large_file_for_which_there_is_no_room_is_not_begun(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """HDF5 may end the process on a full disk."""
-    monkeypatch.setattr(store, "LARGE", 0)
+    monkeypatch.setattr(store, "LARGE_ARRAYS", 0)
     monkeypatch.setattr(store, "SPARE", 1 << 60)
     said: list[str] = []
     saver = checkpoint.Saver(tmp_path / "a.h5", "x", "k", said.append)

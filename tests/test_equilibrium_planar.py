@@ -15,7 +15,7 @@ from ropefit.solvers.equilibrium.kernels.newton import REACH
 from ropefit.solvers.equilibrium.kernels.planar import solve_in_plane
 from ropefit.solvers.equilibrium.kernels.records import held_in, make_work, rod_of
 from ropefit.solvers.equilibrium.problem import problem_of
-from ropefit.solvers.equilibrium.solve import LIMIT, TOLERANCE, solve
+from ropefit.solvers.equilibrium.solve import NEWTON_LIMIT, TOLERANCE, solve
 from ropefit.solvers.equilibrium.start import starting
 from ropefit.solvers.kernels.linked import EntryCompiler
 
@@ -28,7 +28,15 @@ def in_plane(rods, of, held, q, lam, x0, steps, largest):
     w = make_work(q.shape[1], lam.shape[1], 1)
     for t in range(q.shape[0]):
         steps[t], largest[t] = solve_in_plane(
-            rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t], TOLERANCE, LIMIT, REACH, w
+            rod_of(rods, of[t]),
+            held_in(held, t),
+            q[t],
+            lam[t],
+            x0[t],
+            TOLERANCE,
+            NEWTON_LIMIT,
+            REACH,
+            w,
         )
 
 

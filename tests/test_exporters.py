@@ -30,7 +30,7 @@ from ropefit.rod import memory
 from tests import concealed
 
 FAST = ("mujoco", "mujoco3")
-MOST = 0.01  # of the rope's length
+MOST_APART = 0.01  # of the rope's length
 
 
 def needed(target: str) -> None:
@@ -45,18 +45,18 @@ def needed(target: str) -> None:
 @pytest.mark.parametrize("target", FAST)
 def test_rest_is_where_the_elastica_is(target: str, ends: str, ratio: float) -> None:
     needed(target)
-    assert deviation(target, describe(ends, ratio)) < MOST / 10
+    assert deviation(target, describe(ends, ratio)) < MOST_APART / 10
 
 
 @pytest.mark.parametrize("ends", ["pinned", "clamped"])
 def test_rest_in_pyelastica(ends: str) -> None:
     needed("pyelastica")
-    assert deviation("pyelastica", describe(ends, 1e-2, 21)) < MOST / 10
+    assert deviation("pyelastica", describe(ends, 1e-2, 21)) < MOST_APART / 10
 
 
 def test_rest_in_newton() -> None:
     needed("newton")
-    assert deviation("newton", describe("pinned", 1e-2, 21)) < MOST
+    assert deviation("newton", describe("pinned", 1e-2, 21)) < MOST_APART
 
 
 def tapered(s: np.ndarray) -> np.ndarray:
@@ -76,9 +76,9 @@ def hooked(s: np.ndarray) -> np.ndarray:
 def test_what_varies_along_the_rope_goes_along(target: str, shape: dict) -> None:
     needed(target)
     rope = describe("clamped", 1e-2, 31, **shape)
-    assert deviation(target, rope) < MOST / 5
+    assert deviation(target, rope) < MOST_APART / 5
     plain = describe("clamped", 1e-2, 31)
-    assert np.abs(rope.x - plain.x).max() > 2 * MOST  # else nothing was tested
+    assert np.abs(rope.x - plain.x).max() > 2 * MOST_APART  # else nothing was tested
 
 
 @pytest.mark.parametrize("target", FAST)
@@ -90,7 +90,7 @@ def test_a_point_mass_is_a_heavier_node(target: str) -> None:
     as_effect = settle(target, describe("pinned", 1e-3, nodes, effects=(PointMass(10, 0.02),)))
     as_mass = settle(target, describe("pinned", 1e-3, nodes, masses=heavier))
     np.testing.assert_allclose(as_effect, as_mass, atol=1e-5)
-    assert np.abs(as_effect - describe("pinned", 1e-3, nodes).x[0]).max() > MOST
+    assert np.abs(as_effect - describe("pinned", 1e-3, nodes).x[0]).max() > MOST_APART
 
 
 @pytest.mark.parametrize("target", ["mujoco", "mujoco3", "pyelastica"])
@@ -103,9 +103,9 @@ def test_a_tether_carries(target: str) -> None:
     shape = settle(target, rope)
     pull = 5.0 * (np.linalg.norm(shape[10] - anchor) - 0.1)
     assert 0.1 < pull < 0.05 * 9.81  # N: it carries, but not more than the rope weighs
-    assert shape[10, 2] > free.x[0, 10, 2] + MOST
+    assert shape[10, 2] > free.x[0, 10, 2] + MOST_APART
     slack = describe("pinned", 1e-3, 21, effects=(Tether(10, anchor, 5.0, 1.0),))
-    assert np.abs(settle(target, slack) - free.x[0]).max() < MOST / 5
+    assert np.abs(settle(target, slack) - free.x[0]).max() < MOST_APART / 5
 
 
 OBSTACLES = {
@@ -133,7 +133,7 @@ def test_obstacles_carry(target: str, kind: str) -> None:
         centre = effect.centre if isinstance(effect, Sphere) else (0.33, 0.0, -0.35)
         return np.hypot(x[:, 0] - centre[0], x[:, 2] - centre[2]) - effect.radius - radius
 
-    assert gap(free.x[0]).min() < -MOST  # without it the rope would be inside
+    assert gap(free.x[0]).min() < -MOST_APART  # without it the rope would be inside
     assert gap(shape).min() > -0.002
     assert gap(shape).min() < 0.005  # and it lies on it
 
@@ -157,17 +157,17 @@ def test_end_twist_leaves_the_plane(target: str) -> None:
     """Clamps along the free tangents change little; a full turn of one drives the rope sideways."""
     needed(target)
     still = settle(target, both_clamped())
-    assert np.nanmax(np.abs(still - both_clamped().x[0])) < 3 * MOST
+    assert np.nanmax(np.abs(still - both_clamped().x[0])) < 3 * MOST_APART
     assert np.nanmax(np.abs(still[:, 1])) < 1e-4
     turned = settle(target, both_clamped(effects=(EndTwist(1, 2.5),)))
-    assert np.nanmax(np.abs(turned[:, 1])) > MOST / 2
+    assert np.nanmax(np.abs(turned[:, 1])) > MOST_APART / 2
 
 
 def test_two_dialects_agree_on_twist() -> None:
     needed("mujoco"), needed("mujoco3")
     rope = both_clamped(effects=(EndTwist(1, 2.0),))
     apart = np.linalg.norm(settle("mujoco", rope) - settle("mujoco3", rope), axis=1)
-    assert np.nanmax(apart) < MOST
+    assert np.nanmax(apart) < MOST_APART
 
 
 def test_every_pose_is_exported() -> None:
@@ -182,7 +182,7 @@ def test_every_pose_is_exported() -> None:
         end_positions=np.concatenate([other.end_positions, one.end_positions + shift]),
         end_orientations=np.concatenate([one.end_orientations] * 2),
     )
-    np.testing.assert_allclose(settle("mujoco", both, 1), one.x[0] + shift, atol=MOST / 5)
+    np.testing.assert_allclose(settle("mujoco", both, 1), one.x[0] + shift, atol=MOST_APART / 5)
 
 
 def everything() -> object:

@@ -8,7 +8,7 @@ import torch
 
 from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.few_frames import FEW, on_few_frames
+from ropefit.diagnosis.few_frames import FEW_FRAMES, on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.noise_measurement import end_noise
 from ropefit.effects import HalfSpace, PointMass
@@ -37,7 +37,7 @@ def test_few_frames_of_a_recording_tell_nearly_the_same(nominal: Fit):
     many = repeated(nominal, 2)
     few = on_few_frames(many)
     assert few is not None
-    assert len(few.point.seen) == FEW < len(many.point.seen)
+    assert len(few.point.seen) == FEW_FRAMES < len(many.point.seen)
     assert few.point.converged.all()
     assert len(few.z) < 0.5 * len(many.z)
     # Of what all frames tell, to within their standard errors.
@@ -46,7 +46,7 @@ def test_few_frames_of_a_recording_tell_nearly_the_same(nominal: Fit):
 
 
 def test_a_short_recording_stays_whole(nominal: Fit):
-    assert len(nominal.point.seen) < FEW / 0.6
+    assert len(nominal.point.seen) < FEW_FRAMES / 0.6
     assert on_few_frames(nominal) is None
 
 

@@ -86,7 +86,7 @@ def test_what_explains_noise_of_few_frames_is_not_fitted_to_all(true, kept, monk
         return found and replace(found, fit=replace(found.fit, stopped=False))
 
     monkeypatch.setattr(candidates, "fit_candidate", hopeful)
-    monkeypatch.setattr(few_frames, "FEW", 4)
+    monkeypatch.setattr(few_frames, "FEW_FRAMES", 4)
     fits = Fits(nominal, 6.0)
     fits.add_kinds([[(Hypothesis(PointMass(), NO_PLACE), np.array([0.8 * MASS[0], 0.68]))]])
     assert begun[0] is not nominal
@@ -109,7 +109,7 @@ def test_what_is_far_behind_on_few_frames_is_not_fitted_to_all(monkeypatch):
         return replace(small, fit=replace(small.fit, stopped=False))
 
     monkeypatch.setattr(candidates, "fit_candidate", behind)
-    monkeypatch.setattr(few_frames, "FEW", 4)
+    monkeypatch.setattr(few_frames, "FEW_FRAMES", 4)
     for lead, whole in ((1000.0, 0), (1.0, 1)):
         fits = Fits(nominal, 6.0)
         fits.best_of[("law", 0)] = replace(small, evidence=lead * gain_of(small))

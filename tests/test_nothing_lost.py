@@ -135,7 +135,7 @@ def test_a_checkpoint_left_when_all_was_done_goes(
 
     with monkeypatch.context() as killed:
         killed.setattr(checkpoint, "EVERY", 0)
-        killed.setattr(checkpoint, "SHARE", 0)
+        killed.setattr(checkpoint, "SELDOM", 0)
         killed.setattr(checkpoint.Saver, "remove", lambda self: None)
         assert preprocessed(6)
     assert left.exists()

@@ -130,7 +130,7 @@ def measure(
 ) -> dict[str, Tally]:
     """Prepare and disturb both chains, or one of them, up to a stage."""
     torch.set_num_threads(1)
-    checkpoint.EVERY, checkpoint.SHARE = 0.01, 0  # so that many are interrupted, and resumed
+    checkpoint.EVERY, checkpoint.SELDOM = 0.01, 0  # so that many are interrupted, and resumed
     diagnose.RULES = Rules(effects=SOUGHT)
     recording = marker_recording(scratch / "recording", frames=4)
     out = {}

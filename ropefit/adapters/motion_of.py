@@ -17,7 +17,7 @@ WIDER = 6
 SLOWEST = 0.1  # s: frames further apart than this show no motion
 JUMP = 0.05  # of the length: nodes move less than this from frame to frame, or it is no film
 FEWEST = 5  # markers, or nodes that were seen, that make a line
-NEAR = 1e-3  # m: a marker so close to an end is the end
+END_MARKER = 1e-3  # m: a marker so close to an end is the end
 LEAST_FORCE = 1e-3  # of its weight: accelerations that matter to a rope
 
 
@@ -72,7 +72,7 @@ def _seen_of(o: Observations, t: int) -> tuple[np.ndarray, np.ndarray]:
         at, points = o.node_arc[seen], o.centreline[t, seen]
     for end, place in ((0, 0.0), (1, o.length)):
         held = np.isfinite(o.end_position[t, end]).all()
-        if held and np.abs(at - place).min(initial=np.inf) > NEAR:
+        if held and np.abs(at - place).min(initial=np.inf) > END_MARKER:
             at, points = np.append(at, place), np.vstack([points, o.end_position[t, end]])
     order = np.argsort(at)
     return at[order], points[order]

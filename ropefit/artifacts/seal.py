@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-SIZE = 256  # bytes, padded with spaces
+SEAL_BYTES = 256  # bytes, padded with spaces
 MARK = b"ropefit-seal/"
 LINE = re.compile(rb"(ropefit-seal/1 ([a-z-]{1,60}) (\d{1,9}) ([0-9a-f]{64})) ([0-9a-f]{64}) *\n")
 
@@ -38,12 +38,12 @@ def sealed(image: bytes, seal: Seal) -> tuple[bytes, bytes]:
 def end_of(image: Iterable[bytes], seal: Seal) -> bytes:
     """Return the seal of an HDF5 image, given in parts, as the last bytes of a file."""
     line = f"ropefit-seal/1 {seal.schema_name} {seal.schema_version} {seal.content_sha256}".encode()
-    return (line + b" " + _hash(image, line)).ljust(SIZE - 1) + b"\n"
+    return (line + b" " + _hash(image, line)).ljust(SEAL_BYTES - 1) + b"\n"
 
 
 def opened(image: bytes, end: bytes) -> tuple[Seal | None, bytes]:
-    """Return (the seal, or None where there is none; the HDF5 image), from a file's last SIZE bytes
-    and those before. Raises Broken."""
+    """Return (the seal, or None where there is none; the HDF5 image), from a file's last
+    `SEAL_BYTES` and those before. Raises Broken."""
     found = LINE.fullmatch(end)
     if found and _hash([image], found[1]) == found[5]:
         return _seal(found), image
@@ -53,7 +53,7 @@ def opened(image: bytes, end: bytes) -> tuple[Seal | None, bytes]:
 
 
 def claimed(end: bytes) -> Seal | None:
-    """Return the seal at the end of a file, from its last SIZE bytes alone: unchecked."""
+    """Return the seal at the end of a file, from its last SEAL_BYTES bytes alone: unchecked."""
     found = LINE.fullmatch(end)
     return _seal(found) if found else None
 

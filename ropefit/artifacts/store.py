@@ -26,7 +26,7 @@ from ropefit.artifacts.base import Artifact, array_spec
 from ropefit.artifacts.migrations import migrated
 from ropefit.artifacts.packing import Pieces
 from ropefit.artifacts.probe import readable
-from ropefit.artifacts.seal import SIZE, Broken, Seal, claimed, end_of, opened, sealed
+from ropefit.artifacts.seal import SEAL_BYTES, Broken, Seal, claimed, end_of, opened, sealed
 from ropefit.artifacts.tree import (
     MAX_BYTES,
     UNREADABLE,
@@ -42,7 +42,7 @@ NOT_CONTENT = {"provenance/created", "provenance/seconds"}
 
 A = TypeVar("A", bound=Artifact)
 Leaf = tuple[str, "np.ndarray | Pieces | str", dict[str, Any]]
-LARGE = 32_000_000  # bytes of arrays that are not to be in memory once more as a file
+LARGE_ARRAYS = 32_000_000  # bytes of arrays that are not to be in memory once more as a file
 PIECE = 1 << 20  # bytes that are hashed at once
 SPARE = 4_000_000  # bytes that a large file may have besides its arrays
 
@@ -106,7 +106,7 @@ def write(path: Path, artifact: Artifact) -> str:
     try:
         seal = Seal(artifact.schema_name, artifact.schema_version, digest)
         size = sum(value.nbytes for _, value, _ in leaves(artifact) if not isinstance(value, str))
-        if size > LARGE:
+        if size > LARGE_ARRAYS:
             with writing(path, size + SPARE) as out:
                 _fill(out, artifact, digest)
                 out.seek(0)
@@ -253,7 +253,7 @@ def _opened(path: Path, fix: str) -> Iterator[tuple[h5py.File, Seal, Source]]:
             size = os.fstat(stream.fileno()).st_size
             if size > MAX_BYTES:
                 raise BadInput(f"{path}: is larger than an artifact can be; {fix}")
-            seal, image = opened(stream.read(max(size - SIZE, 0)), stream.read(SIZE))
+            seal, image = opened(stream.read(max(size - SEAL_BYTES, 0)), stream.read(SEAL_BYTES))
         if seal is None and not readable(image):
             raise BadInput(f"{path}: damaged such that reading it never ends; {fix}")
         with open_image(image) as file:
@@ -274,7 +274,7 @@ def stored_hash(path: Path) -> str:
     """Return the content hash that an artifact carries, unchecked; empty where there is none."""
     try:
         with path.open("rb") as stream:
-            stream.seek(-min(SIZE, os.fstat(stream.fileno()).st_size), os.SEEK_END)
+            stream.seek(-min(SEAL_BYTES, os.fstat(stream.fileno()).st_size), os.SEEK_END)
             seal = claimed(stream.read())
         if seal is None:
             with _opened(path, "") as (_, seal, _):

@@ -13,7 +13,7 @@ from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.reassessment import fitted_again, parts_of
 from ropefit.inference.least_squares import Fit
 
-MOST = 1  # tried in the place of one effect
+ALTERNATIVES_TRIED = 1  # tried in the place of one effect
 
 Alternative = tuple[Accepted, Fit]
 
@@ -26,7 +26,7 @@ def alternatives(current: Fit, accepted: list[Accepted]) -> list[Alternative]:
     out = []
     for item in accepted:
         quick = [c for c in item.equivalent if not c.hypothesis.effect.slow]
-        for other in quick[:MOST]:
+        for other in quick[:ALTERNATIVES_TRIED]:
             theirs = next(part for part in parts_of(other.fit) if part[0] is other.term)
             parts = [
                 theirs if part[0] is item.candidate.term else part for part in parts_of(current)

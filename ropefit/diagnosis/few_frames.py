@@ -7,20 +7,20 @@ import torch
 
 from ropefit.inference.least_squares import Fit, attempted
 
-FEW = 10  # frames: shapes between them are like them
+FEW_FRAMES = 10  # frames: shapes between them are like them
 LEAST_SAVED = 0.6  # of the frames: with more of them left it is not worth the further fit
 EVALUATIONS = 5
 
 
 def on_few_frames(fitted: Fit) -> Fit | None:
-    """Return a fit at rest as fitted to FEW of its frames, evenly spaced; None where there are
-    hardly more, and of a rope that has been through all of them."""
+    """Return a fit at rest as fitted to `FEW_FRAMES` of its frames, evenly spaced; None where there
+    are hardly more, and of a rope that has been through all of them."""
     frames = len(fitted.point.seen)
-    if not fitted.forward.instantaneous or frames * LEAST_SAVED < FEW:
+    if not fitted.forward.instantaneous or frames * LEAST_SAVED < FEW_FRAMES:
         return None
     if fitted.point.setup.remembers:
         return None
-    index = np.unique(np.linspace(0, frames - 1, FEW).round().astype(int))
+    index = np.unique(np.linspace(0, frames - 1, FEW_FRAMES).round().astype(int))
     forward = fitted.forward.of_setup(
         fitted.forward.base.frames(torch.from_numpy(index)),
         fitted.point.solution.frames(index),

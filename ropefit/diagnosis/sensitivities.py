@@ -14,7 +14,7 @@ from ropefit.inference.noise import Whitener
 from ropefit.models.response import Parts
 from ropefit.models.terms import change_by
 
-NEAR = 1e-3  # of the length: shapes that differ by less answer alike
+ALIKE_SHAPES = 1e-3  # of the length: shapes that differ by less answer alike
 NEAR_IN_MOTION = 0.1  # of what is missed, rms: the same of motions
 STRAIGHT = 1e-9  # of the rest vectors of bend elements
 PROBE = 0.3  # of its usual size: where an effect is tried that has no derivative at zero
@@ -84,12 +84,12 @@ class Sensitivities:
         if places.shape != hypothesis.places.shape or seen.shape != self.point.seen.shape:
             return False
         length = float(self.setup.properties.length.sum())
-        if (np.abs(places - hypothesis.places) >= NEAR * length).any():
+        if (np.abs(places - hypothesis.places) >= ALIKE_SHAPES * length).any():
             return False
         if known.moved is None and len(known.values) != self.fit.stations.residual.size:
             return False
         if self.fit.forward.instantaneous:
-            return bool((np.abs(seen - self.point.seen) < NEAR * length).all())
+            return bool((np.abs(seen - self.point.seen) < ALIKE_SHAPES * length).all())
         stations = self.fit.stations
         if self.earlier is None or self.earlier[0] is not seen:  # a scan shares one
             self.earlier = seen, self.fit.problem.match(np.nan_to_num(seen)).residual

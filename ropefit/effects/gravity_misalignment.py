@@ -12,9 +12,9 @@ from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal
 from ropefit.rod.setup import Setup
 
-FAR = 0.02  # of the length, rms: a misfit beyond it may come from axes that were confused
+FAR_MISFIT = 0.02  # of the length, rms: a misfit beyond it may come from axes that were confused
 CONFUSED = 0.5  # rad: a smaller tilt the scan finds by itself
-SMALL = 1e-24  # rad²: keeps the square root differentiable at zero
+SMOOTHING = 1e-24  # rad²: keeps the square root differentiable at zero
 
 
 class GravityMisalignment(Effect):
@@ -45,10 +45,10 @@ class GravityMisalignment(Effect):
         ends = setup.whole()[0].ends.detach().numpy()
         frame, slot = np.nonzero(misfit.counts)
         nothing = self.name in misfit.terms or np.isnan(ends).any() or not len(frame)
-        if nothing or rms < FAR * length:
+        if nothing or rms < FAR_MISFIT * length:
             return []
         chord = ends[frame, 1] - ends[frame, 0]
-        chord /= np.maximum(np.linalg.norm(chord, axis=1), SMALL)[:, None]
+        chord /= np.maximum(np.linalg.norm(chord, axis=1), SMOOTHING)[:, None]
         sag = misfit.points[frame, slot] - ends[frame, 0]
         sag -= (sag * chord).sum(1)[:, None] * chord
         down, stated = (v / np.linalg.norm(v) for v in (sag.mean(0), gravity))
@@ -81,6 +81,6 @@ def turned(gravity: Tensor, angles: Tensor) -> Tensor:
     axes (Rodrigues)."""
     first, second = horizontal(gravity)
     vector = angles[0] * first + angles[1] * second
-    angle = torch.sqrt((vector * vector).sum() + SMALL)
+    angle = torch.sqrt((vector * vector).sum() + SMOOTHING)
     across = torch.linalg.cross(vector, gravity)
     return gravity * torch.cos(angle) + across * torch.sin(angle) / angle

@@ -16,7 +16,7 @@ from ropefit.importers.camera import given_pose
 from ropefit.importers.draft import Draft
 
 WAIT = 5000  # ms for the next frame of a file: longer than a disk takes
-STEP = 500  # ms: also for what is on its way when the file has been played
+WAIT_MS = 500  # ms: also for what is on its way when the file has been played
 COLOURS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
 
 
@@ -120,9 +120,9 @@ def _pairs(playing: _Playing) -> Iterator[tuple[Any, Any]]:
     waited = 0
     while waited < WAIT:
         over = playing.over()
-        more, frames = playing.pipeline.try_wait_for_frames(STEP)
+        more, frames = playing.pipeline.try_wait_for_frames(WAIT_MS)
         if not more:
-            waited = WAIT if over else waited + STEP
+            waited = WAIT if over else waited + WAIT_MS
             continue
         waited = 0
         playing.frames = frames

@@ -18,10 +18,10 @@ from ropefit.importers.draft import Draft
 from ropefit.importers.numbers import vector
 from ropefit.recordings.manifest import read_toml
 
-SMALL = 96  # pixels across, in which motion is looked for
+SMALL_PICTURE = 96  # pixels across, in which motion is looked for
 MOST_PIXELS = 20000
 RESTS = 2.0  # times the usual difference of two frames: with more the rope is on its way
-NEAR = 0.25  # of the motion for each frame wanted: frames with less between them are alike
+ALIKE_SHARE = 0.25  # of the motion for each frame wanted: frames with less between them are alike
 APART = 1.5  # times the usual difference of two frames: less is noise
 FULL_FRAME = 36.0  # mm: width of the film that focal lengths "of 35 mm film" are stated for
 FOCAL = "focal_length.35mm_equivalent"  # in the names of cameras' metadata
@@ -100,7 +100,8 @@ def stillest(small: np.ndarray, wanted: int) -> np.ndarray:
         rests = unrest[frame] <= RESTS * np.median(unrest)
         if (
             rests
-            and np.abs(path[taken] - path[frame]).min(initial=np.inf) > path[-1] * NEAR / wanted
+            and np.abs(path[taken] - path[frame]).min(initial=np.inf)
+            > path[-1] * ALIKE_SHARE / wanted
         ):
             taken.append(int(frame))
     return np.sort(taken[:wanted])
@@ -108,7 +109,7 @@ def stillest(small: np.ndarray, wanted: int) -> np.ndarray:
 
 def _gray(image: np.ndarray) -> np.ndarray:
     """Return (h, w) a small picture of the means of blocks."""
-    step = max(1, image.shape[1] // SMALL)
+    step = max(1, image.shape[1] // SMALL_PICTURE)
     high, wide = (n // step * step for n in image.shape[:2])
     gray = image[:high, :wide].mean(axis=2, dtype=np.float32)
     return gray.reshape(high // step, step, wide // step, step).mean(axis=(1, 3))

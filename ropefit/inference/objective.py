@@ -24,7 +24,7 @@ FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
 FRUITLESS = 3  # steps in a row: where nodes stick and slide in turn, slopes foresee a gain in vain
-FAR = 1e3  # whitened residual of a frame that did not settle: no fit goes there
+UNSETTLED_RESIDUAL = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
 class _Stopped(Exception):
@@ -78,7 +78,7 @@ class Objective:
             residual = aligned(now, self.stations, now.residual)
             z = self.whitener(residual)
             if bad.any():
-                z[np.repeat(bad[self.stations.frame], residual.shape[1])] = FAR
+                z[np.repeat(bad[self.stations.frame], residual.shape[1])] = UNSETTLED_RESIDUAL
             self._last = key, (point, now, z)
         return self._last[1]
 

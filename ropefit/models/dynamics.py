@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from ropefit.models import mesh
 from ropefit.models.first_state import SMOOTHED, FirstStates, begun_smoothly, first_states
 from ropefit.models.model import Model
-from ropefit.models.response import STEP as RESPONSE
+from ropefit.models.response import DIFFERENCE_STEP as RESPONSE
 from ropefit.models.response import Change, Parts, Point, sensor_slope, slope, turn_slope
 from ropefit.rod.fields import MOVING_ROD, names
 from ropefit.rod.moving import Moving, moving, undamped

@@ -26,7 +26,7 @@ from ropefit.models.bends import (
 )
 from ropefit.models.increments import in_increments, increments_of
 from ropefit.models.response import (
-    STEP,
+    DIFFERENCE_STEP,
     Change,
     Parts,
     Point,
@@ -303,15 +303,15 @@ def in_frames(values: np.ndarray | None, frames: int) -> np.ndarray:
 
 def _law_slopes(changes: list[Change]) -> Laws:
     """Return derivatives of the branches' laws in P changes."""
-    rows, none = [], [np.zeros_like(value) for value in laws_of(changes[0](STEP))[:4]]
+    rows, none = [], [np.zeros_like(value) for value in laws_of(changes[0](DIFFERENCE_STEP))[:4]]
     for changed in changes:
-        a, b = changed(-STEP), changed(STEP)
+        a, b = changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)
         if a.memory is b.memory and same_rod(a, b):
             rows.append(none)
             continue
         low, high = laws_of(a), laws_of(b)
         with np.errstate(invalid="ignore"):
-            rows.append([np.nan_to_num((q - p) / (2 * STEP), posinf=0.0, neginf=0.0)
+            rows.append([np.nan_to_num((q - p) / (2 * DIFFERENCE_STEP), posinf=0.0, neginf=0.0)
                          for p, q in zip(low[:4], high[:4], strict=True)])  # fmt: skip
     fields = (np.stack(field) for field in zip(*rows, strict=True))
     return Laws(*fields, fresh=np.empty(0), gradual=np.empty(0))

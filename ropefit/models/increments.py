@@ -15,7 +15,7 @@ from ropefit.rod.friction import push
 from ropefit.rod.setup import Motion, Potential, Setup
 
 STRIDE = 0.016  # of the length: with a fifth of it the χ² of a dragged rope changed by 5 %
-MOST = 6  # increments from one frame to the next
+MOST_INCREMENTS = 6  # increments from one frame to the next
 
 
 def increments_of(whole: Setup, rough: list[Potential], x: np.ndarray) -> np.ndarray:
@@ -33,7 +33,7 @@ def increments_of(whole: Setup, rough: list[Potential], x: np.ndarray) -> np.nda
     way = whole.ends.diff(dim=0, prepend=whole.ends[:1]).norm(dim=-1)
     far = np.nan_to_num(way.numpy()).max(axis=1) / (STRIDE * length)
     down &= ~memory.restarts(whole.clock)
-    return np.where(down, np.clip(np.ceil(far), 1, MOST), 1).astype(int)
+    return np.where(down, np.clip(np.ceil(far), 1, MOST_INCREMENTS), 1).astype(int)
 
 
 def in_increments(whole: Setup, parts: np.ndarray) -> Setup:

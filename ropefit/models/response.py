@@ -28,7 +28,7 @@ from ropefit.solvers.equilibrium.solution import Solution, States
 Change = Callable[[float], Setup]  # the setup where one value has moved by so many of its scales
 # Indices (f,) of frames, and changes (P, f, K, 3) of the nodes there.
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
-STEP = 1e-5
+DIFFERENCE_STEP = 1e-5
 LOAD = Rod._fields.index("load")
 AT_ONCE, FEWEST = 4e6, 8  # bytes of answers in memory at once, of that many frames at least
 
@@ -145,7 +145,7 @@ def law_moments(slopes: list[Slopes], vector: np.ndarray) -> np.ndarray:
     out = np.zeros((len(vector), len(slopes), *vector.shape[1:]))
     for k, s in enumerate(slopes):
         if s.springs is not None:
-            out[:, k] = moment_changes(*s.springs, STEP, vector)
+            out[:, k] = moment_changes(*s.springs, DIFFERENCE_STEP, vector)
     return out
 
 
@@ -199,8 +199,8 @@ def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.nd
 @dataclass(frozen=True)
 class Slopes:
     """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
-    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending STEP to
-    either side; axial (A,): of a law of axial strain."""
+    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending
+    `DIFFERENCE_STEP` to either side; axial (A,): of a law of axial strain."""
 
     rod: list[np.ndarray]
     force: np.ndarray | None
@@ -227,7 +227,8 @@ def _slopes(
 ) -> Slopes:
     """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
     is built from changes."""
-    a, b = changed(-STEP), changed(STEP)  # what does not depend on the value is the same object
+    # What does not depend on the value is the same object.
+    a, b = changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)
     rod, law = still, None
     same = same_rod(a, b)
     if not same or a.bending is not b.bending:
@@ -240,7 +241,7 @@ def _slopes(
         force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
     if a.followers is not b.followers:
         low, high = (loads(s.followers, q, x.shape[-2]) for s in (a, b))
-        following = (high - low) / (2 * STEP)
+        following = (high - low) / (2 * DIFFERENCE_STEP)
         force = following if force is None else force + following
     axial = None
     if a.axial is not b.axial:
@@ -297,4 +298,4 @@ def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
 
 def slope(before: Tensor, after: Tensor) -> np.ndarray:
     """Return the central difference; zero where the values are not finite."""
-    return np.nan_to_num(((after - before) / (2 * STEP)).numpy(), posinf=0.0, neginf=0.0)
+    return np.nan_to_num(((after - before) / (2 * DIFFERENCE_STEP)).numpy(), posinf=0.0, neginf=0.0)

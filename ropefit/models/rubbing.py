@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ropefit.models.response import STEP, Change, slope
+from ropefit.models.response import DIFFERENCE_STEP, Change, slope
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
 from ropefit.rod.setup import Potential, Setup
@@ -52,7 +52,7 @@ def rubbings(
     rough = [k for k, p in enumerate(whole.potentials) if p.friction is not None]
     if not rough:
         return []
-    sides = [(c(-STEP).potentials, c(STEP).potentials) for c in changes]
+    sides = [(c(-DIFFERENCE_STEP).potentials, c(DIFFERENCE_STEP).potentials) for c in changes]
     at = torch.from_numpy(x)
     out = []
     for number, k in enumerate(rough):

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 TRIES = 200  # planes through three points that are tried
 LEAST_SHARE = 0.15  # of the points: fewer in a plane are no table
 MOST_PLANES = 3
-NEAR = 0.01  # of the size of the rope: first guess of a table's thickness
+TABLE_THICKNESS = 0.01  # of the size of the rope: first guess of a table's thickness
 SPREAD = 3.5  # robust sd of a table's points to each side that are taken for it
 FLAT = 0.35  # second over first variance of points around a point: a sheet has 1, a rope little
 ROUND = 0.02  # of the size of the rope: the neighbourhood in which that is looked at
@@ -52,8 +52,8 @@ def sheet(
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     heights = np.abs(some @ normal.T - (corners[:, 0] * normal).sum(axis=1))
-    best = int((heights < NEAR * size).sum(axis=0).argmax())
-    inside = np.abs((points - corners[best, 0]) @ normal[best]) < NEAR * size
+    best = int((heights < TABLE_THICKNESS * size).sum(axis=0).argmax())
+    inside = np.abs((points - corners[best, 0]) @ normal[best]) < TABLE_THICKNESS * size
     for _ in range(3):
         if inside.sum() < max(least * len(points), 30):
             return None
@@ -61,7 +61,7 @@ def sheet(
         axis = np.linalg.eigh(np.cov((points[inside] - middle).T))[1][:, 0]
         height = (points - middle) @ axis
         sd = 1.4826 * np.median(np.abs(height[inside])) + 1e-9
-        inside = np.abs(height) < min(max(SPREAD * sd, 1e-4 * size), 2 * NEAR * size)
+        inside = np.abs(height) < min(max(SPREAD * sd, 1e-4 * size), 2 * TABLE_THICKNESS * size)
     return inside if _is_sheet(points[inside], size, rng) else None
 
 

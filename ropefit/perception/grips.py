@@ -14,7 +14,7 @@ from ropefit.perception.trace import FrameRejected, Trace, project_to_polyline, 
 
 AT_END = 1e-3  # of the length: a grip this close to the rope's end is at the end
 OFF_ROPE = 0.05  # of the length: a traced rope that passes a grip by more is another
-LEAST = 0.01  # of the length between grips
+LEAST_GRIP = 0.01  # of the length between grips
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Grips:
                 if np.linalg.norm(off) > OFF_ROPE * self.whole:
                     raise FrameRejected(f"the rope does not pass the grip of end {end}")
                 own[end] = np.interp(place[0], np.arange(len(trace.arc)), trace.arc)
-        if own[1] - own[0] < LEAST * self.whole:
+        if own[1] - own[0] < LEAST_GRIP * self.whole:
             raise FrameRejected("the grips coincide on the rope")
         scale = self.length / (own[1] - own[0])
 

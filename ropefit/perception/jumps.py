@@ -7,7 +7,7 @@ import numpy as np
 from ropefit.gaps import unbroken
 from ropefit.perception.out_of_line import JUMP, out_of_line
 
-MOST = 0.75  # of all steps are smaller than a jump, where frames are dense enough to tell one
+ORDINARY_STEPS = 0.75  # of all are smaller than a jump, where frames are dense enough to tell one
 
 
 def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
@@ -22,7 +22,7 @@ def jumps(positions: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
     """
     size = np.linalg.norm(np.diff(positions, axis=0), axis=2)
     size = size[np.isfinite(size)]
-    if len(positions) < 3 or not size.size or np.quantile(size, MOST) > JUMP:
+    if len(positions) < 3 or not size.size or np.quantile(size, ORDINARY_STEPS) > JUMP:
         return out_of_line(positions)
     if positions.shape[1] < 3:
         return np.zeros(positions.shape[:2])

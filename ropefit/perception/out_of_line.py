@@ -9,7 +9,7 @@ import numpy as np
 
 JUMP = 0.03  # m that a marker is off what its neighbours allow
 EACH_SIDE = 2  # neighbours along the rope that tell where a marker is: a cubic
-LEAST = 3  # neighbours; fewer allow anything
+LEAST_NEIGHBOURS = 3  # neighbours; fewer allow anything
 STRETCH = 3e-3  # m that it is farther from one beside it than usual
 ONE_SIDED = 0.5  # of the distance to the nearest: an end may bend as it does nowhere else
 
@@ -35,7 +35,7 @@ def out_of_line(positions: np.ndarray) -> np.ndarray:
     """
     sizes = np.zeros(positions.shape[:2])
     chord = np.linalg.norm(np.diff(positions, axis=1), axis=2)
-    if positions.shape[1] <= LEAST or not np.isfinite(chord).any():
+    if positions.shape[1] <= LEAST_NEIGHBOURS or not np.isfinite(chord).any():
         return sizes
     chord = np.where(np.isfinite(chord).any(axis=0), chord, np.nanmedian(chord))
     place = np.concatenate([[0.0], np.cumsum(np.nanmedian(chord, axis=0))])
@@ -49,7 +49,7 @@ def out_of_line(positions: np.ndarray) -> np.ndarray:
         jumping, total = [], 0.0
         for marker in np.flatnonzero(seen):
             near = _neighbours(seen, marker)
-            if len(near) < LEAST:
+            if len(near) < LEAST_NEIGHBOURS:
                 continue
             of = off(int(marker), near)
             total += max(float(of.distance[frame]) - of.usual, 0.0) / of.weight
@@ -98,9 +98,9 @@ def _neighbours(seen: np.ndarray, marker: int | np.intp) -> tuple[int, ...]:
     others = np.flatnonzero(seen)
     left, right = others[others < marker][::-1], others[others > marker]
     if len(left) < EACH_SIDE:
-        right = right[: LEAST - len(left)]
+        right = right[: LEAST_NEIGHBOURS - len(left)]
     elif len(right) < EACH_SIDE:
-        left = left[: LEAST - len(right)]
+        left = left[: LEAST_NEIGHBOURS - len(right)]
     else:
         left, right = left[:EACH_SIDE], right[:EACH_SIDE]
     return tuple(int(m) for m in (*left, *right))

@@ -16,10 +16,10 @@ LEAST_DEPTHS = 20
 RUNNING = 31  # px: width of the running median of depths
 STRETCH = 12  # px along the path, to each side
 AGREE = 0.006  # of the depth, and 4 mm: depths of one place on the rope differ by less
-FAR = 0.2  # of the picture's diagonal
+FAR_JUMP = 0.2  # of the picture's diagonal
 WRONG_SCALE = 3.0  # a factor that neither slack nor a leaning rope explain
 PLAUSIBLE = (0.05, 30.0)  # m
-SHARE = 0.95  # mean height of the middle of a rope over its axis, in radii
+MEAN_HEIGHT = 0.95  # mean height of the middle of a rope over its axis, in radii
 SPARSE = 2.0  # px between the places at which the path is centred
 INNER = 0.35  # widths to each side of the path: depths further out may be the background's
 
@@ -108,7 +108,7 @@ def check_near(found: Segmentation, tips: np.ndarray) -> None:
     on = found.path[found.seen]
     if len(on) == 0:
         raise FrameRejected("the rope is visible along too little of its expected path")
-    most = FAR * float(np.hypot(*found.mask.shape))
+    most = FAR_JUMP * float(np.hypot(*found.mask.shape))
     for end in np.flatnonzero(np.isfinite(tips).all(axis=1)):
         gap = float(np.linalg.norm(on - tips[end], axis=1).min())
         if gap > most:
@@ -232,7 +232,7 @@ def depth_along(
         # Along the viewing direction a rope that recedes is thicker than across it.
         smooth = _smooth_depth(out, there, max(2 * found.width, 8.0))
         slope = np.gradient(smooth) / np.maximum(smooth / camera.fx, 1e-9)
-        out[there] += SHARE * radius * (np.sqrt(1 + slope[there] ** 2) - 1)
+        out[there] += MEAN_HEIGHT * radius * (np.sqrt(1 + slope[there] ** 2) - 1)
     return out
 
 

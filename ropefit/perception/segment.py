@@ -24,7 +24,7 @@ from ropefit.perception.trace import FrameRejected, polyline_arc
 
 FINALISTS = 3
 SMALLEST = 16  # px
-LARGE = 1600  # px: larger pictures are worked on at a fraction of their size
+LARGE_PICTURE = 1600  # px: larger pictures are worked on at a fraction of their size
 FAMILIAR_CUE = "as in other pictures"
 FAMILIAR = 0.4  # of the score of the picture the looks are from: less, and all cues are tried
 SHOWS = 0.7  # of the path in the mask: less, and the picture is asked about the rest
@@ -81,13 +81,13 @@ def segment_rope(
 ) -> Segmentation:
     """Find the rope in an image (H, W, 3) uint8 RGB. ends (2, 2) [px], NaN where unknown.
 
-    depth (H, W) [m], 0 = none, gives one more cue. Pictures larger than LARGE are worked on at a
-    whole fraction of their size. Raises FrameRejected where nothing is like a rope.
+    depth (H, W) [m], 0 = none, gives one more cue. Pictures larger than `LARGE_PICTURE` are worked
+    on at a whole fraction of their size. Raises FrameRejected where nothing is like a rope.
     """
     looked = looked or Looked()
     if min(color.shape[:2]) < SMALLEST:
         raise FrameRejected(f"a picture of {color.shape[1]}x{color.shape[0]} pixels is too small")
-    shrink = min(-(-max(color.shape[:2]) // LARGE), min(color.shape[:2]) // SMALLEST)
+    shrink = min(-(-max(color.shape[:2]) // LARGE_PICTURE), min(color.shape[:2]) // SMALLEST)
     if shrink > 1:
         return _enlarged(segment_rope(*_shrunk(color, ends, depth, looked, shrink)), color, shrink)
     allowed = region(color.shape[:2], looked.roi)

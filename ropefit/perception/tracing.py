@@ -16,7 +16,7 @@ from ropefit.perception.jumps import jumps
 from ropefit.perception.learning import Picture, best_looks
 from ropefit.perception.lost_frames import lost_frames
 from ropefit.perception.markers import marker_arc, marker_noise, trace_markers
-from ropefit.perception.segment import LARGE, Looked, Segmentation
+from ropefit.perception.segment import LARGE_PICTURE, Looked, Segmentation
 from ropefit.perception.trace import FrameRejected, Trace
 from ropefit.recordings import Masks, Recording, check_spread
 
@@ -176,7 +176,7 @@ class Tracer:
             sight = self.recording.source.sight(int(frame))
             assert sight.color is not None
             assert self.camera is not None
-            if max(sight.color.shape) > LARGE:
+            if max(sight.color.shape) > LARGE_PICTURE:
                 return
             try:
                 position, _ = self.ends(int(frame))

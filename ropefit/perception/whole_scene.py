@@ -15,7 +15,7 @@ CELL = 1 / 400  # of the rope's length: one point in each is looked at
 ROUND = 8  # cells: the neighbourhood in which a rope is a line and a surface is none
 PLANES, LEAST_SHARE = 6, 0.05  # planes that are looked for; share of the points that makes one
 APART = 6  # cells: a gap between clusters
-SMALL = 20  # cells with points in a cluster; fewer are no piece of rope
+LEAST_CELLS = 20  # cells with points in a cluster; fewer are no piece of rope
 
 
 @dataclass
@@ -27,7 +27,7 @@ class Cues:
     def left(self, points: np.ndarray, what: str) -> None:
         """Note how many points a step left. Raises FrameRejected where too few are left."""
         self.steps.append(f"{len(points):,} {what}")
-        if len(points) < SMALL:
+        if len(points) < LEAST_CELLS:
             raise FrameRejected(
                 f"no rope in the scene: of {self}; widen or give [clouds] crop, or check the ends "
                 "and the rope's length"
@@ -83,7 +83,7 @@ def _off_planes(points: np.ndarray, cell: float, cues: Cues) -> np.ndarray:
     """Return what lies in no table, floor or wall."""
     rng = np.random.default_rng(0)
     for _ in range(PLANES):
-        inside = sheet(points, cell / CELL, rng, LEAST_SHARE) if len(points) > SMALL else None
+        inside = sheet(points, cell / CELL, rng, LEAST_SHARE) if len(points) > LEAST_CELLS else None
         if inside is None:
             break
         points = points[~inside]
@@ -114,7 +114,7 @@ def _clusters(points: np.ndarray, cell: float, cues: Cues) -> list[np.ndarray]:
     """Return clusters that are large enough for a piece of rope, by extent, the largest first."""
     label = np.asarray(_cloud(points).cluster_dbscan(eps=APART * cell, min_points=3))
     found = [points[label == k] for k in range(label.max() + 1)]
-    large = [one for one in found if len(one) >= SMALL]
+    large = [one for one in found if len(one) >= LEAST_CELLS]
     left = np.concatenate([np.zeros((0, 3)), *large])
     cues.left(left, f"in {len(large)} of {len(found)} clusters")
     return sorted(large, key=lambda one: -float(np.linalg.norm(np.ptp(one, axis=0))))

@@ -11,9 +11,9 @@ from markupsafe import Markup
 
 from ropefit.artifacts.causes import Size
 
-LEAST, MOST = 1e-3, 1e5  # numbers that are written without a power of ten
+LEAST_PLAIN, MOST_PLAIN = 1e-3, 1e5  # numbers that are written without a power of ten
 FEW, REGULAR = 8, 0.8  # numbers that are listed; share of equal steps
-NEAR = 2  # powers of ten that numbers which are compared may lie apart to share one
+POWERS_SHARED = 2  # powers of ten that numbers which are compared may lie apart to share one
 
 
 def number(value: float | None, digits: int = 3, power: int | None = None) -> str:
@@ -27,7 +27,7 @@ def number(value: float | None, digits: int = 3, power: int | None = None) -> st
         return "0"
     exponent = int(f"{value:.{digits - 1}e}".split("e")[1])
     if power is None:
-        power = 0 if LEAST <= abs(value) < MOST else exponent
+        power = 0 if LEAST_PLAIN <= abs(value) < MOST_PLAIN else exponent
     decimals = digits - 1 - (exponent - power)
     text = f"{round(value / 10.0**power, decimals):.{max(decimals, 0)}f}"
     return (f"{text}·10{_superscript(power)}" if power else text).replace("-", "−")
@@ -36,10 +36,10 @@ def number(value: float | None, digits: int = 3, power: int | None = None) -> st
 def common_power(values: Iterable[float]) -> int | None:
     """Return the power of ten to write numbers with that are compared; None: each with its own."""
     sizes = [abs(v) for v in values if math.isfinite(v) and v != 0]
-    if not sizes or (min(sizes) >= LEAST and max(sizes) < MOST):
+    if not sizes or (min(sizes) >= LEAST_PLAIN and max(sizes) < MOST_PLAIN):
         return None
     powers = [math.floor(math.log10(v)) for v in sizes]
-    return max(powers) if max(powers) - min(powers) <= NEAR else None
+    return max(powers) if max(powers) - min(powers) <= POWERS_SHARED else None
 
 
 def _superscript(exponent: int) -> str:

@@ -17,7 +17,7 @@ from ropefit.errors import RopefitError, StageFailed
 from ropefit.runs.journal import Entries, Journal, keeping
 
 EVERY = 10.0  # s
-SHARE = 20  # one that takes long to write is written so much more seldom
+SELDOM = 20  # one that takes long to write is written so much more seldom
 
 
 def checkpoint_name(stage: str) -> str:
@@ -69,7 +69,7 @@ class Saver:
         began = time.monotonic()
         self.save(entries)
         ended = time.monotonic()
-        self.next = ended + max(EVERY, SHARE * (ended - began))
+        self.next = ended + max(EVERY, SELDOM * (ended - began))
 
     def save(self, entries: Entries) -> None:
         """Save; where it cannot be written that is said, and the stage goes on."""

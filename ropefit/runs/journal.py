@@ -17,7 +17,7 @@ import numpy as np
 
 from ropefit.runs.spilled import Spilled
 
-LARGE = 1 << 16  # bytes of an array of a result that is put aside
+LARGE_ARRAY = 1 << 16  # bytes of an array of a result that is put aside
 MOST_BYTES = 16e6  # bytes of the parts of what is under way; saved, they are in memory four times
 
 Arrays = dict[str, np.ndarray]
@@ -76,7 +76,7 @@ class Journal:
         self._save(self.entries)
 
     def _put_aside(self, value: np.ndarray) -> np.ndarray | Spilled:
-        if self._aside is None or value.nbytes < LARGE:
+        if self._aside is None or value.nbytes < LARGE_ARRAY:
             return value
         try:
             return Spilled.of(value, self._aside)

@@ -10,7 +10,7 @@ from ropefit.artifacts import Observations
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.runs.protocol import Context
 
-LARGE = 3.0  # times the noise of a point: a misfit beyond it has a cause
+LARGE_MISFIT = 3.0  # times the noise of a point: a misfit beyond it has a cause
 
 
 def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context) -> dict[str, Any]:
@@ -23,7 +23,7 @@ def compute(inputs: dict[str, Any], settings: IdentifySettings, context: Context
         context.say("too few frames to hold any out: the fit is judged on its own frames")
     left = float(model.rms_fit)
     noise = observations.noise_distance
-    if left > LARGE * noise:
+    if left > LARGE_MISFIT * noise:
         rod = settings.solver in ("equilibrium", "dynamics")
         more = ", or free more parameters, as by --free EI,rest_curve" if rod else ""
         context.say(

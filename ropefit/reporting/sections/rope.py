@@ -32,7 +32,7 @@ from ropefit.reporting.words import number
 
 MOST_DOTS = 160  # of one frame
 SMOOTH = 6  # points drawn for each of a rope's segments
-FEW = 60  # points a frame: drawn larger than a cloud
+FEW_POINTS = 60  # points a frame: drawn larger than a cloud
 VISIBLE = 0.04  # of the rope's length that the models should differ by to be distinguished by eye
 FACTORS = (2, 5, 10, 20, 50, 100)
 
@@ -81,7 +81,7 @@ def _dots(start: np.ndarray, t: int) -> np.ndarray:
 def _picture(run: RunContents, shown: np.ndarray, c: Compared | None) -> Figure:
     o, d = run.observations, run.diagnosis
     recorded = [o.points[_dots(o.point_start, t)] for t in shown]
-    size = 9.0 if len(o.points) < FEW * len(o.frames) else 4.0
+    size = 9.0 if len(o.points) < FEW_POINTS * len(o.frames) else 4.0
     traces, frames = [dots("recorded", RECORDED, size)], [recorded]
     everything = [o.points, o.end_position[shown].reshape(-1, 3)]
     enlarged, words = None, "Drag to turn it, double-click to turn it back."

@@ -26,7 +26,7 @@ from ropefit.solvers.dynamics.problem import (
     ropes_in_motion,
     shown,
 )
-from ropefit.solvers.dynamics.solve import LIMIT, Trajectory, failure
+from ropefit.solvers.dynamics.solve import NEWTON_LIMIT, Trajectory, failure
 from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.status import Status
 
@@ -77,7 +77,7 @@ def step_batched(
     start: Start,
     device: torch.device | str,
     member: np.ndarray | None = None,
-    limit: int = LIMIT,
+    limit: int = NEWTON_LIMIT,
 ) -> Stepped:
     """Step through every clip like `dynamics.solve`, on `device`.
 

@@ -106,7 +106,7 @@ def _newton(ropes: Ropes, q: Tensor, lam: Tensor, x0: Tensor) -> tuple[Tensor, T
         index, now, used, size, descent = (t[go] for t in (index, now, used, size, descent))
         used = _convex(r, h, f, used, size, descent, shift[index])
         shift[index] = torch.where(
-            descent > 0, torch.where(now < newton.NEAR, 0.0, used), shift[index]
+            descent > 0, torch.where(now < newton.NEARLY_BALANCED, 0.0, used), shift[index]
         )
         turn, change = saddle(f, -moments[go], -gaps[go])
         stuck = _step(r, h, (q, lam, x0, shift, last), index, turn, change, used, size)
@@ -128,7 +128,7 @@ def _factor_near(
     used = torch.zeros_like(worst)
     f = factor(h, used)
     descent = descents(r, f)
-    near = torch.nonzero((descent > 0) & (worst < newton.NEAR))[:, 0]
+    near = torch.nonzero((descent > 0) & (worst < newton.NEARLY_BALANCED))[:, 0]
     if len(near):
         used[near] = newton.NEUTRAL * size[near]
         descent[near] = _refactor(r, h, f, near, used)

@@ -21,8 +21,8 @@ from ropefit.solvers.dynamics.kernels.records import Drive, change_of, drive_of,
 from ropefit.solvers.dynamics.kernels.simulate import make_scratch, scratch_of, simulate_clip
 from ropefit.solvers.kernels.jit import helper, kernel, source_key
 
-BLOCK, FEW = 64, 16  # threads in a block; where there are fewer clips than cores would have then
-SHARE = 0.6  # of the free memory of a device that scratch may take
+THREADS, FEWER_THREADS = 64, 16  # in a block; fewer where cores would have no block
+SCRATCH_SHARE = 0.6  # of the free memory of a device that scratch may take
 KEY = source_key(*SOURCES, Path(__file__))
 
 
@@ -90,7 +90,7 @@ def _parts(clips: int, each: int, device: torch.device) -> Iterator[slice]:
     if device.type == "cuda":
         free = torch.cuda.mem_get_info(device)[0] + torch.cuda.memory_reserved(device)
         free -= torch.cuda.memory_allocated(device)
-        most = max(int(SHARE * free) // each, 1)
+        most = max(int(SCRATCH_SHARE * free) // each, 1)
     for first in range(0, clips, most):
         yield slice(first, min(first + most, clips))
 
@@ -103,7 +103,7 @@ def _launch(which: int, clips: int, arguments: tuple[Any, ...], device: torch.de
 
     index = torch.cuda.current_device() if device.index is None else device.index
     cores = torch.cuda.get_device_properties(index).multi_processor_count
-    block = BLOCK if clips >= BLOCK * cores else FEW
+    block = THREADS if clips >= THREADS * cores else FEWER_THREADS
     stream = torch.cuda.current_stream(index).cuda_stream
     with cuda.gpus[index]:
         same = cuda.external_stream(stream) if stream else 0

@@ -20,7 +20,7 @@ from ropefit.solvers.dynamics.problem import Drive, Problem, Start, check_clips,
 from ropefit.solvers.shapes import check_shapes
 from ropefit.solvers.status import Status
 
-LIMIT = 50  # iterations in one step
+NEWTON_LIMIT = 50  # iterations in one step
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,11 @@ def failure(status: np.ndarray, done: np.ndarray) -> str:
 
 
 def solve(
-    rope: Moving, drive: Drive, start: Start, member: np.ndarray | None = None, limit: int = LIMIT
+    rope: Moving,
+    drive: Drive,
+    start: Start,
+    member: np.ndarray | None = None,
+    limit: int = NEWTON_LIMIT,
 ) -> Trajectory:
     """Step through every clip. Never raises for a step that fails: the status says so."""
     problem = problem_of(rope, drive, member)

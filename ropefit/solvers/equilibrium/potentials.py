@@ -22,8 +22,10 @@ from ropefit.solvers.status import Status
 ROUNDS, CORNERED_ROUNDS = 40, 120
 SHARES, SHORTEST = 17, 0.01  # of a step: how many are tried, and the least
 SHRINKS, MORE, LESS, LEAST = 0.7, 2.0, 0.5, 0.1  # moves that do, or not: share of them to go
-NEAR = 1e-4  # of the length: nodes that move less are where potentials may show their own curvature
-LIMIT = 60  # Newton steps of one round
+SMALL_MOVE = (
+    1e-4  # of the length: nodes that move less are where potentials may show their own curvature
+)
+ROUND_STEPS = 60  # Newton steps of one round
 SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
 STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arrived
 
@@ -154,13 +156,13 @@ def _settle(
     moved = np.full(frames, np.inf)
     cornered = any(p.cornered for p in potentials)
     own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
-    near = np.full(frames, NEAR * float(rod.length.detach().sum(-1).max()))
+    near = np.full(frames, SMALL_MOVE * float(rod.length.detach().sum(-1).max()))
     bold, share = np.full(frames, cornered), np.ones(frames)
     going, alone = ~_untouched(potentials, x), Supported(rod, conditions)
     if not going.all():
         mine = np.flatnonzero(~going)
         none = np.zeros_like(x[mine])
-        free, settled = alone.settled(mine, current.frames(mine), none, None, LIMIT)
+        free, settled = alone.settled(mine, current.frames(mine), none, None, ROUND_STEPS)
         done = settled & _untouched(potentials, free.x)
         current.put(mine[done], free, done)
         x[mine[done]], moved[mine[done]] = free.x[done], 0.0
@@ -174,7 +176,7 @@ def _settle(
         )
         # Supports that are at rest at x push with nothing: only the ends' reactions are known.
         held, stiffness = supports(x[mine], stiffness, bold[mine])
-        new, _ = alone.settled(mine, current.frames(mine), force, held, LIMIT)
+        new, _ = alone.settled(mine, current.frames(mine), force, held, ROUND_STEPS)
         step = new.x - x[mine]
         earlier, moved[mine] = moved[mine], np.abs(step).max(axis=(1, 2))
         astray = ~np.isfinite(moved[mine])
@@ -235,7 +237,7 @@ def _replaced(
         # As one, a force and a stiffness near zero would be a support from far away.
         rod = rod.each(len(x))
         rod = rod._replace(load=rod.load + force)
-    return solve(rod, held_by(conditions, held), near, limit=LIMIT)
+    return solve(rod, held_by(conditions, held), near, limit=ROUND_STEPS)
 
 
 def _share(

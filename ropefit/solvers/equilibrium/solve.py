@@ -21,7 +21,7 @@ from ropefit.solvers.equilibrium.start import starting
 from ropefit.solvers.status import Status
 
 TOLERANCE = 1e-10  # of the largest moment, and of the length
-LIMIT = 200
+NEWTON_LIMIT = 200
 # Stiffness to begin with where a catenary does not lead to the rope's own, times that; the largest
 # and the smallest stride towards it, as factors.
 EASIER, STRIDE, LEAST_STRIDE = (1e-3, 1e3), 10.0, 1.02
@@ -34,7 +34,7 @@ def solve(
     member: np.ndarray | None = None,
     turns: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
-    limit: int = LIMIT,
+    limit: int = NEWTON_LIMIT,
     continuation: bool = True,
     problem: Problem | None = None,
 ) -> Solution:
@@ -61,7 +61,7 @@ def solve(
 
 def newton(
     problem: Problem, q: np.ndarray, lam: np.ndarray, base: np.ndarray,
-    tolerance: float = TOLERANCE, limit: int = LIMIT,
+    tolerance: float = TOLERANCE, limit: int = NEWTON_LIMIT,
 ) -> tuple[np.ndarray, ...]:  # fmt: skip
     """Find equilibria from frames q (F, N, 4), reactions lam (F, S) [N] and base (F, 3) [m], which
     are changed in place; return x (F, N+1, 3) [m], force (F, N, 3) [N], status, iterations and

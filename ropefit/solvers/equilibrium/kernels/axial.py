@@ -13,7 +13,7 @@ from ropefit.rod.fields import PER_OCTAVE, TENSION_OCTAVES
 from ropefit.solvers.kernels.jit import helper
 
 FIRST = float(TENSION_OCTAVES[0])
-STEP = math.log(2.0) / PER_OCTAVE  # of the logarithm of the tension, from one value to the next
+LOG_STEP = math.log(2.0) / PER_OCTAVE  # of the logarithm of the tension, from one value to the next
 
 
 @helper
@@ -22,8 +22,8 @@ def set_stored(axial, stored):
     edge, factor = 2.0**FIRST, math.exp(axial[0])
     stored[0] = 0.5 * factor * edge * edge
     for k in range(axial.shape[0] - 1):
-        power = (axial[k + 1] - axial[k]) / STEP
-        wider = math.exp(STEP)
+        power = (axial[k + 1] - axial[k]) / LOG_STEP
+        wider = math.exp(LOG_STEP)
         above = math.exp(axial[k + 1])
         grown = above * wider * wider - factor
         stored[k + 1] = stored[k] + edge * edge * grown / (power + 2)
@@ -41,7 +41,7 @@ def stretched(axial, stored, u):
         return factor * u, factor, 0.5 * factor * u * u
     knot = min(int(at), last)
     edge = 2.0 ** (FIRST + knot / PER_OCTAVE)
-    power = (axial[knot + 1] - axial[knot]) / STEP if knot < last else 0.0
-    factor = math.exp(axial[knot] + (at - knot) * STEP * power)
+    power = (axial[knot + 1] - axial[knot]) / LOG_STEP if knot < last else 0.0
+    factor = math.exp(axial[knot] + (at - knot) * LOG_STEP * power)
     grown = factor * size * size - math.exp(axial[knot]) * edge * edge
     return factor * u, factor * (1 + power), stored[knot] + grown / (power + 2)

@@ -27,7 +27,7 @@ REACH = 1e-5  # rad: a last full step below it leaves an error of its square
 # the line through its ends) has an eigenvalue of either sign in rounding.
 NEUTRAL = 1e-9
 HALVINGS = 40  # of a step, before it is given up
-NEAR = 1e-3  # of the largest moment: a residual below it may be that of such a state
+NEARLY_BALANCED = 1e-3  # of the largest moment: a residual below it may be that of such a state
 
 
 @helper
@@ -64,7 +64,7 @@ def solve_rope(rod, held, q, lam, x0, tolerance, limit, w):
             continue
         if descent > 0:
             used = _make_convex(rod, held, used, size, shift, w)
-            shift = 0.0 if worst < NEAR else used
+            shift = 0.0 if worst < NEARLY_BALANCED else used
         if not _solve_saddle(w):
             return STUCK, iteration, worst
         largest = _turns(w)
@@ -137,7 +137,7 @@ def _factor_near(rod, held, worst, w):
     used, size = 0.0, 0.0
     if descent > 0:
         size = _largest_entry(w)
-        if worst < NEAR:
+        if worst < NEARLY_BALANCED:
             used = NEUTRAL * size
             descent = factor_system(rod, held, w, used, 0.0)
     return descent, used, size
