@@ -34,7 +34,7 @@ from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
 SHORTEST = 20  # frames of a clip
-OF_MOTION = 100  # frames of motion that count as one of --most-frames shapes
+OF_MOTION = 125  # frames of motion that count as one of --most-frames shapes
 HORIZONS = (0.5, 1.5)  # s of each clip that are fitted before all of it
 LEAST_MOTION = 0.01  # of the length: a rope that moves less shows neither inertia nor damping
 LEAST_NOISE = 0.002  # m: what open-loop prediction of a real rope does not get below
