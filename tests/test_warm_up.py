@@ -33,11 +33,12 @@ def compiled_folder() -> Path:
 
 
 def test_every_compiled_loop_is_listed() -> None:
-    """No entry point is kept on disk without its line in warm_up.py."""
+    """No entry point is kept on disk without its line in warm_up.py, but those for accelerators."""
     marked = 0
     for path in (ROOT / "ropefit").rglob("*.py"):
         text = path.read_text()
-        marked += len(re.findall(r"^ *@(?:exact_)?kernel$", text, re.MULTILINE))
+        if path.parent.name != "batched":
+            marked += len(re.findall(r"^ *@(?:exact_)?kernel$", text, re.MULTILINE))
         if path.name != "jit.py":
             assert "njit" not in text, f"{path.name} compiles past solvers/kernels/jit.py"
     assert marked == len(calls())
