@@ -98,7 +98,7 @@ def test_every_module_is_imported_somewhere():
             for name in [alias.name for alias in node.names]
         }
     entry = {"ropefit", "ropefit.__main__", "ropefit.system", "ropefit.artifacts.export"}
-    entry.add("ropefit.solvers.batched.simulate")  # for who has an accelerator and a torch program
+    entry.add("ropefit.solvers.batched.simulate")  # public; called on an accelerator
     entry.add("ropefit.exporters.runners.settle_mujoco")  # run by the Python that has the simulator
     for path in sources():
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")

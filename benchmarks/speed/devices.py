@@ -35,7 +35,7 @@ ROPES = (36, 1152)
 ROPES_ON_DEVICE = (36, 1152, 36864)
 SEGMENTS = 19
 CLIPS = (16, 1024)
-CLIPS_ON_DEVICE = (1024, 16384, 65536)
+CLIPS_ON_DEVICE = (1024, 6144, 16384, 65536)
 STEPS = 50  # of 10 ms
 COMPARED = 64  # clips, with those of the compiled path
 

@@ -62,7 +62,7 @@ def filled(shape: tuple[int, ...], value: float, device: torch.device) -> Tensor
 
 def run_simulate(clips: int, segments: int, arrays: tuple[Any, ...], device: torch.device) -> None:
     """Simulate C clips; arrays: the arguments of `entries.simulate_clips`, on the device."""
-    _run(0, _makers(KEY)[0](1, segments), clips, arrays, device)
+    _run(0, _makers(KEY)[0](segments), clips, arrays, device)
 
 
 def run_pull_back(
@@ -116,7 +116,7 @@ def _makers(sources: int) -> tuple[Callable[..., Any], ...]:
     """Return what makes scratch for one clip, to simulate and to pull back; sources: see `jit`."""
 
     @kernel
-    def scratch(steps, segments):
+    def scratch(segments):
         assert sources != 0
         return make_scratch(segments)
 
