@@ -8,8 +8,8 @@ import torch
 
 from ropefit.diagnosis.calm import calm, excess, pushes
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.candidates import unexplained
 from ropefit.diagnosis.proposals import proposals
+from ropefit.diagnosis.unexplained import unexplained
 from ropefit.effects import Obstacle
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise

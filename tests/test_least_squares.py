@@ -14,7 +14,7 @@ import torch
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
-from ropefit.inference.objective import linear_gain
+from ropefit.inference.objective import linear_step
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.inference.turned import turned_jacobian, turned_residual
@@ -366,10 +366,10 @@ def test_the_best_linear_step_within_bounds_gains():
     low, high = np.array([-20.0, -1.0]), np.array([20.0, 20.0])
     cut = rows + slopes @ np.clip([11.0, -10.0], low, high)
     assert cut @ cut > rows @ rows
-    gain = linear_gain(slopes, rows, low, high)
+    gain = linear_step(slopes, rows, low, high)[1]
     left = rows + slopes @ np.array([2.0, -1.0])  # by hand: the best one has the second at -1
     assert gain == pytest.approx(rows @ rows - left @ left, rel=1e-3)
-    assert linear_gain(slopes, rows, np.zeros(2), np.zeros(2)) == pytest.approx(0, abs=1e-12)
+    assert linear_step(slopes, rows, np.zeros(2), np.zeros(2))[1] == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("rows", [3, 500, 20_000])

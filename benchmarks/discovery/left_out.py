@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.discovery.free_rope import NAME, free_rope
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.candidates import unexplained
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.rules import RULES, Rules, Selection
 from ropefit.diagnosis.scan import Score
+from ropefit.diagnosis.unexplained import unexplained
 from ropefit.inference.least_squares import Fit
 
 Notes = dict[str, Any]  # what a variant notes while it runs

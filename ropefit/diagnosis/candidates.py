@@ -16,9 +16,10 @@ from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
+from ropefit.diagnosis.quick_fits import alike, quick_ones, unknown_frames
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
-from ropefit.effects.base import MAY_LEAVE
+from ropefit.diagnosis.unexplained import explained, unexplained
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.objective import OPTIMISM
 from ropefit.rod.setup import Setup
@@ -27,7 +28,6 @@ MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
-LEFT_SD = 3.0  # standard errors of χ²: more is left by something
 MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
 
@@ -49,7 +49,9 @@ class Fits:
     due: int = 1  # starts that may be fitted
     best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
     tied: list[Candidate] = field(default_factory=list)  # with the best one of their hypothesis
+    names: tuple[str, ...] | None = None
     begun: int = 0
+    _moving: dict[int, tuple[Candidate, bool]] = field(default_factory=dict)
 
     def add(self, choices: list[Start], below: float = np.inf) -> None:
         """Fit the first start that settles; it is kept if its cost is `below`."""
@@ -165,7 +167,22 @@ class Fits:
         left, was = unexplained(candidate.fit), unexplained(self.current)
         if measurement and left <= NEARLY_NOTHING * was:
             return True
-        return self.explained_by(candidate) and not uneven(candidate.fit)
+        if self.explained_by(candidate) and not uneven(candidate.fit):
+            return True
+        return candidate.evidence > self.threshold and self._suffices_in_motion(candidate)
+
+    def _suffices_in_motion(self, candidate: Candidate) -> bool:
+        """Return whether the rope moves, and a candidate with what every rope in motion has, as
+        inertia, explains all frames alike."""
+        if candidate.fit.point.setup.motion is None:
+            return False
+        known = self._moving.get(id(candidate))
+        if known is None or known[0] is not candidate:
+            quick = quick_ones(candidate.fit, self.threshold, self.names)
+            last = quick[-1].fit if quick else candidate.fit
+            enough = explained(self.current, last) and alike(last, unknown_frames(candidate))
+            self._moving[id(candidate)] = known = (candidate, enough)
+        return known[1]
 
 
 def fit_candidates(
@@ -179,7 +196,7 @@ def fit_candidates(
     """
     leaders, further = _leaders(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
-    fits = Fits(current, threshold, progress, due)
+    fits = Fits(current, threshold, progress, due, names=names)
     for choices in quick:
         fits.add(choices)
     if fits.sufficient() and distorted(current):  # what a scan about it says is of no use
@@ -300,18 +317,3 @@ def _leaders(
 
 def _from(score: Score, starts: Iterable[tuple[np.ndarray, np.ndarray]]) -> list[list[Start]]:
     return [[(score.hypothesis, np.concatenate(start))] for start in starts]
-
-
-def explained(smaller: Fit, fitted: Fit) -> bool:
-    """Return whether a fit leaves next to nothing of what a smaller model leaves."""
-    return unexplained(fitted) <= MAY_LEAVE * unexplained(smaller)
-
-
-def unexplained(fitted: Fit) -> float:
-    """Return the χ² in excess of what noise alone has."""
-    return float(fitted.z @ fitted.z) - len(fitted.z)
-
-
-def leaves_something(fitted: Fit, sd: float = LEFT_SD) -> bool:
-    """Return whether a fit leaves more than noise alone may, by so many standard errors of χ²."""
-    return unexplained(fitted) > sd * np.sqrt(2 * len(fitted.z))

@@ -24,10 +24,10 @@ from ropefit.diagnosis.candidate import (
     compared,
     continued,
 )
-from ropefit.diagnosis.candidates import explained, unexplained
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, made_possible
 from ropefit.diagnosis.pairs import Pair
 from ropefit.diagnosis.proposals import Start, misfit_of
+from ropefit.diagnosis.unexplained import explained, unexplained
 from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.known import settled
 from ropefit.inference.least_squares import Fit, attempted

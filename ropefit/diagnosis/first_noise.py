@@ -9,20 +9,22 @@ import numpy as np
 
 from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
-from ropefit.diagnosis.candidates import explained, fit_candidates, unexplained
+from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.companions import Companions, companions
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import made_possible
 from ropefit.diagnosis.noise_measurement import measured_noise
 from ropefit.diagnosis.proposals import proposals, uneven
+from ropefit.diagnosis.quick_fits import alike, quick_ones, unknown_frames
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.sensitivities import Sensitivity
+from ropefit.diagnosis.unexplained import explained, unexplained
 from ropefit.diagnosis.wander import (
     no_larger_than_left,
     wandering_noise,
     with_what_is_missed_alike,
 )
-from ropefit.inference.least_squares import Fit, fit
+from ropefit.inference.least_squares import Fit, attempted, fit
 from ropefit.inference.noise import Noise
 
 
@@ -78,13 +80,8 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
         return FirstNoise(wandering_noise(nominal, steady), steady, [])
     if rules.noise == "white":
         return FirstNoise(replace(noise, correlated=0.0, ends=None), [], [])
-    at_rest, quick = nominal, []
-    for choices in proposals(nominal, slow=False, names=rules.effects):
-        fitted = (fit_candidate(nominal, *start) for start in choices)
-        moving = next((c for c in fitted if c is not None), None)
-        if moving is not None and moving.evidence > rules.least_evidence:
-            nominal = moving.fit
-            quick.append(moving)
+    at_rest, quick = nominal, quick_ones(nominal, rules.least_evidence, rules.effects)
+    nominal = quick[-1].fit if quick else nominal
     steady = sensitivities(nominal, [], rules.effects)
     known = steady if nominal is at_rest else []
     measured, cost = measured_noise(nominal, steady, [])
@@ -93,6 +90,10 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     scan = Scan(nominal, lambda: steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
         return FirstNoise(measured, known, quick)
+    whole = _by_whole_rope(nominal, scan, rules)
+    if whole is not None:
+        measured, _ = measured_noise(nominal, steady, [whole[1]])
+        return FirstNoise(measured, known, quick + whole[0])
     # For the noise, the best place of each is enough.
     hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
     slow, late = [], []
@@ -122,6 +123,35 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
             beside, left = measured_noise(nominal, steady, moves + further)
             measured = beside if left < cost - rules.least_evidence else measured
     return FirstNoise(measured, known, quick + candidates)
+
+
+def _by_whole_rope(
+    nominal: Fit, scan: Scan, rules: Rules
+) -> tuple[list[Candidate], np.ndarray] | None:
+    """Return the first effect of a scan that acts on the whole rope, and quick ones on top of it,
+    with what they do to the stations (M, D) [m], if they explain all frames alike (a lag, or a rope
+    that is slowed, once fitted): nothing else need then be fitted for the noise."""
+    leader = next((s for s in scan.scores if s.hypothesis.effect.locus == "whole"), None)
+    if leader is None:
+        return None
+    found = fit_candidate(nominal, leader.hypothesis, np.concatenate(leader.starts()[0]))
+    if found is None or found.evidence <= rules.least_evidence:
+        return None
+    left, smaller = found.fit.stations.residual.copy(), nominal
+    lost = unknown_frames(found)
+    if lost.any():  # at the frames of which what is left is not known
+        without = nominal.problem.without(lost)
+        smaller = attempted(nominal.forward, without, nominal.point.u, 20, 1e-5)
+        found = smaller and fit_candidate(smaller, leader.hypothesis, found.values())
+    if smaller is None or found is None:
+        return None
+    out = [found, *quick_ones(found.fit, rules.least_evidence, rules.effects)]
+    last = out[-1].fit
+    kept = ~lost[nominal.stations.frame]
+    if kept.sum() != len(last.stations.frame) or not (explained(smaller, last) and alike(last)):
+        return None
+    left[kept] = last.stations.residual
+    return out, nominal.stations.residual - left
 
 
 def _far_off(fitted: Fit) -> bool:

@@ -12,7 +12,10 @@ from ropefit.diagnosis.proposals import Start, proposals, uneven
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.scan import Projection, Score, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
+from ropefit.diagnosis.unexplained import unexplained
 from ropefit.inference.least_squares import Fit
+
+MARGIN = 10.0  # nats: of noise, that a fit takes up
 
 
 class Scan:
@@ -42,8 +45,11 @@ class Scan:
     def latent(self) -> LatentForce:
         return latent_force(self.current, self.project)
 
-    def contact(self, rules: Rules) -> list[list[Start]]:
-        """Return starts of slow fits, if anything is missing: contact acts in some frames."""
+    def contact(self, rules: Rules, needed: float = 0.0) -> list[list[Start]]:
+        """Return starts of slow fits, if anything is missing (contact acts in some frames), and a
+        fit down to the noise would have the evidence `needed` [nats]."""
+        if 0.5 * unexplained(self.current) < needed - MARGIN:
+            return []
         strongest = max(self.latent.evidence, self.scores[0].log_factor)
         anything = strongest > rules.any_mismatch or uneven(self.current)
         return proposals(self.current, slow=True, names=rules.effects) if anything else []

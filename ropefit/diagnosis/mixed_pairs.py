@@ -21,7 +21,6 @@ import numpy as np
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.candidates import leaves_something
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import on_few_frames
 from ropefit.diagnosis.full_scan import Scan, sensitivities
@@ -32,6 +31,7 @@ from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.reassessment import without_effects
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
+from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.effects import Effect
 from ropefit.inference.least_squares import Fit, attempted
 

@@ -21,9 +21,7 @@ from ropefit.diagnosis.candidate import Candidate, best_of, compared_if_comparab
 from ropefit.diagnosis.candidates import (
     Progress,
     completed,
-    leaves_something,
     started_from,
-    unexplained,
 )
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
@@ -37,11 +35,13 @@ from ropefit.diagnosis.limits import Limits, clean_limits
 from ropefit.diagnosis.mixed_pairs import beside_contact, two_instead
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
+from ropefit.diagnosis.quick_fits import unknown_frames
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.diagnosis.short_horizons import by_short_horizons
+from ropefit.diagnosis.unexplained import leaves_something, unexplained
 from ropefit.diagnosis.wander import (
     no_larger_than_left,
     wandering_noise,
@@ -138,7 +138,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if pair is not None and _wins(pair, current, singles_of):
             accepted, current = _with_both(current, every, pair, scan)
             continue
-        candidates = best_of([*singles_of(slow=started_from(fitted, scan.contact(rules))), leader])
+        candidates = best_of(
+            [*singles_of(slow=started_from(fitted, scan.contact(rules, needed))), leader]
+        )
         leader = None
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
@@ -176,7 +178,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         accepted.append(accept(best, candidates, current, len(scan.sensitivities)))
         best = accepted[-1].candidate
         most += not best.hypothesis.effect.counted
-        every = _with_known_past(every, current, best.fit)
+        every = _with_known_past(every, current, best)
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
         current, accepted = _weighed_again(
@@ -266,15 +268,17 @@ def _explained(nominal: Fit, final: Fit, accepted: list[Accepted]) -> bool:
     return bool(accepted) and unexplained(final) <= max(may_leave) * was
 
 
-def _with_known_past(data: Data, before: Fit, found: Fit) -> Data:
-    """Return the data without the frames in which effects that can occur only now, as friction on
-    what is touched, would act by what was before the recording; all, where nothing is left for
-    these to explain."""
-    if not leaves_something(found):
-        return data
-    setup, lost = found.point.setup, np.zeros(len(data.mask), dtype=bool)
-    for effect in made_possible(setup, before.point.setup):
-        lost |= effect.begun_before(setup, found.point.solution.x)
+def _with_known_past(data: Data, before: Fit, best: Candidate) -> Data:
+    """Return the data without the frames in which the accepted effect acts by what was before the
+    recording or, where something is left to be explained, those may that can occur only now, as
+    friction on what is touched."""
+    found = best.fit
+    setup, x = found.point.setup, found.point.solution.x
+    known = best.hypothesis.effect.path_dependent or not found.forward.instantaneous
+    lost = np.zeros(len(x), dtype=bool) if known else unknown_frames(best)
+    if leaves_something(found):
+        for effect in made_possible(setup, before.point.setup):
+            lost |= effect.begun_before(setup, x)
     return replace(data, mask=data.mask & ~lost[:, None])
 
 

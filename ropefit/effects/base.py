@@ -238,8 +238,8 @@ class Effect(ABC):
         return intervals_along(setup) if self.locus == "interval" else np.zeros((1, 0))
 
     def begun_before(self, setup: Setup, x: np.ndarray) -> np.ndarray:
-        """Return (F,) bool: frames in which the effect would act by what was before the recording,
-        with the nodes at x (F, N+1, 3) [m]; by default none."""
+        """Return (F,) bool: frames in which the effect acts by what was before the recording, or
+        after it, with the nodes at x (F, N+1, 3) [m]; by default none."""
         return np.zeros(len(x), dtype=bool)
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:

@@ -51,6 +51,12 @@ class TimeLag(Effect):
             end_path=setup.end_path.later(values[0]),  # a further lag begins there
         )
 
+    def begun_before(self, setup: Setup, x: np.ndarray) -> np.ndarray:
+        """Return (F,) bool: frames whose true pose of the ends lies outside the recording."""
+        if setup.end_path is None:
+            return np.zeros(len(x), dtype=bool)
+        return setup.end_path.outside(USUAL_SHARE * setup.end_path.step).numpy()
+
     def sentence(self, values: dict[str, float]) -> str:
         return f"the ends are recorded {_late(values['lag'], 'too ')}"
 

@@ -34,6 +34,7 @@ class Known:
         if self.done and not np.array_equal(self.done["start"], start):
             self.done = None
         self.start, self.resumed = start, False
+        self.best: Point | None = None
         self.count = {"square": 0, "slope": 0}
 
     def begin(self) -> Point:
@@ -43,19 +44,32 @@ class Known:
         return settled(self.forward, self.start, f"{self.name}/first")
 
     def at(self, u: np.ndarray) -> Point:
-        """Return the model at u, from the state in which the fit was left."""
+        """Return the model at u, from the best state so far: where a rope has two equilibria, a
+        step that was not taken may have left the one that the fit is in."""
         if self.done:
             return self.forward.restored(u, within("best.", self.done))
         if not self.resumed:
             self.resumed = True
-            known = journal().recall(f"{self.name}/latest")
-            if known:
-                point = self.forward.restored(known["u"], known)
-                if np.array_equal(known["u"], u):
-                    return point
+            latest = self._recalled("latest")
+            if latest is not None and np.array_equal(latest.u, u):
+                return latest
+            self.best = self._recalled("so far") or self.best
+        if self.best is not None:
+            self.forward.remember(self.best)
         point = self.forward.at(u)
         journal().keep(f"{self.name}/latest", lambda: {"u": u, **self.forward.kept(point)})
         return point
+
+    def _recalled(self, name: str) -> Point | None:
+        known = journal().recall(f"{self.name}/{name}")
+        return self.forward.restored(known["u"], known) if known else None
+
+    def improved(self, point: Point) -> None:
+        """Take a point as the best so far."""
+        if self.forward.instantaneous:
+            self.best = point
+            name = f"{self.name}/so far"
+            journal().keep(name, lambda: {"u": point.u, **self.forward.kept(point)})
 
     def rows(self, kind: str, u: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:
         """Return what the optimiser asks for next, "square" or "slope", at u."""

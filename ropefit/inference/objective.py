@@ -24,6 +24,10 @@ FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
 FRUITLESS = 3  # steps in a row: where nodes stick and slide in turn, slopes foresee a gain in vain
+SHORTER = (0.5, 0.25, 0.1)  # of a linear step, on which a contact may be lost
+PROMISING = 2.0  # of χ²: what a linear step must foresee to be taken in part
+KEPT_SHARE = 0.3  # least share of what it foresees there that is gained
+MOST_SHORTENED = 5  # steps of a fit
 UNSETTLED_RESIDUAL = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
@@ -60,6 +64,7 @@ class Objective:
         self.stations, self.whitener = stations, Whitener.of(stations, problem.noise)
         self.trace: list[float] = []
         self.best, self.tolerance = u, 0.0
+        self.touches = bool(first.setup.potentials)
         self.rubs = any(p.friction is not None for p in first.setup.potentials)
         self.latest = np.empty(0)
         self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
@@ -111,6 +116,8 @@ class Objective:
         self.latest = turned_residual(found, len(u))
         if found < min(self.trace, default=np.inf):
             self.best = u.copy()
+            if self._last is not None and self._last[0] == u.tobytes():
+                self.known.improved(self._last[1][0])
         self.trace.append(found)
         if self.rubs and min(self.trace) not in self.trace[-FRUITLESS:]:
             raise _Stopped(self.best, min(self.trace), ENDED)
@@ -132,7 +139,7 @@ class Objective:
             return out
         low, high = self.forward.bounds()
         cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
-        gain = linear_gain(out, self.latest, low - u, high - u)
+        gain = linear_step(out, self.latest, low - u, high - u)[1]
         if not hopeful and cost - OPTIMISM * gain > self.needed:
             raise _Stopped(u.copy(), cost, STOPPED)
         if costly and gain < max(NEGLIGIBLE, self.tolerance * cost):
@@ -142,44 +149,73 @@ class Objective:
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
         self.tolerance = tolerance if self.rubs else 0.0
-        # Among scipy's closures are circles: what they hold stays until the collector comes.
-        asked = [self]
         if not u.size:  # nothing is free; not every scipy takes that
             self.rows(u)
             summary = np.array([0.5 * self.trace[-1], 1, 1])
             return {"u": u, "summary": summary, "trace": np.array(self.trace)}, self.at(u)[0]
         try:
             with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
-                result = optimize.least_squares(
-                    lambda at: asked[0].rows(at),
-                    u,
-                    lambda at: asked[0].slopes(at),  # type: ignore[arg-type]
-                    bounds=self.forward.bounds(),
-                    x_scale="jac",
-                    max_nfev=evaluations,
-                    ftol=tolerance,
-                    xtol=1e-9,
-                    gtol=1e-10,
-                )
+                best, summary = self._by_trust_region(u, evaluations, tolerance)
+                for _ in range(MOST_SHORTENED if self.touches and not self.rubs else 0):
+                    left = evaluations - len(self.trace)
+                    further = self._by_shorter_step(best) if left > len(SHORTER) else None
+                    if further is None:
+                        break
+                    left = evaluations - len(self.trace)
+                    best, summary = self._by_trust_region(further, left, tolerance)
         except _Stopped as stopped:
             best, cost, status = stopped.args
             summary = np.array([0.5 * cost, status, len(self.trace)])
-            return {"u": best, "summary": summary, "trace": np.array(self.trace)}, self.at(best)[0]
+        return {"u": best, "summary": summary, "trace": np.array(self.trace)}, self.at(best)[0]
+
+    def _by_trust_region(
+        self, u: np.ndarray, evaluations: int, tolerance: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Minimise from u (P,): the best (P,), and half its cost, status and evaluations (3,)."""
+        # Among scipy's closures are circles: what they hold stays until the collector comes.
+        asked = [self]
+        try:
+            result = optimize.least_squares(
+                lambda at: asked[0].rows(at),
+                u,
+                lambda at: asked[0].slopes(at),  # type: ignore[arg-type]
+                bounds=self.forward.bounds(),
+                x_scale="jac",
+                max_nfev=evaluations,
+                ftol=tolerance,
+                xtol=1e-9,
+                gtol=1e-10,
+            )
         finally:
             asked.clear()
-        summary = np.array([result.cost, result.status, result.nfev])
-        found = {"u": result.x, "summary": summary, "trace": np.array(self.trace)}
-        return found, self.at(result.x)[0]
+        return result.x, np.array([result.cost, result.status, len(self.trace)])
+
+    def _by_shorter_step(self, u: np.ndarray) -> np.ndarray | None:
+        """Return where a part of the linear step from u (P,) leads, if that lowers the cost.
+
+        The whole step may lose a contact. A trust region then also turns the step away from
+        directions that the data tell little of, and ends far from the minimum.
+        """
+        before = float(np.sum(self.rows(u) ** 2))
+        latest, (low, high) = self.latest, self.forward.bounds()
+        step, gain = linear_step(self.slopes(u), latest, low - u, high - u)
+        for share in SHORTER if gain > PROMISING else ():
+            trial = np.clip(u + share * step, low, high)
+            if float(np.sum(self.rows(trial) ** 2)) < before - KEPT_SHARE * share * gain:
+                return trial
+        return None
 
 
-def linear_gain(slopes: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Return by how much the best linear step lowers the sum of squares of rows (M,), whose
-    derivatives are slopes (M, P), between the bounds low and high (P,) of the step."""
+def linear_step(
+    slopes: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return the best linear step (P,) for the sum of squares of rows (M,), whose derivatives are
+    slopes (M, P), between its bounds low and high (P,), and by how much it lowers that sum."""
     pull, square = slopes.T @ rows, slopes.T @ slopes
     root = np.linalg.cholesky(square + np.eye(len(low)) / FURTHEST_STEP**2).T
     within = low, np.maximum(high, low + np.finfo(float).eps)
     step = optimize.lsq_linear(root, solve_triangular(root, -pull, trans=1), within).x
-    return max(float(-2 * pull @ step - step @ square @ step), 0.0)
+    return step, max(float(-2 * pull @ step - step @ square @ step), 0.0)
 
 
 def _fill(seen: np.ndarray, good: np.ndarray) -> np.ndarray:

@@ -55,10 +55,11 @@ class Equilibrium(Model):
         else:
             deepest = DEEPEST if self.reached else np.inf
             point = _point(u, setup, _settled(setup, start, deepest))
-        self._remember(point)
+        self.remember(point)
         return point
 
-    def _remember(self, point: Point) -> None:
+    def remember(self, point: Point) -> None:
+        """Go on from a point, if all of its frames have settled."""
         if point.solution.converged.all():
             self.last, self.reached = point.solution, True
             walked = point if isinstance(point, WalkedPoint) else None
@@ -101,7 +102,7 @@ class Equilibrium(Model):
             point = _point(
                 u, setup, Solution(**known, rod=rod, conditions=held, followers=setup.followers)
             )
-        self._remember(point)
+        self.remember(point)
         if "last.x" in arrays:
             self.last = from_arrays(States, "last.", arrays)
         return point

@@ -52,6 +52,9 @@ class Model(ABC):
     def restored(self, u: np.ndarray, arrays: Arrays) -> Point:
         """Return the point at u that was kept; the model remembers what it did then."""
 
+    def remember(self, point: Point) -> None:  # noqa: B027
+        """Go on from the states of a point; by default there are none."""
+
     def folds(self, frames: int, count: int) -> np.ndarray:
         """Return (F,) the fold of each frame, below `count`: folds are held out one by one, by
         default neighbouring frames together."""

@@ -40,6 +40,10 @@ class EndPath(NamedTuple):
         """Return the path as seen from a time lag [s] after each frame."""
         return self._replace(time=self.time + lag)
 
+    def outside(self, most: float) -> Tensor:
+        """Return (F,) bool: frames more than `most` [s] before or after what was recorded."""
+        return (self.time < self.earliest - most) | (self.time > self.latest + most)
+
     def frames(self, index: Tensor) -> EndPath:
         """Return the path for some of the frames."""
         own = ("time", "first", "last", "earliest", "latest")

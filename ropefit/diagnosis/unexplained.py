@@ -1,0 +1,25 @@
+"""What a fit leaves of a recording beyond noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.effects.base import MAY_LEAVE
+from ropefit.inference.least_squares import Fit
+
+LEFT_SD = 3.0  # standard errors of χ²: more is left by something
+
+
+def explained(smaller: Fit, fitted: Fit) -> bool:
+    """Return whether a fit leaves next to nothing of what a smaller model leaves."""
+    return unexplained(fitted) <= MAY_LEAVE * unexplained(smaller)
+
+
+def unexplained(fitted: Fit) -> float:
+    """Return the χ² in excess of what noise alone has."""
+    return float(fitted.z @ fitted.z) - len(fitted.z)
+
+
+def leaves_something(fitted: Fit, sd: float = LEFT_SD) -> bool:
+    """Return whether a fit leaves more than noise alone may, by so many standard errors of χ²."""
+    return unexplained(fitted) > sd * np.sqrt(2 * len(fitted.z))
