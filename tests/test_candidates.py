@@ -106,7 +106,8 @@ def test_an_error_of_the_set_up_within_reach_makes_slow_fits_needless(
     monkeypatch.setattr(candidates, "uneven", lambda fitted: True)
 
     def one(effect, evidence):
-        fitted = SimpleNamespace(z=np.full(100, 1.5))
+        still = SimpleNamespace(setup=SimpleNamespace(motion=None))
+        fitted = SimpleNamespace(z=np.full(100, 1.5), point=still)
         return SimpleNamespace(
             hypothesis=Hypothesis(effect, NO_PLACE), fit=fitted, evidence=evidence
         )

@@ -262,7 +262,7 @@ def test_friction_is_looked_for_without_the_frames_of_an_unknown_past():
         term = hypothesis.term(alone.base, np.array([height, 0.0, 0.0]))
         fitted = fit(alone.with_terms([bend, term]), problem, evaluations=3)
         plane = compared(hypothesis, term, nominal, fitted)
-        data = _with_known_past(problem.data, nominal, fitted)
+        data = _with_known_past(problem.data, nominal, plane)
         dropped[mu] = np.flatnonzero(problem.data.mask.any(1) & ~data.mask.any(1)).tolist()
     assert dropped == {0.0: [], ROUGH: [0, 1, 2]}
     (move,) = _beside(nominal, [plane], RULES)

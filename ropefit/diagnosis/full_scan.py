@@ -48,11 +48,14 @@ class Scan:
     def contact(self, rules: Rules, needed: float = 0.0) -> list[list[Start]]:
         """Return starts of slow fits, if anything is missing (contact acts in some frames), and a
         fit down to the noise would have the evidence `needed` [nats]."""
-        if 0.5 * unexplained(self.current) < needed - MARGIN:
+        if 0.5 * unexplained(self.current) < needed - MARGIN or not self.anything(rules):
             return []
+        return proposals(self.current, slow=True, names=rules.effects)
+
+    def anything(self, rules: Rules) -> bool:
+        """Return whether anything is missing."""
         strongest = max(self.latent.evidence, self.scores[0].log_factor)
-        anything = strongest > rules.any_mismatch or uneven(self.current)
-        return proposals(self.current, slow=True, names=rules.effects) if anything else []
+        return strongest > rules.any_mismatch or uneven(self.current)
 
 
 def sensitivities(

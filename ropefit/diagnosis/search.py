@@ -9,8 +9,6 @@ from functools import cached_property, partial
 import numpy as np
 
 from ropefit.diagnosis.acceptance import (
-    BEYOND_SENSOR,
-    MOST_RMS_RATIO_IN_MOTION,
     far_beyond_sensor,
 )
 from ropefit.diagnosis.accepted import Accepted, accept
@@ -25,13 +23,14 @@ from ropefit.diagnosis.candidates import (
 )
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
+from ropefit.diagnosis.contact_anew import contact_anew
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import made_possible
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
-from ropefit.diagnosis.limits import Limits, clean_limits
+from ropefit.diagnosis.limits import clean_limits
 from ropefit.diagnosis.mixed_pairs import beside_contact, two_instead
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
@@ -42,6 +41,7 @@ from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.diagnosis.short_horizons import by_short_horizons
 from ropefit.diagnosis.unexplained import leaves_something, unexplained
+from ropefit.diagnosis.verdicts import one_more, verdict_of
 from ropefit.diagnosis.wander import (
     no_larger_than_left,
     wandering_noise,
@@ -52,8 +52,7 @@ from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
 
-MORE_ROUNDS = 3  # than effects: one may restart, one may be uncounted, one sees what is left
-CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
+MORE_ROUNDS = 4  # than effects: a restart, contact anew, one uncounted, one that sees what is left
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 
@@ -113,12 +112,15 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             scores, limits = scan.scores, clean_limits(scan, rng, rules)
             refused += confounded(current, scan.sensitivities)
         scan.latent.threshold, latent = limits.latent, scan.latent
-        needed = limits.needed(
-            [one for one in accepted if not one.candidate.hypothesis.effect.exact]
-        )
+        inexact = [one for one in accepted if not one.candidate.hypothesis.effect.exact]
+        needed = limits.needed(inexact)
+        anew = scan.anything(rules) and contact_anew(current, accepted, limits.threshold)
+        if anew:
+            current, accepted = _weighed_again(*anew, limits.threshold, len(scan.scores), rules)
+            continue
         instead = partial(two_instead, threshold=limits.threshold, names=rules.effects)
         if len(accepted) == most:
-            crowded, two = _one_more(nominal, accepted, scan, limits), accepted
+            crowded, two = one_more(nominal, accepted, scan, limits), accepted
             left = crowded or latent.evidence > latent.threshold
             new = two is not compared and current.forward.instantaneous
             if left and new and len(two) == 2:
@@ -188,9 +190,10 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     assert scores is not None
     assert limits is not None
     current = last_fit(current) if accepted else current
+    verdict = verdict_of(nominal, current, accepted, latent, crowded, refused)
     return Diagnosis(
-        _verdict(nominal, current, accepted, latent, crowded, refused), accepted, nominal, current,
-        scores, limits.threshold, latent, limits.detectable, limits.units, refused,
+        verdict, accepted, nominal, current, scores,
+        limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
 
 
@@ -249,25 +252,6 @@ def _with_both(current: Fit, every: Data, pair: Pair, scan: Scan) -> tuple[list[
     return accepted, _with_it(found, replace(current.problem, data=data), scan.sensitivities)
 
 
-def _one_more(nominal: Fit, accepted: list[Accepted], scan: Scan, limits: Limits) -> bool:
-    """Return whether one effect more than may be accepted is there: a free force shows it, and a
-    known one is like it. Not asked where effects that are not exact explain a recording: with
-    friction, whose scan takes minutes."""
-    if scan.latent.evidence <= limits.latent:
-        return False
-    effects = [one.candidate.hypothesis.effect for one in accepted]
-    if _explained(nominal, scan.current, accepted) and not all(e.exact for e in effects):
-        return False
-    return scan.scores[0].log_factor > CROWDED_FACTOR * limits.threshold
-
-
-def _explained(nominal: Fit, final: Fit, accepted: list[Accepted]) -> bool:
-    """Return whether the accepted effects leave no more than they may."""
-    may_leave = [one.candidate.hypothesis.effect.may_leave for one in accepted]
-    was = max(unexplained(nominal), 1e-9)
-    return bool(accepted) and unexplained(final) <= max(may_leave) * was
-
-
 def _with_known_past(data: Data, before: Fit, best: Candidate) -> Data:
     """Return the data without the frames in which the accepted effect acts by what was before the
     recording or, where something is left to be explained, those may that can occur only now, as
@@ -297,32 +281,3 @@ def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) 
     if problem.data.material:
         return found
     return fit(forward, problem.under(known.noise), found.point.u, 10, tolerance=1e-5)
-
-
-def _verdict(
-    nominal: Fit, final: Fit, accepted: list[Accepted], latent: LatentForce, crowded: bool,
-    refused: list[str],
-) -> str:  # fmt: skip
-    """Return none, found or unknown. crowded: more effects would be needed than may be accepted;
-    refused: candidates that were not accepted, and why."""
-    explained = _explained(nominal, final, accepted)
-    if crowded:
-        return "unknown"
-    if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
-        return "unknown"
-    if not accepted and far_beyond_sensor(final):  # what no effect lowers is no noise for that
-        return "unknown"
-    noise = final.problem.noise  # with what the rope missed in the recording it is known from
-    known = final.forward.instantaneous and noise.marker > BEYOND_SENSOR * noise.sensor > 0
-    if not accepted and refused and known:
-        return "unknown"
-    return "found" if accepted else "none"
-
-
-def _as_good_as_noise(final: Fit) -> bool:
-    """Return whether a motion is missed by hardly more than noise: as an effect that explained it
-    would not be accepted, a force that does is no sign of one."""
-    if final.forward.instantaneous:
-        return False
-    missed = float(np.sqrt((final.stations.residual**2).mean()))
-    return MOST_RMS_RATIO_IN_MOTION * missed <= final.problem.noise.marker

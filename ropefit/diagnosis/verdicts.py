@@ -1,0 +1,67 @@
+"""What a finished search says of a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ropefit.diagnosis.acceptance import (
+    BEYOND_SENSOR,
+    MOST_RMS_RATIO_IN_MOTION,
+    far_beyond_sensor,
+)
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.full_scan import Scan
+from ropefit.diagnosis.latent_force import LatentForce
+from ropefit.diagnosis.limits import Limits
+from ropefit.diagnosis.unexplained import unexplained
+from ropefit.inference.least_squares import Fit
+
+CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
+
+
+def one_more(nominal: Fit, accepted: list[Accepted], scan: Scan, limits: Limits) -> bool:
+    """Return whether one effect more than may be accepted is there: a free force shows it, and a
+    known one is like it. Not asked where effects that are not exact explain a recording: with
+    friction, whose scan takes minutes."""
+    if scan.latent.evidence <= limits.latent:
+        return False
+    effects = [one.candidate.hypothesis.effect for one in accepted]
+    if _explained(nominal, scan.current, accepted) and not all(e.exact for e in effects):
+        return False
+    return scan.scores[0].log_factor > CROWDED_FACTOR * limits.threshold
+
+
+def _explained(nominal: Fit, final: Fit, accepted: list[Accepted]) -> bool:
+    """Return whether the accepted effects leave no more than they may."""
+    may_leave = [one.candidate.hypothesis.effect.may_leave for one in accepted]
+    was = max(unexplained(nominal), 1e-9)
+    return bool(accepted) and unexplained(final) <= max(may_leave) * was
+
+
+def verdict_of(
+    nominal: Fit, final: Fit, accepted: list[Accepted], latent: LatentForce, crowded: bool,
+    refused: list[str],
+) -> str:  # fmt: skip
+    """Return none, found or unknown. crowded: more effects would be needed than may be accepted;
+    refused: candidates that were not accepted, and why."""
+    explained = _explained(nominal, final, accepted)
+    if crowded:
+        return "unknown"
+    if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
+        return "unknown"
+    if not accepted and far_beyond_sensor(final):  # what no effect lowers is no noise for that
+        return "unknown"
+    noise = final.problem.noise  # with what the rope missed in the recording it is known from
+    known = final.forward.instantaneous and noise.marker > BEYOND_SENSOR * noise.sensor > 0
+    if not accepted and refused and known:
+        return "unknown"
+    return "found" if accepted else "none"
+
+
+def _as_good_as_noise(final: Fit) -> bool:
+    """Return whether a motion is missed by hardly more than noise: as an effect that explained it
+    would not be accepted, a force that does is no sign of one."""
+    if final.forward.instantaneous:
+        return False
+    missed = float(np.sqrt((final.stations.residual**2).mean()))
+    return MOST_RMS_RATIO_IN_MOTION * missed <= final.problem.noise.marker
