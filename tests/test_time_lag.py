@@ -76,3 +76,17 @@ def test_poses_that_were_held_still_have_no_path():
     assert end_path(TIME, np.arange(30), 0 * ends, STILL, 1.0) is None  # nothing moves
     assert end_path(TIME[:3], np.arange(3), ends[:3], clamp[:3], 1.0) is None
     assert not TimeLag().applies(rope(20, 3))
+
+
+@pytest.mark.parametrize(("lag", "lost"), [(-0.6, [0]), (1.2, [28, 29]), (0.5, []), (-0.5, [])])
+def test_frames_whose_pose_is_outside_the_recording_are_unknown(lag, lost):
+    """The path goes on for the time between two frames beyond the first pose and the last."""
+    ends, clamp = poses(TIME)
+    path = end_path(TIME, np.arange(30), ends, clamp, 1.0)
+    setup = rope(20, 30)._replace(
+        ends=torch.from_numpy(ends), clamp=torch.from_numpy(clamp), end_path=path
+    )
+    late = TimeLag().apply(setup, torch.tensor([lag], dtype=torch.float64))
+    x = np.zeros((30, 21, 3))
+    assert np.flatnonzero(TimeLag().begun_before(late, x)).tolist() == lost
+    assert not TimeLag().begun_before(setup._replace(end_path=None), x).any()

@@ -52,7 +52,7 @@ class TimeLag(Effect):
         )
 
     def begun_before(self, setup: Setup, x: np.ndarray) -> np.ndarray:
-        """Return (F,) bool: frames whose true pose of the ends lies outside the recording."""
+        """Return (F,) bool: frames whose true pose of the ends lies outside the path recorded."""
         if setup.end_path is None:
             return np.zeros(len(x), dtype=bool)
         return setup.end_path.outside(USUAL_SHARE * setup.end_path.step).numpy()

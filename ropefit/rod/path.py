@@ -41,7 +41,7 @@ class EndPath(NamedTuple):
         return self._replace(time=self.time + lag)
 
     def outside(self, most: float) -> Tensor:
-        """Return (F,) bool: frames more than `most` [s] before or after what was recorded."""
+        """Return (F,) bool: frames more than `most` [s] before or after the path."""
         return (self.time < self.earliest - most) | (self.time > self.latest + most)
 
     def frames(self, index: Tensor) -> EndPath:

@@ -1,0 +1,152 @@
+"""Fits beside contact: they keep the equilibrium that they are in, take a part of a step on which
+contact would be lost, and are begun anew where something is still missing."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import compared
+from ropefit.diagnosis.contact_anew import contact_anew
+from ropefit.diagnosis.full_scan import MARGIN, Scan
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.rules import RULES
+from ropefit.effects import Obstacle, PointMass
+from ropefit.effects.obstacle import heading_across
+from ropefit.effects.place import middle_of
+from ropefit.inference.known import Known
+from ropefit.inference.least_squares import fit
+from ropefit.inference.objective import Objective
+from ropefit.models.equilibrium import Equilibrium
+from ropefit.runs.journal import Journal, keeping
+from tests.concealed import nominal_fit, recorded, rope
+
+
+class Watched:
+    """A model that tells from which point it went on."""
+
+    instantaneous = True
+
+    def __init__(self) -> None:
+        self.last: float | None = None
+        self.begun: list[float | None] = []
+
+    def at(self, u: np.ndarray) -> Any:
+        self.begun.append(self.last)
+        self.last = float(u[0])
+        return SimpleNamespace(u=u)
+
+    def remember(self, point: Any) -> None:
+        self.last = float(point.u[0])
+
+    def kept(self, point: Any) -> dict[str, np.ndarray]:
+        return {}
+
+    def restored(self, u: np.ndarray, arrays: Any) -> Any:
+        self.last = float(u[0])
+        return SimpleNamespace(u=u)
+
+
+def steps(model: Watched, *values: float) -> None:
+    """Evaluate one after the other; those below zero make nothing better."""
+    known = Known(model, np.zeros(1))  # type: ignore[arg-type]
+    known.begin()
+    for value in values:
+        point = known.at(np.array([value]))
+        if value > 0:
+            known.improved(point)
+
+
+def test_every_step_of_a_fit_begins_in_its_best_state():
+    model = Watched()
+    steps(model, 1.0, -2.0, -3.0, 4.0, -5.0, 4.0)
+    assert model.begun == [None, 0.0, 1.0, 1.0, 1.0, 4.0, 4.0]
+
+
+def test_a_fit_that_goes_on_after_it_was_cut_off_does_so_too():
+    kept: list[Any] = []
+    with keeping(Journal(save=kept.append)):
+        steps(Watched(), 1.0, -2.0)
+    model = Watched()
+    with keeping(Journal(entries=kept[-1], save=lambda _: None)):
+        steps(model, -3.0)
+    assert model.begun == [1.0]
+
+
+class Cliff(Objective):
+    """Residuals u - 1 and a slight one of the other value; beyond u = 0.7 contact is lost."""
+
+    def __init__(self) -> None:
+        self.forward: Any = SimpleNamespace(bounds=lambda: (np.full(2, -9.0), np.full(2, 9.0)))
+        self.trace, self.latest = [], np.empty(0)
+
+    def rows(self, u: np.ndarray) -> np.ndarray:
+        lost = 100.0 if u[0] > 0.7 else 0.0
+        self.latest = np.array([10 * (u[0] - 1), 0.1 * u[1], lost])
+        return self.latest
+
+    def slopes(self, u: np.ndarray) -> np.ndarray:
+        return np.array([[10.0, 0.0], [0.0, 0.1], [0.0, 0.0]])
+
+
+def test_a_part_of_a_step_is_taken_where_the_whole_loses_contact():
+    further = Cliff()._by_shorter_step(np.zeros(2))
+    assert further is not None
+    assert further[0] == pytest.approx(0.5, abs=0.01)
+    assert Cliff()._by_shorter_step(np.array([0.69, 0.0])) is None  # every part of it does
+    assert Cliff()._by_shorter_step(np.array([0.95, 0.0])) is None  # hardly anything to gain
+
+
+@pytest.fixture(scope="module")
+def bar() -> Any:
+    """A rope on a bar, with the fit of that bar, cut off after a few steps from beside it."""
+    free = rope(288)
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
+    true = np.array([*low, 0.025, heading_across(free)])
+    true[2] += 0.03 - true[3]
+    nominal = nominal_fit(recorded(Obstacle().apply(free, torch.from_numpy(true)), seed=6))
+    hypothesis, start = Hypothesis(Obstacle(), NO_PLACE), true.copy()
+    start[0] += 0.004
+    term = hypothesis.term(nominal.forward.base, start)
+    model = nominal.forward.with_terms([*nominal.forward.terms, term], nominal.point.solution)
+    begin = np.concatenate([nominal.point.u, np.zeros(term.size)])
+    poor = fit(model, nominal.problem, begin, evaluations=2)
+    accepted = Accepted(compared(hypothesis, term, nominal, poor), [], 50.0, 0.0)
+    return poor, accepted, true
+
+
+def test_contact_is_fitted_anew_in_a_better_minimum(bar):
+    poor, accepted, true = bar
+    anew = contact_anew(poor, [accepted], 6.0)
+    assert anew is not None
+    better, (now,) = anew
+    assert better.cost < min(1.15 * len(better.z), poor.cost - 12.0)
+    assert now.evidence == pytest.approx(50.0 + 0.5 * (poor.cost - better.cost))
+    term = accepted.candidate.term
+    values = term.value(better.point.u[-term.size :])
+    assert values[[0, 2, 3]] == pytest.approx(true[[0, 2, 3]], abs=0.005)
+    assert contact_anew(better, [now], 6.0) is None  # there is none that is better still
+
+
+def test_what_touches_nothing_is_not_fitted_anew(bar):
+    poor, _, _ = bar
+    mass = Hypothesis(PointMass(), NO_PLACE)
+    other: Any = SimpleNamespace(candidate=SimpleNamespace(hypothesis=mass, term=None))
+    assert contact_anew(poor, [other], 6.0) is None
+    assert contact_anew(poor, [], 6.0) is None
+
+
+def test_contact_is_not_tried_where_nothing_could_gain_enough(bar):
+    poor, _, _ = bar
+    scan = Scan(poor, list)
+    scan.__dict__["latent"] = SimpleNamespace(evidence=1e3)
+    scan.__dict__["scores"] = [SimpleNamespace(log_factor=1e3)]
+    most = 0.5 * (float(poor.z @ poor.z) - len(poor.z)) + MARGIN
+    assert scan.contact(RULES, most - 1.0)
+    assert scan.contact(RULES, most + 1.0) == []
