@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import gc
 import os
@@ -11,7 +12,7 @@ from types import ModuleType
 # Of glibc's mallopt: what is given back at once when it is freed, and by all threads' heaps.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENAS = -1, -3, -8
 LARGE, SPARE = 4_000_000, 32_000_000  # bytes of an array; at the end of the heap
-OBJECTS = 200_000  # new ones, before the collector looks for cycles among them
+OBJECTS = 600_000  # new ones, before the collector looks for cycles among them: more than imports
 # Shapes of tensors without data, for torch.compile: a fifth of torch's import, and no use here.
 UNUSED = "torch._meta_registrations"
 
@@ -20,6 +21,7 @@ def lighten() -> None:
     """Let later imports take less time: fewer collections, quicker compilation, less of torch; let
     threads sleep while they wait, and large arrays that are freed go back to the system."""
     gc.set_threshold(OBJECTS)  # a tenth of the time of imports goes into collections that find none
+    atexit.register(gc.freeze)  # nor is anything to be found in all that goes when a process ends
     # numba's third level compiles 1.4 times as long and gives loops that are no faster.
     os.environ.setdefault("NUMBA_OPT", "1")
     # Between two operators of torch a thread that looks out for the next takes a whole processor.
