@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import candidates, first_noise, search
+from ropefit.diagnosis import candidates, first_noise
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.companions import Companions, accepted_companions, companions
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.limits import Limits
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.rules import RULES
+from ropefit.diagnosis.verdicts import one_more
 from ropefit.effects import BendingHysteresis, ContactFriction, PointMass, SupportPlane
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
@@ -119,15 +121,15 @@ def test_a_scan_of_a_rope_that_rubs_is_only_made_where_it_decides(nominal: Fit, 
     assert pair is not None
     named = [Accepted(c, [], c.evidence, 0.0) for c, _ in pair[0]]
     scan: Any = Costly()
-    limits = search.Limits(6.0, 20.0, {}, {})
-    assert not search._one_more(both.smaller, named, scan, limits)
+    limits = Limits(6.0, 20.0, {}, {})
+    assert not one_more(both.smaller, named, scan, limits)
     scan.latent = SimpleNamespace(evidence=10.0)
-    assert not search._one_more(both.smaller, [], scan, limits)
+    assert not one_more(both.smaller, [], scan, limits)
     scan = SimpleNamespace(
         latent=SimpleNamespace(evidence=100.0), current=nominal,
         scores=[SimpleNamespace(log_factor=30.0)],
     )  # fmt: skip
-    assert search._one_more(both.smaller, [], scan, limits)
+    assert one_more(both.smaller, [], scan, limits)
 
 
 @pytest.mark.parametrize("touching", [True, False])
