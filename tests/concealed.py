@@ -6,6 +6,8 @@ import numpy as np
 import torch
 
 from ropefit.effects import Effect
+from ropefit.effects.obstacle import heading_across
+from ropefit.effects.place import middle_of
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise
@@ -68,6 +70,15 @@ def scanned(x: np.ndarray, seed: int = 0, points: int = 240, sd: float = 0.001) 
 def with_effect(effect: Effect, values: list[float], segments: int = 288) -> Setup:
     """The fine rope with an effect of values in SI."""
     return effect.apply(rope(segments), torch.tensor(values, dtype=torch.float64))
+
+
+def bar_under(free: Setup) -> np.ndarray:
+    """Values (5,) of a bar across the rope that it touches where it hangs lowest, 5 mm deep."""
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
+    values = np.array([*low, 0.025, heading_across(free)])
+    values[2] += 0.03 - values[3]
+    return values
 
 
 def nominal_fit(data: Data, segments: int = 144) -> Fit:

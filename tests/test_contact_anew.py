@@ -17,14 +17,11 @@ from ropefit.diagnosis.full_scan import MARGIN, Scan
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.rules import RULES
 from ropefit.effects import Obstacle, PointMass
-from ropefit.effects.obstacle import heading_across
-from ropefit.effects.place import middle_of
 from ropefit.inference.known import Known
 from ropefit.inference.least_squares import fit
 from ropefit.inference.objective import Objective
-from ropefit.models.equilibrium import Equilibrium
 from ropefit.runs.journal import Journal, keeping
-from tests.concealed import nominal_fit, recorded, rope
+from tests.concealed import bar_under, nominal_fit, recorded, rope
 
 
 class Watched:
@@ -106,10 +103,7 @@ def test_a_part_of_a_step_is_taken_where_the_whole_loses_contact():
 def bar() -> Any:
     """A rope on a bar, with the fit of that bar, cut off after a few steps from beside it."""
     free = rope(288)
-    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
-    low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
-    true = np.array([*low, 0.025, heading_across(free)])
-    true[2] += 0.03 - true[3]
+    true = bar_under(free)
     nominal = nominal_fit(recorded(Obstacle().apply(free, torch.from_numpy(true)), seed=6))
     hypothesis, start = Hypothesis(Obstacle(), NO_PLACE), true.copy()
     start[0] += 0.004

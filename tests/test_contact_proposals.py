@@ -21,7 +21,7 @@ from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.priors import shift_camera
 from ropefit.models.response import Point
-from tests.concealed import BINS, nominal_fit, recorded, rope
+from tests.concealed import BINS, bar_under, nominal_fit, recorded, rope
 
 DEPTH = 0.002  # m by which the rope would sink into the table in the less low of two frames
 
@@ -137,10 +137,7 @@ def test_a_bar_is_also_tried_to_either_side():
 
 def test_a_bar_whose_fit_ends_elsewhere_is_found_from_the_side():
     free = rope(288)
-    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
-    low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
-    true = np.array([*low, 0.025, heading_across(free)])
-    true[2] += 0.03 - true[3]
+    true = bar_under(free)
     nominal = nominal_fit(recorded(Obstacle().apply(free, torch.from_numpy(true)), seed=6))
     bar, start = Hypothesis(Obstacle(), NO_PLACE), true.copy()
     start[0] += 0.03
