@@ -295,3 +295,8 @@ def test_closed_derivatives_of_friction_are_those_of_its_energy():
         np.testing.assert_allclose(rows[:, a], row, rtol=1e-9, atol=1e-9)
     assert (slope[:2].norm(dim=1) > 0).all()
     assert (slope[2:] == 0).all()
+    assert one.slope is not None
+    assert torch.equal(one.slope(x), slope)
+    assert plane.slope is not None
+    assert plane.derivatives is not None
+    assert torch.equal(plane.slope(x), plane.derivatives(x)[0])

@@ -24,6 +24,7 @@ from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
 from tests.concealed import BINS, scanned
 from tests.test_diagnosis_of_motion import FREE, driven, model, recorded
+from tests.test_friction import ROUGH, rough, swept
 from tests.test_memory import there_and_back, with_effect
 
 SMALL = 0.02  # usual sizes
@@ -51,6 +52,24 @@ def test_the_derivative_at_zero_is_the_response_to_a_small_size(effect, held):
     response = (response - sensitivities.point.seen) / SMALL
     assert np.linalg.norm(response) > 1e-3  # m
     assert np.linalg.norm(found - response) < 0.03 * np.linalg.norm(response)
+
+
+@pytest.mark.parametrize("effect", [FreeKink(), FreeCurvature()], ids=lambda effect: effect.name)
+def test_a_rope_dragged_over_a_rough_table_turns_towards_its_bends(effect, monkeypatch):
+    """Without settling every frame anew for every place."""
+    model = Equilibrium(rough(swept(48), ROUGH), [PARAMETERS["EI"].term(swept(48))])
+    seen = model.at(np.zeros(1)).seen
+    fitted = fit(model, FitProblem(scanned(seen), Noise(), BINS), evaluations=1)
+    every = Hypothesis(effect, effect.scan_places(fitted.point.setup))
+    one = Hypothesis(effect, every.places[2 * len(every.places) // 3 :][:1])  # off the table
+    sensitivities = Sensitivities(fitted)
+    size = SMALL * one.scales(fitted.point.setup)
+    response = sensitivities.response(one, np.concatenate([size, one.places[0]]))
+    response = (response - sensitivities.point.seen) / SMALL
+    monkeypatch.delattr(Sensitivities, "_finite_responses")
+    found = sensitivities.of(one).moved[0]
+    assert np.linalg.norm(response) > 1e-3  # m
+    assert np.linalg.norm(found - response) < 0.05 * np.linalg.norm(response)
 
 
 def test_sensitivities_of_nearly_the_same_motion_are_kept(monkeypatch):

@@ -27,6 +27,7 @@ from ropefit.rod.setup import Setup
 MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
+MOST_SHOWN = 0.7  # of the χ² in excess of noise
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
@@ -201,13 +202,16 @@ def fit_candidates(
         fits.add(choices)
     if fits.sufficient() and distorted(current):  # what a scan about it says is of no use
         leaders, further = [], []
-    # With contact, what remembers is settled frame after frame, which takes minutes.
+    # With contact, what remembers is settled frame after frame, which takes long: it is fitted
+    # last. Where the scan shows nothing that explains most of the misfit, it is likely to be what
+    # does: then first, as those of the others end early beside it.
     last: list[list[Start]] = []
+    if current.point.setup.potentials:
+        slowest = [choices for choices in leaders if choices[0][0].effect.path_dependent]
+        others = [choices for choices in leaders if not choices[0][0].effect.path_dependent]
+        leaders, last = (others, slowest) if _shows_most(scan, current) else (slowest + others, [])
     for choices in leaders:
-        if current.point.setup.potentials and choices[0][0].effect.path_dependent:
-            last.append(choices)
-        else:
-            fits.add(choices)
+        fits.add(choices)
     first = fits.best()
     if further and not (first and fits.explained_by(first)):
         fits.add_kinds(further)
@@ -242,6 +246,11 @@ def fit_candidates(
         if one.hypothesis.effect.slow:  # others have no further starts: what they leave costs time
             _elsewhere(fits, one, names)
     return fits.found()
+
+
+def _shows_most(scan: list[Score], current: Fit) -> bool:
+    """Return whether one place of a scan explains most of the misfit."""
+    return max((s.score for s in scan), default=0.0) > MOST_SHOWN * unexplained(current)
 
 
 def _elsewhere(fits: Fits, one: Candidate, names: tuple[str, ...] | None) -> None:

@@ -111,11 +111,11 @@ class Sensitivities:
         return iter([(np.arange(len(self.point.seen)), self._finite_responses(hypothesis))])
 
     def _spins_freely(self) -> bool:
-        """Return whether the rope may spin at no cost: it is straight without loads, and has no
-        memory."""
+        """Return whether the rope may spin at no cost: it is straight without loads, and its bends
+        have no memory."""
         setup, rod = self.setup, self.point.solution.rod
         straight = float(rod.rest.abs().max()) < STRAIGHT
-        return self.fit.forward.instantaneous and not setup.remembers and straight
+        return self.fit.forward.instantaneous and not setup.memory and straight
 
     def _tangents(self, hypothesis: Hypothesis, turned: bool = False) -> Parts:
         zero = np.zeros(hypothesis.size)

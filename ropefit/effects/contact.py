@@ -64,8 +64,17 @@ def with_contact(
             rows[deep] = stiff * (square + inside[..., None] * curvature)
         return slope, rows
 
-    known = None if shape is None else derivatives
-    body = Potential(energy, share, stiff, derivatives=known)
+    def slope(x: Tensor) -> Tensor:
+        assert shape is not None
+        gaps, out = gap(x), torch.zeros_like(x)
+        deep = gaps < 0
+        if deep.any():
+            out[deep] = stiff * gaps[deep][:, None] * shape(x[deep])[0]
+        return out
+
+    body = Potential(energy, share, stiff)
+    if shape is not None:
+        body = body._replace(derivatives=derivatives, slope=slope)
     return setup._replace(potentials=(*setup.potentials, body))
 
 

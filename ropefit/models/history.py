@@ -35,6 +35,7 @@ from ropefit.models.response import (
     law_moments,
     same_rod,
     slopes_of,
+    turned_to_bends,
     with_axial_law,
 )
 from ropefit.models.rubbing import loose, rubbings
@@ -77,7 +78,7 @@ class WalkedPoint(Point):
     increments: np.ndarray
 
     def parts(self, changes: list[Change], turned: bool = False) -> Parts:
-        yield np.arange(len(self.seen)), self.respond(changes)
+        yield np.arange(len(self.seen)), self.respond(changes, turned)
 
     def respond(self, changes: list[Change], turned: bool = False) -> np.ndarray:
         """Return (P, F, K, 3) first-order changes of the nodes as seen, for P changed setups."""
@@ -91,6 +92,9 @@ class WalkedPoint(Point):
         slopes = slopes_of(self.whole, everywhere, self.path)
         rods = self.whole.rod()
         directions = directions_of(rods, slopes, frames)
+        if turned:
+            bends = np.concatenate([vectors(step.solution) for step in self.steps])
+            directions = turned_to_bends(directions, rods, bends)
         directions = with_axial_law(directions, rods, [s.solution for s in self.steps], slopes)
         law_slopes = _law_slopes(everywhere)
         rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)

@@ -78,7 +78,7 @@ class Point:
         """Return (P, f, K, 3) changes of the nodes as seen in the frames of a solution."""
         directions = directions_of(solution.rod, slopes, len(solution.x))
         if turned:
-            directions = _turned(directions, solution)
+            directions = turned_to_bends(directions, solution.rod, vectors(solution))
         directions = with_law(directions, solution, slopes)
         directions = with_axial_law(directions, solution.rod, [solution], slopes)
         dx, _ = tangent(solution, directions)
@@ -128,13 +128,13 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
     )
 
 
-def _turned(directions: Directions, solution: Solution) -> Directions:
-    """Return directions with rest vectors, about the first director, turned towards the bends of
-    each frame, all of a frame alike."""
-    stiff = solution.rod.stiffness.reshape(-1, 1, solution.x.shape[1], 3)[..., :1].numpy()
+def turned_to_bends(directions: Directions, rods: Rod, bends: np.ndarray) -> Directions:
+    """Return directions with rest vectors, about the first director, turned towards the bends (F,
+    N+1, 2) of each frame, all of a frame alike."""
+    stiff = rods.stiffness.reshape(-1, 1, bends.shape[1], 3)[..., :1].numpy()
     assert directions.rest is not None
     size = directions.rest[..., :1]
-    way = (stiff * size * vectors(solution)[:, None]).sum(axis=2, keepdims=True)
+    way = (stiff * size * bends[:, None]).sum(axis=2, keepdims=True)
     way /= np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-300)
     return directions._replace(rest=np.pad(size * way, [(0, 0)] * 3 + [(0, 1)]))
 

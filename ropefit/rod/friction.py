@@ -29,8 +29,8 @@ class Grip(NamedTuple):
 
 def push(contact: Potential, x: Tensor) -> Tensor:
     """Return (..., 3) the normal force [N] of one whole node at x (..., 3) [m]."""
-    if contact.derivatives is not None and not x.requires_grad:
-        return -contact.derivatives(x)[0]
+    if contact.slope is not None and not x.requires_grad:
+        return -contact.slope(x)
     with torch.enable_grad():
         at = x if x.requires_grad else x.detach().requires_grad_()
         slope = torch.autograd.grad(contact.energy(at).sum(), at, create_graph=x.requires_grad)[0]
@@ -75,19 +75,38 @@ def potential(contact: Potential, grip: Grip) -> Potential:
         value = hardness * torch.where(length > reach, beyond, inside)
         return torch.where(grip.held, value, 0.0)
 
-    def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
+    def touching(x: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return which nodes (..., N+1) touch where they are held, and of those M: how far they are
+        from there (M, 3) [m], that as a multiple of how far they can be, the normal (M, 3)."""
         pushed = push(contact, x)
-        offset, reach = _offset(grip, x, pushed, contact)
+        at = (pushed != 0).any(-1) & grip.held
+        few = Grip(grip.place.expand(x.shape)[at], grip.held.expand(at.shape)[at])
+        offset, reach = _offset(few, x[at], pushed[at], contact)
         length = torch.sqrt((offset**2).sum(-1) + TINY)
-        slides = length > reach
-        held = hardness * grip.held * torch.where(slides, reach / length, 1.0)
-        way = torch.where(slides, 1 / length, 0.0)[..., None] * offset
-        across = torch.eye(3, dtype=x.dtype) - way[..., :, None] * way[..., None, :]
-        normal = pushed / torch.sqrt((pushed**2).sum(-1) + TINY)[..., None]
-        across = across - normal[..., :, None] * normal[..., None, :]
-        return held[..., None] * offset, held[..., None, None] * across
+        return at, offset, length / reach, pushed[at]
 
-    return Potential(energy, contact.rubbing, derivatives=derivatives, cornered=True)
+    def slope(x: Tensor) -> Tensor:
+        at, offset, times, _ = touching(x)
+        out = torch.zeros_like(x)
+        out[at] = (hardness / times.clamp_min(1.0))[:, None] * offset
+        return out
+
+    def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
+        at, offset, times, pushed = touching(x)
+        held = (hardness / times.clamp_min(1.0))[:, None]
+        way = torch.where(times > 1, 1.0, 0.0)[:, None] * _unit(offset)
+        normal = _unit(pushed)
+        across = torch.eye(3, dtype=x.dtype) - way[..., :, None] * way[..., None, :]
+        across = across - normal[..., :, None] * normal[..., None, :]
+        first, second = torch.zeros_like(x), x.new_zeros((*x.shape, 3))
+        first[at], second[at] = held * offset, held[..., None] * across
+        return first, second
+
+    return Potential(energy, contact.rubbing, None, None, None, True, derivatives, slope)
+
+
+def _unit(vectors: Tensor) -> Tensor:
+    return vectors / torch.sqrt((vectors**2).sum(-1, keepdim=True) + TINY)
 
 
 def slopes(contact: Potential, grip: Grip, x: Tensor) -> tuple[Tensor, Tensor]:

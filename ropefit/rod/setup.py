@@ -84,7 +84,8 @@ class Potential(NamedTuple):
     Smooth, or with a corner in its slope: contact, of a hardness [N/m], and perhaps with a
     coefficient of friction, which acts on some nodes for all, by their shares `rubbing`. cornered:
     its slope has corners that steps towards its lowest place may leap over. derivatives(x): slope
-    (..., 3) and curvature (..., 3, 3) of the energy in closed form; None: by autograd.
+    (..., 3) and curvature (..., 3, 3) of the energy in closed form; None: by autograd. slope(x):
+    the first of them, where it costs less alone.
     """
 
     energy: Callable[[Tensor], Tensor]
@@ -94,6 +95,7 @@ class Potential(NamedTuple):
     rubbing: Tensor | None = None
     cornered: bool = False
     derivatives: Callable[[Tensor], tuple[Tensor, Tensor]] | None = None
+    slope: Callable[[Tensor], Tensor] | None = None
 
 
 class Follower(NamedTuple):

@@ -40,6 +40,10 @@ def force_and_stiffness(
     x = x.detach()
     force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if with_stiffness else 0)
     for p in potentials:
+        if p.slope is not None and not with_stiffness:
+            with torch.no_grad():
+                force -= p.share[:, None] * p.slope(x)
+            continue
         if p.derivatives is not None:
             with torch.no_grad():
                 slope, rows = p.derivatives(x)
