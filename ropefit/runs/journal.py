@@ -17,7 +17,7 @@ import numpy as np
 
 from ropefit.runs.spilled import Spilled
 
-LARGE_ARRAY = 1 << 16  # bytes of an array of a result that is put aside
+LARGE_ARRAY = 1 << 12  # bytes of an array of a result that is put aside
 MOST_BYTES = 16e6  # bytes of the parts of what is under way; saved, they are in memory four times
 
 Arrays = dict[str, np.ndarray]
