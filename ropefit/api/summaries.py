@@ -119,6 +119,7 @@ def diagnosed(outcome: Outcome[Diagnosis]) -> dict[str, Any]:
         "detectable": {key: item.model_dump() for key, item in d.detectable.items()},
         "next_motion": {"separates": d.separates, "description": d.motion},
         "refused": d.refused,
+        "dropped": [item.model_dump() for item in d.dropped],
         "latent_force": {"log_evidence": d.force_evidence, "threshold": d.force_threshold},
         **({"simulation": _simulation(d, d.simulation)} if d.simulation else {}),
     }

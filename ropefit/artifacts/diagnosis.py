@@ -8,6 +8,7 @@ from pydantic import Field
 from ropefit.artifacts.base import ArraySpec, Artifact, Part, quantity
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.artifacts.model import Calibration
+from ropefit.artifacts.observations import DroppedFrame
 
 
 class Candidate(Part):
@@ -64,7 +65,7 @@ class Diagnosis(Artifact):
     """Verdict, causes and evidence."""
 
     schema_name: ClassVar[str] = "ropefit-diagnosis"
-    schema_version: ClassVar[int] = 5
+    schema_version: ClassVar[int] = 6
     file_name: ClassVar[str] = "diagnosis.h5"
 
     recording: str
@@ -77,6 +78,9 @@ class Diagnosis(Artifact):
     scan: dict[str, Candidate] = Field(default_factory=dict)
     mismatch: list[Region]
     refused: list[str] = Field(description="what is not accepted, or cannot be determined, and why")
+    dropped: list[DroppedFrame] = Field(
+        default_factory=list, description="what the diagnosis does not compare, beside preprocess"
+    )
     threshold: float = Field(description="nats an effect needs, from this recording's own noise")
     noise_white: float = quantity("m", "of one point, over all components that count")
     noise_correlated: float = quantity("m")

@@ -71,6 +71,7 @@ STEPS: dict[tuple[str, int], Callable[[Tree], Tree]] = {
     ("ropefit-diagnosis", 2): _diagnosis_2,
     ("ropefit-diagnosis", 3): _as_it_is,
     ("ropefit-diagnosis", 4): _as_it_is,
+    ("ropefit-diagnosis", 5): _as_it_is,
     ("ropefit-checkpoint", 1): _checkpoint_1,
 }
 

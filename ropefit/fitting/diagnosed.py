@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS, D
 from ropefit.adapters.taken_over import TakenOver, as_found, of_rope, over_mass
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
+from ropefit.artifacts.observations import DroppedFrame
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import Rules
@@ -27,13 +29,15 @@ from ropefit.fitting.nominal import (
     set_up_errors,
     with_what_is_missed,
 )
-from ropefit.fitting.nominal_motion import nominal_in_motion
+from ropefit.fitting.nominal_motion import UNRESOLVED, nominal_in_motion
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.problem import FitProblem
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
 FEWEST_FRAMES = 4
+UNSTABLE = "at the edge of stability"
+OUTSIDE = "as their shapes depend on what was before or after the recording"
 PATH_FRAMES = 2  # times the compared frames: those that a path-dependent rope goes through
 
 
@@ -47,10 +51,13 @@ def in_motion(
         source, found = _as_diagnosed(context.external["nominal"], context)
         source = over_mass(source, context.external.get(NOMINAL_OBSERVATIONS, o), o)
     calibration = context.external["calibration"] if settings.calibration else None
-    span, nominal, known = nominal_in_motion(
+    span, nominal, known, lost = nominal_in_motion(
         o, model, settings.most_frames, source, found, calibration, context.say
     )
     result = engine.search(nominal, settings.seed, context.progress, rules)
+    dropped = _dropped(o.frames[lost], UNRESOLVED)
+    was, still = nominal.problem.data.mask, result.final.problem.data.mask
+    dropped += lost_with_effects(was, still, o.frames, context.say)
     shown = np.unique(nominal.stations.frame)
     reached = np.isin(np.arange(len(o.frames)), shown)
 
@@ -58,7 +65,8 @@ def in_motion(
         return at_observed_nodes(o, span, seen, reached)[shown]
 
     layout = Layout(o.frames, shown, span.first, span.last - span.first, nodes)
-    return content(o, result, layout) | {"known": _as_fitted(known, result.final)}
+    fields = {"known": _as_fitted(known, result.final), "dropped": dropped}
+    return content(o, result, layout) | fields
 
 
 def at_rest(
@@ -87,7 +95,7 @@ def at_rest(
     calibrated = context.external["calibration"] if settings.calibration else None
     errors = set_up_errors(setup, o, calibrated) if rules.calibration else []
     nominal = nominal_at_rest(setup, [*terms, *errors], problem)
-    result = None
+    result, dropped = None, []
     for _ in range(2):  # with an effect, other frames may be near instability
         edge = on_edge(result.final if result else nominal)
         if (~edge).sum() < FEWEST_FRAMES:
@@ -98,8 +106,7 @@ def at_rest(
                 "decides the shape; record poses in which the rope hangs firmly"
             )
         if edge.any():
-            excluded = ", ".join(map(str, o.frames[used[edge]]))
-            context.say(f"excluded, at the edge of stability: frames {excluded}")
+            dropped += _dropped(o.frames[used[edge]], UNSTABLE, context.say)
             firm = np.flatnonzero(~edge)
             used, problem = used[firm], problem.frames(firm)
             setup = setup.frames(torch.from_numpy(firm))
@@ -107,11 +114,31 @@ def at_rest(
         if result is None or edge.any():
             result = engine.search(nominal, settings.seed, context.progress, rules)
     assert result is not None
+    was, still = nominal.problem.data.mask, result.final.problem.data.mask
+    dropped += lost_with_effects(was, still, o.frames[used], context.say)
     nodes = len(o.node_arc)
     layout = Layout(
         o.frames[used], np.arange(len(used)), 0.0, o.length, lambda x: x[:, ::every][:, :nodes]
     )
-    return content(o, result, layout) | {"known": _as_fitted(known, result.final)}
+    fields = {"known": _as_fitted(known, result.final), "dropped": dropped}
+    return content(o, result, layout) | fields
+
+
+def _dropped(
+    frames: np.ndarray, reason: str, say: Callable[[str], None] | None = None
+) -> list[DroppedFrame]:
+    """Return frames (n,), by their numbers, as excluded for a reason; say so, if there are any."""
+    if say and len(frames):
+        say(f"excluded, {reason}: frames {', '.join(map(str, frames))}")
+    return [DroppedFrame(frame=int(number), reason=reason) for number in frames]
+
+
+def lost_with_effects(
+    was: np.ndarray, still: np.ndarray, frames: np.ndarray, say: Callable[[str], None]
+) -> list[DroppedFrame]:
+    """Return the frames, numbers (F,), that were compared (mask (F, ...)) and are not any more."""
+    rows = was.reshape(len(frames), -1).any(axis=1) & ~still.reshape(len(frames), -1).any(axis=1)
+    return _dropped(frames[rows], OUTSIDE, say)
 
 
 def _as_diagnosed(source: Model, context: Context) -> tuple[Model, Diagnosis | None]:

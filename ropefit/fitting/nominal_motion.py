@@ -35,15 +35,16 @@ from ropefit.models.parameters import IN_MOTION, PARAMETERS
 
 SAMPLE = 0.04  # s between compared frames: a rope swings slower
 EVALUATIONS = 8
+UNRESOLVED = "as a finer mesh moves otherwise"
 SPARE = 2  # times as many clips as are fitted are looked at
 
 
 def nominal_in_motion(
     o: Observations, model: Model, most_frames: int, known: Model | None, found: Diagnosis | None,
     calibration: Model | None, say: Callable[[str], None],
-) -> tuple[Span, Fit, list[TakenOver]]:  # fmt: skip
+) -> tuple[Span, Fit, list[TakenOver], np.ndarray]:  # fmt: skip
     """Fit the nominal model to as many clips as `most_frames` shapes stand for; with what it takes
-    over from another run.
+    over from another run, and the indices of the frames in clips that are excluded.
 
     known: that run's model, whose rope is known, and found: its diagnosis; calibration: a model
     whose camera and gravity are known; say: tells which clips are excluded. Raises BadInput,
@@ -57,10 +58,11 @@ def nominal_in_motion(
     forward, start = model_of(o, model.nominal, span, clips)
     forward = forward.corrected(start)
     resolved = resolved_clips(forward, span.last - span.first)
-    if len(resolved) < len(clips):
-        lost = {clip[0] for clip in clips} - {clip[0] for clip in resolved}
-        starts = ", ".join(str(o.frames[first]) for first in sorted(lost))
-        say(f"excluded, as a finer mesh moves otherwise: clips from frames {starts}")
+    kept = {clip[0] for clip in resolved}
+    lost = [clip for clip in clips if clip[0] not in kept]
+    if lost:
+        starts = ", ".join(str(o.frames[clip[0]]) for clip in lost)
+        say(f"excluded, {UNRESOLVED}: clips from frames {starts}")
     clips = _spread(resolved, most)
     forward = replace(forward, clips=clips)
     taken: list[TakenOver] = []
@@ -92,7 +94,7 @@ def nominal_in_motion(
     fitted = self_corrected(forward, problem, start, EVALUATIONS)
     if not fitted.point.converged.all():
         raise NotConverged("a clip cannot be simulated to its end; identify it with other clips")
-    return span, fitted, taken
+    return span, fitted, taken, np.concatenate([np.empty(0, dtype=int), *lost])
 
 
 def _spread(clips: list[np.ndarray], most: int) -> list[np.ndarray]:

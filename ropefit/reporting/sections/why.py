@@ -11,7 +11,7 @@ from ropefit.artifacts import Diagnosis
 from ropefit.reporting.contents import RunContents
 from ropefit.reporting.html import bullets, paragraph
 from ropefit.reporting.sections.base import Section
-from ropefit.reporting.words import number, strength
+from ropefit.reporting.words import number, ranges, strength
 
 SHOWN = 7  # candidates
 WORDS = {
@@ -67,6 +67,9 @@ class WhySection(Section):
             )
         if d.refused:
             notes += [f"Refused: {_name(text)}." for text in d.refused]
+        for reason in dict.fromkeys(item.reason for item in d.dropped):
+            frames = ranges(item.frame for item in d.dropped if item.reason == reason)
+            notes.append(f"Excluded, {reason}: frames {frames}.")
         notes.append(
             f"Evidence is in nats (natural logarithm of the odds): below {number(d.threshold, 2)} "
             "it may be chance in this recording, from there it is strong, and from 100 times these "
