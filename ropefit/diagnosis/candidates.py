@@ -27,7 +27,7 @@ from ropefit.rod.setup import Setup
 MOST_LEADERS = 6
 LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
-MOST_SHOWN = 0.7  # of the χ² in excess of noise
+MOST_SHOWN = 0.7  # of the χ² in excess of noise, explained in one place of a scan
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted

@@ -9,7 +9,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.candidates import Progress, fit_candidates, silent
+from ropefit.diagnosis.candidates import MOST_SHOWN, Progress, fit_candidates, silent
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit, attempted
@@ -81,7 +81,7 @@ class Rules:
     most_effects: int = 2
     any_mismatch: float = 2.0
     restart_share: float = 0.2
-    scan_explains: float = 0.7
+    scan_explains: float = MOST_SHOWN
     calibration: bool = True
     noise: Literal["measured", "white"] = "measured"
     effects: tuple[str, ...] | None = None

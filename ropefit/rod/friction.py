@@ -102,7 +102,9 @@ def potential(contact: Potential, grip: Grip) -> Potential:
         first[at], second[at] = held * offset, held[..., None] * across
         return first, second
 
-    return Potential(energy, contact.rubbing, None, None, None, True, derivatives, slope)
+    return Potential(
+        energy, contact.rubbing, cornered=True, derivatives=derivatives, slope=slope
+    )  # fmt: skip
 
 
 def _unit(vectors: Tensor) -> Tensor:
