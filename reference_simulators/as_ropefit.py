@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-import torch
 
 from reference_simulators.planar_elastica import Along, Guess, Planar, from_stiffer_ropes
 from ropefit.exporters import RopeDescription
@@ -19,10 +18,10 @@ LENGTH, MASS, G = 1.0, 0.05, 9.81  # of the described rope: m, kg, m/s²
 SPAN, DROP = 0.6, 0.1  # m, from one of its pinned ends to the other
 
 
-def upright(angle: float) -> torch.Tensor:
+def upright(angle: float) -> np.ndarray:
     """Return the quaternion (4,) of the frame whose third director is (cos θ, 0, sin θ)."""
     half = 0.5 * (math.pi / 2 - angle)
-    return torch.tensor([math.cos(half), 0.0, math.sin(half), 0.0], dtype=torch.float64)
+    return np.array([math.cos(half), 0.0, math.sin(half), 0.0])
 
 
 def planar(p: Planar, segments: int, density: float = 1.0) -> tuple[Rod, Conditions]:
@@ -37,16 +36,16 @@ def planar(p: Planar, segments: int, density: float = 1.0) -> tuple[Rod, Conditi
         density=density,
         curvature=(0.0, -p.curvature, 0.0),  # a turn about y lowers θ
     )
-    down = torch.tensor([0.0, 0.0, -p.weight / density], dtype=torch.float64)
+    down = np.array([0.0, 0.0, -p.weight / density])
     rod = build(properties, down, clamped)
-    load, moment = rod.load.clone(), rod.moment.clone()
-    load[-1] += torch.tensor([p.force[0], 0.0, p.force[1]])
+    load, moment = rod.load.copy(), rod.moment.copy()
+    load[-1] += [p.force[0], 0.0, p.force[1]]
     moment[1, 1] = -p.moment
-    ends = torch.zeros(1, 2, 3, dtype=torch.float64)
-    ends[0, 1] = torch.nan
+    ends = np.zeros((1, 2, 3))
+    ends[0, 1] = np.nan
     if p.far is not None:
-        ends[0, 1] = torch.tensor([p.far[0], 0.0, p.far[1]])
-    clamp = torch.full((1, 2, 4), torch.nan, dtype=torch.float64)
+        ends[0, 1] = [p.far[0], 0.0, p.far[1]]
+    clamp = np.full((1, 2, 4), np.nan)
     for end, angle in enumerate((p.first, p.last)):
         if angle is not None:
             clamp[0, end] = upright(angle)
@@ -58,7 +57,7 @@ def guess_of(rod: Rod, solution: Solution) -> Guess:
 
     Only the branch and the time depend on it, not the answer.
     """
-    arc, x, n = rod.arc.numpy(), solution.x[0], solution.force[0]
+    arc, x, n = rod.arc, solution.x[0], solution.force[0]
     edge = np.diff(x, axis=0)
     angle = np.unwrap(np.arctan2(edge[:, 2], edge[:, 0]))
     middle = 0.5 * (arc[1:] + arc[:-1])

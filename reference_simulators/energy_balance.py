@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from reference_simulators.rod_energy import energy, own
+from reference_simulators.rod_energy import energy, own, tensors
 from ropefit.rod.moving import DRAG_SPEEDS, Moving
 from ropefit.rod.quaternion import conjugate_product, director, normalise
 from ropefit.rod.rod import Rod
@@ -28,8 +28,8 @@ def equilibrium_residual(rod: Rod, c: Conditions, solution: Solution) -> np.ndar
     last node from its place, over the length. Nodes follow from the frames, and the reaction pulls
     on the last.
     """
-    q = torch.from_numpy(solution.q)
-    clamp = torch.nan_to_num(c.clamp, nan=0.5)
+    rod, ends, q = tensors(rod), tensors(c.ends), torch.from_numpy(solution.q)
+    clamp = torch.nan_to_num(tensors(c.clamp), nan=0.5)
     reaction = torch.from_numpy(solution.reaction[:, :3])
     finite = rod._replace(
         flexibility=torch.ones_like(rod.flexibility)
@@ -37,7 +37,7 @@ def equilibrium_residual(rod: Rod, c: Conditions, solution: Solution) -> np.ndar
 
     def nodes(frames: Tensor) -> Tensor:
         along = (rod.length[..., None] * director(frames)).cumsum(-2)
-        return c.ends[:, :1] + torch.nn.functional.pad(along, (0, 0, 1, 0))
+        return ends[:, :1] + torch.nn.functional.pad(along, (0, 0, 1, 0))
 
     def value(frames: Tensor) -> Tensor:
         frames = normalise(frames)
@@ -48,7 +48,7 @@ def equilibrium_residual(rod: Rod, c: Conditions, solution: Solution) -> np.ndar
     slope = 0.5 * torch.autograd.grad(value(free), free)[0].norm(dim=-1).amax(-1)
     force = torch.from_numpy(solution.force).norm(dim=-1)
     moment = (rod.length * force).amax(-1).maximum(1e-4 * rod.stiffness.amax((-1, -2)))
-    miss = (nodes(q)[:, -1] - c.ends[:, 1]).norm(dim=-1) / rod.length.sum(-1)
+    miss = (nodes(q)[:, -1] - ends[:, 1]).norm(dim=-1) / rod.length.sum(-1)
     return torch.maximum(slope / moment, miss).numpy()
 
 
@@ -79,7 +79,7 @@ def bends(rope: Moving, q: Tensor, clamp: Tensor) -> Tensor:
 def drag_factor(drag: Tensor, speed: Tensor) -> Tensor:
     """Return what the air's resistance is multiplied by at speeds (C, ...) [m/s]."""
     octaves = np.log2(np.maximum(speed.detach().numpy(), 1e-9))
-    knots = np.log2(DRAG_SPEEDS.numpy())
+    knots = np.log2(DRAG_SPEEDS)
     laws = drag.detach().expand(len(speed), -1).numpy()
     values = [np.interp(o, knots, law) for o, law in zip(octaves, laws, strict=True)]
     return torch.from_numpy(np.exp(np.stack(values)))
@@ -91,6 +91,7 @@ def step_residual(rope: Moving, drive: Drive, start: Start, found: Trajectory) -
     The largest of: the nodes' forces, over the largest force; the segments' moments, over that
     force times a segment; lengths and places, over the length. 0 at time 0, NaN without a state.
     """
+    rope, drive, start = tensors(rope), tensors(drive), tensors(start)
     rod = type(rope.rod)(*(t[:, None] for t in rope.rod))
     rigid = bool((rod.flexibility == 0).all())
     if rigid:  # costs nothing where the strain is 0
@@ -153,6 +154,7 @@ def energy_gain(
 
     Dimensionless: over the weight times the length plus the largest kinetic energy.
     """
+    rope, drive, start = tensors(rope), tensors(drive), tensors(start)
     rod = type(rope.rod)(*(t[:, None] for t in rope.rod))
     if bool((rod.flexibility == 0).all()):
         rod = rod._replace(flexibility=torch.full_like(rod.flexibility, 1e9))

@@ -5,11 +5,23 @@ The solvers find its minimum by other, faster means; tests hold them to this.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
+import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.rod.quaternion import conjugate_product, director_gradient, multiply
 from ropefit.rod.rod import Rod
+
+Item = TypeVar("Item")
+
+
+def tensors(item: Item) -> Item:
+    """Return an array, or all those in a record, as tensors; what are tensors already stay."""
+    if isinstance(item, tuple):
+        return type(item)(*map(tensors, item))
+    return torch.tensor(item) if isinstance(item, np.ndarray) else item  # type: ignore[return-value]
 
 
 def energy(rod: Rod, x: Tensor, q: Tensor, clamp: Tensor) -> Tensor:
@@ -22,6 +34,7 @@ def energy(rod: Rod, x: Tensor, q: Tensor, clamp: Tensor) -> Tensor:
     with Γ the stretch-shear strain C^S in the segment's own frame and p the rotation between
     neighbouring frames (C^B). EA and GA must be finite.
     """
+    rod = tensors(rod)
     edge = (x[..., 1:, :] - x[..., :-1, :]) / rod.length[..., None]
     strain = own(q, edge - 0.5 * (director_gradient(q) @ q[..., None])[..., 0])
     stretch = 0.5 * (rod.length[..., None] * strain**2 / rod.flexibility).sum((-1, -2))

@@ -24,7 +24,7 @@ from ropefit.artifacts import FittedModel, Model, Observations
 from ropefit.errors import NotConverged, WrongUsage
 from ropefit.rod.rod import Properties, build
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.differentiable import settle
 from ropefit.solvers.status import Status
 
 Value = float | Tensor

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from ropefit.effects import Effect
 from ropefit.effects.obstacle import heading_across
@@ -36,10 +35,10 @@ def rope(segments: int, frames: int = 12, bend: float = EI) -> Setup:
     )
     moving *= np.minimum(1, 0.93 / np.linalg.norm(moving, axis=1, keepdims=True))
     ends = np.stack([moving, np.zeros_like(moving)], axis=1)
-    gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    gravity = np.array([0.0, 0.0, -9.81])
+    clamp = np.full((frames, 2, 4), np.nan)
     made = uniform(length=1.0, segments=segments, bend=bend, density=0.06)
-    return bare(made, gravity, torch.tensor(ends), clamp, torch.tensor(EYE, dtype=torch.float64))
+    return bare(made, gravity, ends, clamp, np.array(EYE))
 
 
 def recorded(setup: Setup, seed: int = 0, points: int = 240, sd: float = 0.001) -> Data:
@@ -69,12 +68,12 @@ def scanned(x: np.ndarray, seed: int = 0, points: int = 240, sd: float = 0.001) 
 
 def with_effect(effect: Effect, values: list[float], segments: int = 288) -> Setup:
     """The fine rope with an effect of values in SI."""
-    return effect.apply(rope(segments), torch.tensor(values, dtype=torch.float64))
+    return effect.apply(rope(segments), np.array(values))
 
 
 def bar_under(free: Setup) -> np.ndarray:
     """Values (5,) of a bar across the rope that it touches where it hangs lowest, 5 mm deep."""
-    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free)
     low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
     values = np.array([*low, 0.025, heading_across(free)])
     values[2] += 0.03 - values[3]

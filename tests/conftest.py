@@ -13,10 +13,7 @@ from jaxtyping import install_import_hook
 
 # Shapes in annotations are checked while tests run, and only then.
 install_import_hook(["ropefit.rod", "ropefit.losses"], "beartype.beartype")
-
-import torch  # noqa: E402
-
-torch.set_num_threads(1)
+os.environ["OMP_NUM_THREADS"] = "1"
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_data"

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from ropefit.rod.rod import Rod
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.equilibrium.solve import solve
 
-DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
-NOT_HELD = torch.full((1, 2, 4), torch.nan, dtype=torch.float64)
+DOWN = np.array([0.0, 0.0, -1.0])
+NOT_HELD = np.full((1, 2, 4), np.nan)
 
 
 def solved(rod: Rod, conditions: Conditions, **options) -> Solution:

@@ -12,7 +12,8 @@ from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.reference import Eta, State
 
-GRAVITY = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+GRAVITY = np.array([0.0, 0.0, -9.81])
+DOWN = torch.from_numpy(GRAVITY)
 ETA = (0.04, 0.9, 0.8, 0.7, 0.6, 0.9)
 
 
@@ -29,17 +30,14 @@ def hanging(
     x = np.empty((frames, nodes, 3))
     for t, distance in enumerate(np.linspace(apart, 0.9, frames)):
         ends = np.array([[0.0, 0.0, 0.5], [distance, 0.1, 0.55]])
-        x[t] = hanging_shape(1.0, nodes, GRAVITY.numpy(), ends, np.full((2, 3), np.nan))
+        x[t] = hanging_shape(1.0, nodes, GRAVITY, ends, np.full((2, 3), np.nan))
     x[:, 1:-1] += 0.004 * rng.normal(size=x[:, 1:-1].shape)
-    positions = torch.from_numpy(x)
-    q = frames_along(positions)
-    q = multiply(
-        q, from_rotation_vector(0.1 * torch.from_numpy(rng.normal(size=(*q.shape[:-1], 3))))
-    )
+    q = frames_along(x)
+    q = multiply(q, from_rotation_vector(0.1 * rng.normal(size=(*q.shape[:-1], 3))))
     mask = torch.zeros(nodes, dtype=torch.bool)
     mask[list(held)] = True
     chain = Chain.build(mask, torch.zeros(nodes - 1, dtype=torch.bool))
-    return State(positions, q), straight_rest(1.0, nodes), chain
+    return State(torch.from_numpy(x), torch.from_numpy(q)), straight_rest(1.0, nodes), chain
 
 
 def central_difference(function, value: Tensor, direction: Tensor, step: float) -> float:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.writer import About, RecordingWriter
@@ -38,16 +37,16 @@ class Clip(NamedTuple):
 def fine_rope(weight: float = 0.0, bend: float = EI) -> Moving:
     """Return the rope that is recorded, with a weight [kg] at WEIGHT_AT; bend [N m²]."""
     p = uniform(length=LENGTH, segments=FINE, bend=bend, twist=GJ, density=MASS / LENGTH)
-    rod, mass = build(p, DOWN, (True, True)), torch.zeros(FINE + 1, dtype=torch.float64)
+    rod, mass = build(p, DOWN, (True, True)), np.zeros(FINE + 1)
     mass[round(WEIGHT_AT / LENGTH * FINE)] = weight
     rod = rod._replace(load=rod.load + mass[:, None] * DOWN)
     return moving(p, rod, damping(p, bend=LOSS, twist=LOSS, air=AIR), mass)
 
 
-def level_clamps() -> torch.Tensor:
+def level_clamps() -> np.ndarray:
     """Return (2, 4) how the ends are held while nothing moves."""
     tangents = ((1.0, 0, -1), (1.0, 0, 1))
-    return torch.from_numpy(np.stack([quaternion_along(np.array(v)) for v in tangents]))
+    return np.stack([quaternion_along(np.array(v)) for v in tangents])
 
 
 def shaken_clips(weight: float = 0.0, bend: float = EI) -> list[Clip]:
@@ -56,20 +55,19 @@ def shaken_clips(weight: float = 0.0, bend: float = EI) -> list[Clip]:
     count = (FRAMES - 1) * STEPS + 1
     time, clips = np.arange(count) * 0.01 / STEPS, []
     for clip in range(2):
-        t = torch.from_numpy(time + 3 * clip)
-        grow = torch.from_numpy(np.minimum(time / 0.3, 1) ** 2)[:, None]
-        sway = torch.stack([0.1 * torch.sin(6 * t), 0.12 * torch.sin(9 * t), 0.05 * t], -1)
-        ends = torch.tensor([[0.0, 0, 0], OTHER_END], dtype=torch.float64).repeat(count, 1, 1)
+        t = time + 3 * clip
+        grow = (np.minimum(time / 0.3, 1) ** 2)[:, None]
+        sway = np.stack([0.1 * np.sin(6 * t), 0.12 * np.sin(9 * t), 0.05 * t], -1)
+        ends = np.tile([[0.0, 0, 0], OTHER_END], (count, 1, 1))
         ends[:, 0] += grow * (sway - sway[:1])
-        nod = torch.zeros(count, 2, 3, dtype=torch.float64)
-        nod[:, 0, 0] = 0.3 * grow[:, 0] * torch.sin(5 * t)
-        clamp = multiply(level_clamps().expand(count, 2, 4), from_rotation_vector(nod))
+        nod = np.zeros((count, 2, 3))
+        nod[:, 0, 0] = 0.3 * grow[:, 0] * np.sin(5 * t)
+        clamp = multiply(level_clamps(), from_rotation_vector(nod))
         first = settle(moved.rod, Conditions(ends[:1], clamp[:1]))
         assert first.converged.all()
-        still = torch.zeros(1, FINE + 1, 3, dtype=torch.float64)
-        start = Start(torch.from_numpy(first.x), torch.from_numpy(first.q), still)
-        found = stepped(moved, Drive(torch.from_numpy(time)[None], ends[None], clamp[None]), start)
-        held = torch.cat([ends, clamp], dim=-1)[::STEPS].numpy()
+        start = Start(first.x, first.q, np.zeros((1, FINE + 1, 3)))
+        found = stepped(moved, Drive(time[None], ends[None], clamp[None]), start)
+        held = np.concatenate([ends, clamp], axis=-1)[::STEPS]
         clips.append(Clip(time[::STEPS] + 10 * clip, found.x[0][::STEPS], held))
     return clips
 
@@ -84,10 +82,10 @@ def posed(folder: Path, weight: float = 0.0, poses: int = 12) -> Path:
     t = np.linspace(0, 2 * np.pi, poses)
     ends = np.tile(np.array([[0.0, 0, 0], OTHER_END]), (poses, 1, 1))
     ends[:, 0] += np.stack([0.15 * np.sin(t), 0.15 * np.cos(2 * t), 0.1 * np.cos(t)], axis=1)
-    clamp = level_clamps().repeat(poses, 1, 1)
-    found = settle(fine_rope(weight).rod, Conditions(torch.from_numpy(ends), clamp))
+    clamp = np.tile(level_clamps(), (poses, 1, 1))
+    found = settle(fine_rope(weight).rod, Conditions(ends, clamp))
     assert found.converged.all()
-    held = np.concatenate([ends, clamp.numpy()], axis=-1)
+    held = np.concatenate([ends, clamp], axis=-1)
     return _write_markers(folder, [Clip(np.arange(float(poses)), found.x, held)], 2e-4)
 
 

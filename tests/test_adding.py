@@ -144,17 +144,17 @@ assert torch.allclose(one, every / 2), (one, every)
 """
 
 TRY_RED_BLACK = """
-import torch
+import numpy as np, torch
 from ropefit.fitting.settings import IdentifySettings
 from ropefit.models.xpbd_rope import Algorithm, build_rope
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 from ropefit.solvers.xpbd.reference import Settings
 
-ends = torch.tensor([[[0.0, 0, 0], [0.5, 0, 0]]], dtype=torch.float64)
-gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+ends = np.array([[[0.0, 0, 0], [0.5, 0, 0]]])
 rope = uniform(length=1.0, segments=11, bend=1.0)
-setup = bare(rope, gravity, ends, torch.full((1, 2, 4), torch.nan), torch.zeros(3))
+pinned = np.full((1, 2, 4), np.nan)
+setup = bare(rope, np.array([0.0, 0.0, -9.81]), ends, pinned, np.zeros(3))
 weights = torch.tensor([[0.04, 1, 1e-9, 1e-9, 1e-9, 1]], dtype=torch.float64)
 for name in ("red_black", "jacobi"):
     IdentifySettings(solver=name)
@@ -175,7 +175,7 @@ def test_adding_a_distance_solver(tmp_path: Path) -> None:
 
 # A rope that hangs between pinned ends in six ways, and the fit to markers of what it becomes.
 ROPE = """
-import numpy as np, torch
+import numpy as np
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
@@ -186,17 +186,17 @@ from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import bare
 
-gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-ends = torch.zeros(6, 2, 3, dtype=torch.float64)
-ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
+gravity = np.array([0.0, 0.0, -9.81])
+ends = np.zeros((6, 2, 3))
+ends[:, 1, 0] = np.linspace(0.5, 0.85, 6)
 rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
-eye = torch.tensor([0.5, -1.5, 0.0])
-setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), eye)
+eye = np.array([0.5, -1.5, 0.0])
+setup = bare(rope, gravity, ends, np.full((6, 2, 4), np.nan), eye)
 
 def fitted(x):
     share = np.broadcast_to(np.linspace(0, 1, 41), (6, 41))
     points = x + 0.0005 * np.random.default_rng(0).normal(size=x.shape)
-    data = Data(points, share, np.ones((6, 41), bool), True, eye.numpy())
+    data = Data(points, share, np.ones((6, 41), bool), True, eye)
     problem = FitProblem(data, Noise(marker=0.0005), 40)
     return fit(Equilibrium(setup, [PARAMETERS["EI"].within(Range(3e-4, 1e-6, 1e-2))]), problem)
 """
@@ -208,12 +208,12 @@ from ropefit.diagnosis.sensitivities import Sensitivities
 
 import ropefit_jet
 
-gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-ends = torch.zeros(6, 2, 3, dtype=torch.float64)
-ends[:, 1, 0] = torch.linspace(0.5, 0.85, 6, dtype=torch.float64)
+gravity = np.array([0.0, 0.0, -9.81])
+ends = np.zeros((6, 2, 3))
+ends[:, 1, 0] = np.linspace(0.5, 0.85, 6)
 rope = uniform(length=1.0, segments=40, bend=4e-4, density=0.05)
-setup = bare(rope, gravity, ends, torch.full((6, 2, 4), torch.nan), torch.tensor([0.5, -1.5, 0.0]))
-blown = ropefit_jet.Jet().apply(setup, torch.tensor([0.0, 0.004, 0.0, 0.5]))
+setup = bare(rope, gravity, ends, np.full((6, 2, 4), np.nan), np.array([0.5, -1.5, 0.0]))
+blown = ropefit_jet.Jet().apply(setup, np.array([0.0, 0.004, 0.0, 0.5]))
 found = fitted(Equilibrium(blown, []).at(np.empty(0)).seen)
 responses, project = Sensitivities(found), Projection(found)
 best = max(
@@ -246,7 +246,7 @@ assert all(h.name != "post" for h in hypotheses(setup))
 import ropefit_post
 
 post = ropefit_post.Post()
-leaning = post.apply(setup, torch.tensor([0.02, 0.0, 0.03], dtype=torch.float64))
+leaning = post.apply(setup, np.array([0.02, 0.0, 0.03]))
 point = Equilibrium(leaning, []).at(np.empty(0))
 assert point.solution.converged.all()
 nominal = fitted(point.seen)

@@ -99,6 +99,7 @@ def test_every_module_is_imported_somewhere():
         }
     entry = {"ropefit", "ropefit.__main__", "ropefit.system", "ropefit.artifacts.export"}
     entry.add("ropefit.solvers.batched.simulate")  # public; called on an accelerator
+    entry.add("ropefit.solvers.dynamics.differentiable")  # public; the same in torch
     entry.add("ropefit.exporters.runners.settle_mujoco")  # run by the Python that has the simulator
     for path in sources():
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")

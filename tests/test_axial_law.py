@@ -17,10 +17,11 @@ from ropefit.rod.axial import TENSIONS, at_tension
 from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.differentiable import settle
 from ropefit.solvers.equilibrium.solve import solve
 from tests.concealed import nominal_fit, recorded, rope
 from tests.rods import NOT_HELD
+from tests.tensors import tensors
 from tests.test_laws import by_differences
 
 BENT = [0.5, 0.3, -0.4]
@@ -30,29 +31,28 @@ COMPLIANCE, WEIGHT = 0.02, 5.0
 def stretchy(segments: int, frames: int = 24, strain: float = 0.05) -> Setup:
     """A rope that stretches by `strain` under its own weight."""
     setup = rope(segments, frames)
-    soft = torch.tensor([strain / float(setup.weight)], dtype=torch.float64)
-    return AxialExtensibility().apply(setup, soft)
+    return AxialExtensibility().apply(setup, np.array([strain / float(setup.weight)]))
 
 
-def tensor(values: list[float] | list[list[float]]) -> torch.Tensor:
-    return torch.tensor(values, dtype=torch.float64)
+def array(values: list[float] | list[list[float]]) -> np.ndarray:
+    return np.array(values)
 
 
 def form(setup: Setup, name: str, value: float) -> Setup:
     one = next(f for f in AxialLaw().law(setup).forms if name in f.name)
-    return one.apply(setup, tensor([value]))
+    return one.apply(setup, array([value]))
 
 
 @pytest.mark.parametrize("power", [0.6, 0.0, -0.5])
 def test_a_chain_of_a_power_law_hangs_as_the_integral_says(power):
     """Without stiffness: x = ∫ H/T (1 + ε(T)) ds with T² = H² + (w s)²."""
     at = 2.0
-    axial = power * np.log(TENSIONS.numpy() / at)
+    axial = power * np.log(TENSIONS / at)
     p = uniform(
-        length=1.0, segments=200, bend=1e-9, axial=1 / COMPLIANCE, shear=torch.inf, density=WEIGHT
+        length=1.0, segments=200, bend=1e-9, axial=1 / COMPLIANCE, shear=np.inf, density=WEIGHT
     )
-    rod = build(p, tensor([0.0, 0.0, -1.0]), (False, False))
-    ends = tensor([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]])[None]
+    rod = build(p, array([0.0, 0.0, -1.0]), (False, False))
+    ends = array([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]])[None]
     found = solve(rod, Conditions(ends, NOT_HELD, axial=axial))
     assert found.converged.all()
 
@@ -72,7 +72,7 @@ def test_a_chain_of_a_power_law_hangs_as_the_integral_says(power):
 def test_no_law_is_the_linear_rope():
     setup = stretchy(40, 3)
     none = Equilibrium(setup, []).at(np.empty(0)).solution
-    same = AxialLaw().apply(setup, torch.zeros(3, dtype=torch.float64))
+    same = AxialLaw().apply(setup, np.zeros(3))
     zero = Equilibrium(same, []).at(np.empty(0)).solution
     np.testing.assert_allclose(zero.x, none.x, atol=1e-12)
 
@@ -91,9 +91,9 @@ def test_derivatives_beside_a_law_are_exact(beside):
     and under a force that turns with it."""
     setup = stretchy(30, 4, 0.1)
     if beside == "hysteresis":
-        setup = BendingHysteresis().apply(setup, tensor([1e-4, 1.0]))
+        setup = BendingHysteresis().apply(setup, array([1e-4, 1.0]))
     if beside == "follower":
-        setup = FollowerForce().apply(setup, tensor([0.05, 0.02, 0.1, 0.4]))
+        setup = FollowerForce().apply(setup, array([0.05, 0.02, 0.1, 0.4]))
     effect, free = AxialExtensibility(), np.full(1, np.inf)
     softer = Term(
         effect.name, effect.names, ("1/N",), effect.apply, np.array([0.01]), np.array([0.01]),
@@ -104,10 +104,10 @@ def test_derivatives_beside_a_law_are_exact(beside):
 
 def test_the_adjoint_agrees_with_differences():
     """In flexibility, length and load, for a loss of all nodes."""
-    setup = AxialLaw().apply(stretchy(20, 2, 0.1), tensor(BENT))
+    setup = AxialLaw().apply(stretchy(20, 2, 0.1), array(BENT))
     assert setup.axial is not None
-    held = Conditions(setup.ends, setup.clamp, axial=setup.axial.numpy())
-    start = setup.rod()
+    held = tensors(Conditions(setup.ends, setup.clamp, axial=setup.axial))
+    start = tensors(setup.rod())
     way = torch.randn(2, 21, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
 
     def loss(name: str, more: torch.Tensor) -> torch.Tensor:
@@ -131,11 +131,11 @@ def test_the_adjoint_agrees_with_differences():
 
 
 def test_the_curve_is_what_the_solver_does():
-    setup = AxialLaw().apply(stretchy(30, 2), tensor(BENT))
+    setup = AxialLaw().apply(stretchy(30, 2), array(BENT))
     assert setup.axial is not None
     tension = np.geomspace(0.02, 10.0, 40) * float(setup.weight)
     soft = float(1 / setup.properties.axial[0] + setup.stretch[0])
-    strain = soft * tension * np.exp(at_tension(setup.axial.numpy(), tension))
+    strain = soft * tension * np.exp(at_tension(setup.axial, tension))
     np.testing.assert_allclose(AxialLaw().law(setup).curve(setup, strain), tension, rtol=1e-9)
 
 
@@ -167,9 +167,9 @@ def test_a_form_is_its_formula(name, value, tension):
 
 
 def test_a_law_whose_strain_would_fall_is_held_to_one_that_grows():
-    setup = AxialLaw().apply(stretchy(30, 2), tensor([-0.9, 3.0, -3.0]))
+    setup = AxialLaw().apply(stretchy(30, 2), array([-0.9, 3.0, -3.0]))
     assert setup.axial is not None
-    assert (torch.diff(setup.axial) > -np.log(2.0) / 4).all()
+    assert (np.diff(setup.axial) > -np.log(2.0) / 4).all()
     assert Equilibrium(setup, []).at(np.empty(0)).converged.all()
 
 

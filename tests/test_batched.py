@@ -1,5 +1,6 @@
 """Equilibria as tensors on a device: those of the compiled path, with the same derivatives."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from ropefit.solvers.batched import solve as batched
 from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settled
+from ropefit.solvers.equilibrium.differentiable import settled
 from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.equilibrium.solve import solve
 from ropefit.solvers.status import Status
@@ -68,7 +69,7 @@ def test_states_and_gradients_of_the_compiled_path(name, handed_over):
         c = replace(conditions, **{k: leaves[k] for k in BY_FRAME if k in leaves})
         compiled = way == "compiled"
         solution = solve(r, c) if compiled else solve_batched(r, c, CPU)
-        state = settled(solution) if compiled else settled_batched(solution, CPU)
+        state = settled(solution, r, c) if compiled else settled_batched(solution, r, c, CPU)
         assert solution.converged.all()
         loss_of(state.x, state.q).backward()
         grads = {k: leaf.grad for k, leaf in leaves.items()}
@@ -90,16 +91,15 @@ def hanging(apart: torch.Tensor, bend: torch.Tensor) -> tuple[Rod, Conditions]:
     properties = uniform(length=1.0, segments=15, bend=bend, axial=50.0, density=1.0)
     ends = torch.zeros(len(apart), 2, 3, dtype=torch.float64)
     ends[:, 1, 0] = apart
-    return build(properties, DOWN, (False, False)), Conditions(
-        ends, NOT_HELD.repeat(len(apart), 1, 1)
-    )
+    pinned = torch.full((len(apart), 2, 4), torch.nan, dtype=torch.float64)
+    return build(properties, DOWN, (False, False)), Conditions(ends, pinned)
 
 
 def test_energy_is_stationary():
     """Judged by the physics as written once, apart from either solver."""
     rod, conditions = hanging(torch.tensor([0.3, 0.9]), torch.tensor([1e-3, 5e-3]))
     solution = solve_batched(rod, conditions, CPU)
-    state = settled_batched(solution, CPU)
+    state = settled_batched(solution, rod, conditions, CPU)
     assert solution.converged.all()
     clamp = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64).expand(2, 2, 4)
     x, q = state.x.clone().requires_grad_(), state.q.clone().requires_grad_()
@@ -116,7 +116,7 @@ def test_what_does_not_arrive_is_marked_or_finished(handed_over, monkeypatch):
     conditions.ends[1, 1, 0] = 1.2
     solution = solve_batched(short, conditions, CPU)
     assert solution.converged.tolist() == [True, False]
-    state = settled_batched(solution, CPU)
+    state = settled_batched(solution, short, conditions, CPU)
     assert torch.isfinite(state.x[0]).all()
     assert torch.isnan(state.x[1]).all()
     monkeypatch.setattr(batched, "STEPS", 3)
@@ -138,7 +138,7 @@ def test_every_tensor_is_made_on_the_device_asked_for():
     torch.set_default_device("meta")
     try:
         solution = solve_batched(rod, conditions, CPU, start=far)
-        state = settled_batched(solution, CPU)
+        state = settled_batched(solution, rod, conditions, CPU)
         state.x.sum().backward()
     finally:
         torch.set_default_device(None)
@@ -149,10 +149,10 @@ def test_every_tensor_is_made_on_the_device_asked_for():
 
 def test_search_settles_its_candidates_there():
     """A grid's losses and a gradient, with the device and without."""
-    ends = torch.zeros(2, 2, 3, dtype=torch.float64)
-    ends[:, 1, 0] = torch.tensor([0.4, 0.8])
+    ends = np.zeros((2, 2, 3))
+    ends[:, 1, 0] = [0.4, 0.8]
     properties = uniform(length=1.0, segments=16, bend=1e-3, density=0.05)
-    setup = bare(properties, DOWN, ends, NOT_HELD.repeat(2, 1, 1), torch.tensor([0.5, -1.0, 0.0]))
+    setup = bare(properties, DOWN, ends, np.tile(NOT_HELD, (2, 1, 1)), np.array([0.5, -1.0, 0.0]))
     rope = EquilibriumRope(setup, 2, 0, tied=True)
     seen = rope.settle(torch.tensor([4e-3, 1.0, torch.inf, 1.02], dtype=torch.float64).repeat(2, 1))
     everywhere = torch.ones(2, 9, dtype=torch.bool)
@@ -160,9 +160,9 @@ def test_search_settles_its_candidates_there():
         seen.x, everywhere, torch.arange(9).clamp_max(7).repeat(2, 1), seen.x, everywhere
     )
     camera = Pinhole(torch.ones(2), torch.zeros(2), torch.eye(3).double(), torch.zeros(3).double())
-    scene = Scene(data, data, camera, torch.ones(2), seen.x[:, 4], DOWN / 9.81)
+    scene = Scene(data, data, camera, torch.ones(2), seen.x[:, 4], torch.tensor(DOWN / 9.81))
     known = {name: PARAMETERS[name].range(setup) for name in NAMES}
-    known["EA"] = Range(torch.inf, 1.0, torch.inf)
+    known["EA"] = Range(math.inf, 1.0, math.inf)
     space = Space.of(NAMES, ["EI", "length"], {}, known)
     task = Task(rope, scene, OBJECTIVES["OBJ1"], space, torch.zeros(2, dtype=torch.int64))
     there = replace(task, rope=replace(rope, device=CPU))

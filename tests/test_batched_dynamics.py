@@ -7,7 +7,7 @@ import torch
 from ropefit.rod.fields import PLANE
 from ropefit.rod.moving import Moving
 from ropefit.solvers.batched.simulate import simulate_batched, step_batched
-from ropefit.solvers.dynamics.derivatives import simulate
+from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import solve
 from ropefit.solvers.status import Status

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.calm import calm, excess, pushes
 from ropefit.diagnosis.candidate import fit_candidate
@@ -37,7 +36,7 @@ def worst(found) -> float:
 
 def test_a_bar_is_found_where_it_pushes():
     free = rope(288)
-    there = Obstacle().apply(free, torch.tensor(BAR, dtype=torch.float64))
+    there = Obstacle().apply(free, np.array(BAR))
     moved = Equilibrium(there, []).at(np.empty(0)).seen - Equilibrium(free, []).at(np.empty(0)).seen
     touched = np.abs(moved).max(axis=(1, 2)) > 1e-3
     assert 2 <= touched.sum() <= 5

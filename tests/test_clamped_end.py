@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.diagnosis.candidate import fit_candidate
@@ -31,7 +30,7 @@ def test_the_scan_sees_what_a_soft_clamp_does(end):
     x = point.solution.x
     parts = point.by_loads(1, lambda index: effect.unit_loads(setup, x[index], way))
     scanned = soft * np.concatenate([moved for _, moved in parts], axis=1)[0]
-    changed = effect.apply(setup, torch.tensor([soft, *way], dtype=torch.float64))
+    changed = effect.apply(setup, np.array([soft, *way]))
     moved = Equilibrium(changed, [], point.solution).at(np.empty(0)).seen - point.seen
     assert np.abs(moved).max() > 1e-7
     # The clamp bends the rope half a segment away from where the load does.
@@ -102,7 +101,7 @@ def test_ends_that_are_seen_are_no_clamps(tilted):
     rng = np.random.default_rng(107)
     off = 0.004 * rng.normal(size=(1, 2, 3)) + 0.002 * rng.normal(size=(12, 2, 3))
     coarse = rope(144, bend=3e-4)
-    coarse = coarse._replace(ends=coarse.ends + torch.from_numpy(off))
+    coarse = coarse._replace(ends=coarse.ends + off)
     terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0)), PARAMETERS["length"].term(coarse)]
     nuisances = calibration(coarse, Priors(end_position=0.005), True)
     nominal = fit(Equilibrium(coarse, [*terms, *nuisances]), FitProblem(data, Noise(), BINS))

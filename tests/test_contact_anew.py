@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import compared
@@ -104,7 +103,7 @@ def bar() -> Any:
     """A rope on a bar, with the fit of that bar, cut off after a few steps from beside it."""
     free = rope(288)
     true = bar_under(free)
-    nominal = nominal_fit(recorded(Obstacle().apply(free, torch.from_numpy(true)), seed=6))
+    nominal = nominal_fit(recorded(Obstacle().apply(free, true), seed=6))
     hypothesis, start = Hypothesis(Obstacle(), NO_PLACE), true.copy()
     start[0] += 0.004
     term = hypothesis.term(nominal.forward.base, start)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.proposals import Start, proposals
@@ -42,12 +41,12 @@ def fitted(current: Fit, start: Start) -> Candidate:
 
 
 def test_bodies_of_a_setup():
-    setup = SupportPlane().apply(driven(24), torch.tensor([HEIGHT, 0.1, 0.0], dtype=torch.float64))
-    setup = Obstacle().apply(setup, torch.tensor([*BARRED, 0.3], dtype=torch.float64))
+    setup = SupportPlane().apply(driven(24), np.array([HEIGHT, 0.1, 0.0]))
+    setup = Obstacle().apply(setup, np.array([*BARRED, 0.3]))
     bodies = setup.bodies
     assert bodies is not None
     assert bodies[:, 7].tolist() == [PLANE, BAR]
-    assert bodies[:, 3:6].norm(dim=-1) == pytest.approx(torch.ones(2).numpy())
+    assert np.linalg.norm(bodies[:, 3:6], axis=-1) == pytest.approx(np.ones(2))
     assert float(bodies[1, 6]) == BARRED[3]
     assert not setup.potentials
 
@@ -92,7 +91,7 @@ def test_a_bar_that_is_entered_deeply_is_proposed_though_it_removes_little():
         misfit: Any = SimpleNamespace(
             frame=np.zeros(60, int), places=places, moves=moves, setup=driven(24)
         )
-        origin = middle_of(misfit.setup).numpy()
+        origin = middle_of(misfit.setup)
         misfit.places = places + origin
         found = bars_below(misfit, np.array([0.0, 1.0, 0.0]))
         assert bool(found) == (lifted > 0.02)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates
@@ -42,8 +41,8 @@ def test_a_table_is_found_although_the_camera_is_off(higher):
     free = rope(288)
     lowest = np.sort(Equilibrium(free, []).at(np.empty(0)).seen[..., 2].min(axis=1))
     height = lowest[1] + DEPTH - float(middle_of(free)[2])
-    table = SupportPlane().apply(free, torch.tensor([height, 0.0, 0.0], dtype=torch.float64))
-    off = torch.tensor([0.0, 0.0, higher], dtype=torch.float64)
+    table = SupportPlane().apply(free, np.array([height, 0.0, 0.0]))
+    off = np.array([0.0, 0.0, higher])
     data = recorded(shift_camera(table, off), seed=8)
     nominal = nominal_fit(data)
     data = data.settled(nominal.point.seen)
@@ -62,13 +61,13 @@ def test_bars_are_tried_where_a_slope_bears_the_rope():
     free, slopes = rope(288), np.array([0.1, -0.05])
     lowest = np.sort(Equilibrium(free, []).at(np.empty(0)).seen[..., 2].min(axis=1))
     height = lowest[1] + DEPTH - float(middle_of(free)[2])
-    values = torch.tensor([height, *slopes], dtype=torch.float64)
+    values = np.array([height, *slopes])
     point = Equilibrium(SupportPlane().apply(free, values), []).at(np.empty(0))
-    starts = Obstacle().starts_beside(SupportPlane(), values.numpy(), of(point))
-    first, second = (axis.numpy() for axis in horizontal(free.gravity))
+    starts = Obstacle().starts_beside(SupportPlane(), values, of(point))
+    first, second = horizontal(free.gravity)
     normal = np.array([0.0, 0.0, 1.0]) - slopes[0] * first - slopes[1] * second
     normal /= np.linalg.norm(normal)
-    nodes = point.seen - middle_of(free).numpy()
+    nodes = point.seen - middle_of(free)
     radii = []
     for (at,) in starts:
         top = at[:3] + at[3] * normal
@@ -81,18 +80,18 @@ def test_bars_are_tried_where_a_slope_bears_the_rope():
 def test_a_plane_is_tried_where_a_bar_bears_the_rope():
     """In few frames a plane that touches the bar where the rope does is as good."""
     free = rope(288)
-    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free)
     frame = int(nodes[..., 2].min(axis=1).argmin())
     low = nodes[frame, nodes[frame, :, 2].argmin()]
     radius, heading = 0.03, heading_across(free)
     beside = np.array([0.01, 0.0, DEPTH - radius])
     values = np.array([*(low + beside), radius, heading])
-    point = Equilibrium(Obstacle().apply(free, torch.from_numpy(values)), []).at(np.empty(0))
+    point = Equilibrium(Obstacle().apply(free, values), []).at(np.empty(0))
     ((tangent, level),) = SupportPlane().starts_beside(Obstacle(), values, of(point))
     assert np.abs(tangent[1:]).max() > 0.01
-    touched = Equilibrium(SupportPlane().apply(free, torch.from_numpy(tangent)), [])
+    touched = Equilibrium(SupportPlane().apply(free, tangent), [])
     apart = np.linalg.norm(touched.at(np.empty(0)).seen - point.seen, axis=-1)[frame]
-    moved = np.linalg.norm(point.seen[frame] - nodes[frame] - middle_of(free).numpy(), axis=-1)
+    moved = np.linalg.norm(point.seen[frame] - nodes[frame] - middle_of(free), axis=-1)
     assert apart.max() < 0.25 * moved.max()
     assert level[0] == pytest.approx(low[2] + DEPTH, abs=0.002)
     assert not level[1:].any()
@@ -118,13 +117,13 @@ def test_no_plane_is_proposed_beside_a_plane():
 def test_a_bar_is_also_tried_to_either_side():
     """Frames in which a bar is not touched where a fit ended do not pull it there."""
     free = rope(288)
-    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free).numpy()
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen - middle_of(free)
     low = nodes.reshape(-1, 3)[nodes[..., 2].argmin()]
     low[2] += DEPTH - 0.03
     values = np.array([*low, 0.03, heading_across(free)])
-    point = Equilibrium(Obstacle().apply(free, torch.from_numpy(values)), []).at(np.empty(0))
+    point = Equilibrium(Obstacle().apply(free, values), []).at(np.empty(0))
     (one,), (other,) = Obstacle().starts_beside(Obstacle(), values, of(point))
-    first, second = (axis.numpy() for axis in horizontal(free.gravity))
+    first, second = horizontal(free.gravity)
     along = np.cos(values[4]) * first + np.sin(values[4]) * second
     for at, sign in ((one, 1.0), (other, -1.0)):
         moved = at[:3] - values[:3]
@@ -138,7 +137,7 @@ def test_a_bar_is_also_tried_to_either_side():
 def test_a_bar_whose_fit_ends_elsewhere_is_found_from_the_side():
     free = rope(288)
     true = bar_under(free)
-    nominal = nominal_fit(recorded(Obstacle().apply(free, torch.from_numpy(true)), seed=6))
+    nominal = nominal_fit(recorded(Obstacle().apply(free, true), seed=6))
     bar, start = Hypothesis(Obstacle(), NO_PLACE), true.copy()
     start[0] += 0.03
     alone = fit_candidate(nominal, bar, start)
@@ -162,7 +161,7 @@ def test_planes_one_after_the_other_do_not_mix():
     free = rope(288, 6)
     low = float(Equilibrium(free, []).at(np.empty(0)).seen[..., 2].min())
     height = low + DEPTH - float(middle_of(free)[2])
-    table = SupportPlane().apply(free, torch.tensor([height, 0.0, 0.0], dtype=torch.float64))
+    table = SupportPlane().apply(free, np.array([height, 0.0, 0.0]))
     nominal = nominal_fit(recorded(table, seed=9), 72)
     hypothesis = Hypothesis(SupportPlane(), NO_PLACE)
     first = fit_candidate(nominal, hypothesis, np.array([height, 0.0, 0.0]))

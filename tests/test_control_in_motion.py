@@ -36,7 +36,7 @@ GRIPPER = np.array([0.12, -0.08, 0.06])  # where no frame has it
 
 def target_shape(folder: Path) -> Path:
     """Write points of the true rope at rest, with its end 0 at GRIPPER, level as recorded."""
-    ends = torch.tensor(np.stack([GRIPPER, OTHER_END])[None])
+    ends = np.stack([GRIPPER, OTHER_END])[None]
     found = settle(fine_rope(WEIGHT).rod, Conditions(ends, level_clamps()[None]))
     assert found.converged.all()
     every = FINE // (MARKERS - 1)
@@ -109,14 +109,14 @@ def held_rope(first: float, last: float) -> GrippedRope:
     """A clamped rope of 1 m, held straight up to `first` and from `last` on."""
     p = uniform(length=last - first, segments=48, bend=2e-3, density=0.08)
     tilt = [quaternion_along(np.array(v)) for v in ((1.0, 0.2, -1), (1.0, 0, 1))]
-    clamp = torch.from_numpy(np.stack(tilt))[None]
+    clamp = np.stack(tilt)[None]
     tangent = director(clamp)
-    outer = torch.stack([first * tangent[0, 0], -(1 - last) * tangent[0, 1]])[None]
-    ends = torch.tensor([[[0.0, 0, 0], [0.6, 0.1, 0.1]]], dtype=torch.float64) + outer
-    setup = bare(p, DOWN, ends, clamp, torch.tensor([0.0, -2, 0], dtype=torch.float64))
+    outer = np.stack([first * tangent[0, 0], -(1 - last) * tangent[0, 1]])[None]
+    ends = np.array([[[0.0, 0, 0], [0.6, 0.1, 0.1]]]) + outer
+    setup = bare(p, DOWN, ends, clamp, np.array([0.0, -2, 0]))
     inner = EquilibriumRope(setup, 1, 0, recorded=ends)
     arc, nodes = np.linspace(0, 1, 21), np.linspace(first, last, 49)
-    return GrippedRope(inner, outer, gripped(nodes, arc), torch.arange(1, 41, 2))
+    return GrippedRope(inner, outer, gripped(nodes, arc), np.arange(1, 41, 2))
 
 
 VALUES = torch.tensor([[2e-3, 2e-3, torch.inf, 1.0]], dtype=torch.float64)

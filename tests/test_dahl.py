@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.effects import GradualFriction
 from ropefit.rod.dahl import strained
@@ -73,9 +72,7 @@ def test_derivatives_through_the_history_are_exact():
 
 def test_the_solver_takes_the_same_law():
     """What balances the rope in a frame is the strain of the memory, in two dimensions."""
-    setup = GradualFriction().apply(
-        there_and_back(40, 12), torch.tensor([3e-4, 1.0], dtype=torch.float64)
-    )
+    setup = GradualFriction().apply(there_and_back(40, 12), np.array([3e-4, 1.0]))
     point = settled(setup)
     step = point.steps[7]
     elements = step.solution.conditions.friction_elements

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.artifacts.model import Calibration
@@ -159,7 +158,7 @@ def test_gravity_is_proposed_from_the_stated_ends():
     """Ends that are read off the data are moved far by a fit that finds no other way."""
     misfit = misfit_of(confused_axes())
     (expected,) = GravityMisalignment().starts(misfit)
-    ends = misfit.setup.ends + torch.tensor([0.0, -0.3, 0.3], dtype=torch.float64)
+    ends = misfit.setup.ends + np.array([0.0, -0.3, 0.3])
     (proposed,) = GravityMisalignment().starts(
         replace(misfit, setup=misfit.setup._replace(ends=ends))
     )
@@ -226,14 +225,14 @@ def test_a_rope_about_to_fall_over_is_on_the_edge():
     # Held upright at its lower end, a rope falls over where weight L³ / EI passes 7.837.
     bend = 1.02 * density * gravity * length**3 / 7.837  # Greenhill
     made = uniform(length=length, segments=60, bend=bend, density=density)
-    ends = torch.zeros(2, 2, 3, dtype=torch.float64)
-    ends[:, 1] = torch.nan
-    up = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)  # tangent along +z
-    down = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=torch.float64)
-    clamp = torch.full((2, 2, 4), torch.nan, dtype=torch.float64)
-    clamp[:, 0] = torch.stack([up, down])
-    down_ = torch.tensor([0.0, 0.0, -gravity], dtype=torch.float64)
-    setup = bare(made, down_, ends, clamp, torch.tensor(EYE, dtype=torch.float64))
+    ends = np.zeros((2, 2, 3))
+    ends[:, 1] = np.nan
+    up = np.array([1.0, 0.0, 0.0, 0.0])  # tangent along +z
+    down = np.array([0.0, 1.0, 0.0, 0.0])
+    clamp = np.full((2, 2, 4), np.nan)
+    clamp[:, 0] = np.stack([up, down])
+    down_ = np.array([0.0, 0.0, -gravity])
+    setup = bare(made, down_, ends, clamp, np.array(EYE))
     seen = Equilibrium(setup, []).at(np.empty(0)).seen
     share = np.tile(np.linspace(0, 1, seen.shape[1]), (2, 1))
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
@@ -259,14 +258,14 @@ def test_held_out_blocks_support_an_effect(gains, supported):
 def test_a_softer_rope_passes_for_a_heavier_tip():
     length, frames = 0.6, 5
     made = uniform(length=length, segments=60, bend=0.02, density=0.05)
-    ends = torch.zeros(frames, 2, 3, dtype=torch.float64)
-    ends[:, 1] = torch.nan
-    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    ends = np.zeros((frames, 2, 3))
+    ends[:, 1] = np.nan
+    clamp = np.full((frames, 2, 4), np.nan)
     for t, tilt in enumerate(np.radians([70, 80, 90, 100, 110])):  # of the tangent to the vertical
-        half = torch.tensor([np.cos(tilt / 2), 0.0, np.sin(tilt / 2), 0.0])
+        half = np.array([np.cos(tilt / 2), 0.0, np.sin(tilt / 2), 0.0])
         clamp[t, 0] = half
-    down = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-    setup = bare(made, down, ends, clamp, torch.tensor(EYE, dtype=torch.float64))
+    down = np.array([0.0, 0.0, -9.81])
+    setup = bare(made, down, ends, clamp, np.array(EYE))
     seen = Equilibrium(setup, []).at(np.empty(0)).seen
     share = np.tile(np.linspace(0, 1, seen.shape[1]), (frames, 1))
     data = Data(seen, share, np.ones(share.shape, bool), True, np.array(EYE))
@@ -342,7 +341,7 @@ def test_effects_are_weighed_again_beside_a_later_one():
     effects = [(StiffSection(), [0.5, 0.6, 0.2]), (PointMass(), [0.003, 0.25])]
     setup = rope(288)
     for effect, values in effects:
-        setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+        setup = effect.apply(setup, np.array(values))
     data = recorded(setup, seed=5)
     nominal = nominal_fit(data)
     data = data.settled(nominal.point.seen)

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.end_path import end_path
 from ropefit.adapters.motion_of import motion_of
@@ -26,22 +25,22 @@ from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Motion, bare
 
 FRAMES, SEGMENTS, EI = 8, 40, 0.02
-DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+DOWN = np.array([0.0, 0.0, -9.81])
 
 
 def shaken():
     """A rope of 1 kg between two clamps, in frames that accelerate, and where it is seen."""
     rng = np.random.default_rng(0)
     p = uniform(length=1.0, segments=SEGMENTS, bend=EI, density=1.0)
-    ends = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
-    ends[:, 1, 0] = torch.from_numpy(rng.uniform(0.4, 0.7, FRAMES))
+    ends = np.zeros((FRAMES, 2, 3))
+    ends[:, 1, 0] = rng.uniform(0.4, 0.7, FRAMES)
     level = np.stack([quaternion_along(np.array(v)) for v in ((0.2, 0.0, -1), (0.2, 0.0, 1))])
-    clamp = torch.from_numpy(level).expand(FRAMES, 2, 4).clone()
-    still = bare(p, DOWN, ends, clamp, torch.tensor([0.0, -2, 0]).double())
-    bump = torch.sin(torch.linspace(0, torch.pi, SEGMENTS + 1, dtype=torch.float64))[:, None]
-    acceleration = bump * torch.from_numpy(rng.normal(scale=4.0, size=(FRAMES, 1, 3)))
+    clamp = np.tile(level, (FRAMES, 1, 1))
+    still = bare(p, DOWN, ends, clamp, np.array([0.0, -2, 0]))
+    bump = np.sin(np.linspace(0, np.pi, SEGMENTS + 1))[:, None]
+    acceleration = bump * rng.normal(scale=4.0, size=(FRAMES, 1, 3))
     moving = still._replace(motion=Motion(0 * acceleration, acceleration))
-    true = Inertia().apply(moving, torch.ones(1, dtype=torch.float64))
+    true = Inertia().apply(moving, np.ones(1))
     seen = Equilibrium(true, []).at(np.empty(0))
     assert seen.solution.converged.all()
     nodes = np.arange(4, SEGMENTS, 4)
@@ -75,12 +74,12 @@ def test_the_grippers_clock_is_an_error_of_the_set_up_wherever_the_ends_move():
     setup, _ = shaken()
     time = 0.5 * np.arange(FRAMES)
     ends = np.zeros((FRAMES, 2, 3)) + time[:, None, None]
-    path = end_path(time, np.arange(FRAMES), ends, setup.clamp.numpy(), 1.0)
+    path = end_path(time, np.arange(FRAMES), ends, setup.clamp, 1.0)
     moving = setup._replace(end_path=path)
     known = Priors(time_lag=0.004)
     (clock,) = (t for t in calibration(moving, known, False) if t.name == "clock")
     np.testing.assert_allclose(clock.prior, 0.004)
-    late = clock.apply(moving, torch.tensor([0.01], dtype=torch.float64))
+    late = clock.apply(moving, np.array([0.01]))
     np.testing.assert_allclose(late.ends - moving.ends, 0.01)
     for still, shared in ((setup, False), (moving, True)):
         assert all(t.name != "clock" for t in calibration(still, known, shared))

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.acceptance import _allowed_for
 from ropefit.diagnosis.held_out import block_of_rows, predicted
@@ -28,7 +27,7 @@ from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
 
 LENGTH, WEIGHT, EI, FRAMES, STEP = 0.9, 0.08, 1.5e-3, 90, 0.01
-DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+DOWN = np.array([0.0, 0.0, -9.81])
 FREE = ("EI", "bend_damping", "air_damping")
 
 
@@ -37,19 +36,19 @@ def driven(segments: int, clips: int = 2) -> Setup:
     p = uniform(length=LENGTH, segments=segments, bend=EI, twist=EI, density=WEIGHT / LENGTH)
     time = np.arange(FRAMES) * STEP
     grow = np.minimum(time / 0.3, 1) ** 2
-    ends = torch.zeros(clips * FRAMES, 2, 3, dtype=torch.float64)
-    ends[:, 1] = torch.tensor([0.55, 0.05, 0.1])
+    ends = np.zeros((clips * FRAMES, 2, 3))
+    ends[:, 1] = [0.55, 0.05, 0.1]
     for k in range(clips):
         sway = [
             0.08 * np.sin((5 + k) * time),
             0.1 * np.sin((7 - k) * time),
             0.05 * np.sin(9 * time),
         ]
-        ends[k * FRAMES : (k + 1) * FRAMES, 0] = torch.from_numpy(grow[:, None] * np.stack(sway, 1))
+        ends[k * FRAMES : (k + 1) * FRAMES, 0] = grow[:, None] * np.stack(sway, 1)
     level = np.stack([quaternion_along(np.array(v)) for v in ((1.0, 0, -1), (1.0, 0, 1))])
-    clamp = torch.from_numpy(level).expand(len(ends), 2, 4).clone()
-    loss = Damping(*(torch.full((segments,), v).double() for v in (1e-4, 1e-4, 0.0, 0.03)))
-    setup = bare(p, DOWN, ends, clamp, torch.tensor([0.0, -2.0, 0.0]).double())
+    clamp = np.tile(level, (len(ends), 1, 1))
+    loss = Damping(*(np.full(segments, v) for v in (1e-4, 1e-4, 0.0, 0.03)))
+    setup = bare(p, DOWN, ends, clamp, np.array([0.0, -2.0, 0.0]))
     return setup._replace(damping=loss)
 
 
@@ -67,8 +66,8 @@ def recorded(
     """Centrelines at 13 places and markers with noise, of a rope twice as fine as is fitted."""
     setup = driven(segments)
     if effect:
-        setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
-    still = np.linspace(setup.ends[:, 0].numpy(), setup.ends[:, 1].numpy(), 13, axis=1)
+        setup = effect.apply(setup, np.array(values))
+    still = np.linspace(setup.ends[:, 0], setup.ends[:, 1], 13, axis=1)
     still[:, :, 2] -= 0.3 * np.sin(np.linspace(0, np.pi, 13))
     x = model(setup, still).at(np.empty(0)).seen[:, :: segments // 12]
     rng = np.random.default_rng(seed)

@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-import torch
 from scipy.interpolate import CubicSpline
 
 from benchmarks.discovery import filming, made
@@ -42,18 +41,16 @@ def test_the_rope_moves_as_an_independent_solver_says(setting, film, picture):
     """The same motion, far from the shapes at rest."""
     rod = setting.rod
     p = uniform(length=rod.length, segments=SEGMENTS, bend=rod.bending, density=rod.density)
-    zero = torch.zeros(SEGMENTS, dtype=torch.float64)
-    built = build(p, torch.tensor(rod.gravity, dtype=torch.float64), (False, False))
+    zero = np.zeros(SEGMENTS)
+    built = build(p, np.array(rod.gravity), (False, False))
     rope = moving(p, built, Damping(zero, zero, zero, zero + film.drag * rod.density))
     time = np.arange(0.0, filming.times(film)[-1] + STEP, STEP)
     pose = filming.path(setting.held, film)
     ends = np.stack([[pose(t)[0], setting.held.positions[0, 1]] for t in time])[None]
-    clamp = torch.full((1, len(time), 2, 4), torch.nan, dtype=torch.float64)
-    ends = torch.from_numpy(ends)
+    clamp = np.full((1, len(time), 2, 4), np.nan)
     still = settle(built, Conditions(ends[:, 0], clamp[:, 0]))
-    x = torch.from_numpy(still.x)
-    start = Start(x, torch.from_numpy(still.q), torch.zeros_like(x))
-    found = solve(rope, Drive(torch.from_numpy(time)[None], ends, clamp), start)
+    start = Start(still.x, still.q, np.zeros_like(still.x))
+    found = solve(rope, Drive(time[None], ends, clamp), start)
     assert found.converged.all(), found.why()
     at = np.linspace(0.1, 0.9, 9)
     mine = CubicSpline(time, found.x[0], axis=0)(filming.times(film))

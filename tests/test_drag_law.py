@@ -6,7 +6,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.forms import described
 from ropefit.diagnosis.search import search
@@ -25,15 +24,15 @@ AIR, POWER = 0.8, 2.0  # N/m at 1 m/s
 class Grown:
     """The air as it is: AIR v^POWER. Not an `Effect`, which every search would look for."""
 
-    def apply(self, setup: Setup, values: torch.Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         assert setup.damping is not None
-        air = torch.full_like(setup.damping.air, AIR)
-        law = (POWER - 1) * torch.log(DRAG_SPEEDS)
+        air = np.full_like(setup.damping.air, AIR)
+        law = (POWER - 1) * np.log(DRAG_SPEEDS)
         return setup._replace(damping=setup.damping._replace(air=air), drag=law)
 
 
 def test_the_curve_told_is_the_drag_that_acts():
-    setup = Grown().apply(driven(12), torch.zeros(0))
+    setup = Grown().apply(driven(12), np.zeros(0))
     law = DragLaw().law(setup)
     speed = np.array([0.05, 0.3, 2.0])
     assert law.curve(setup, speed) == pytest.approx(AIR * speed**POWER, rel=0.02)
@@ -45,7 +44,7 @@ def test_the_curve_told_is_the_drag_that_acts():
 @pytest.mark.parametrize("values", [[0.7, -0.4, 0.5], [0.0, 0.0, 0.0]])
 def test_the_effect_keeps_the_drag_at_its_middle_speed(values):
     setup, effect = driven(12), DragLaw()
-    with_law = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+    with_law = effect.apply(setup, np.array(values))
     law, middle = effect.law(setup), np.array([3.0 * 0.9**0.5 * 0.1448])  # √(g L) / √48
     near = law.curve(with_law, middle) / law.curve(setup, middle)
     assert near == pytest.approx(1.0, abs=0.12)  # the knots are an octave apart
@@ -58,16 +57,16 @@ def test_derivatives_are_those_of_differences():
     lines, _ = recorded(cast(Effect, Grown()), [], seed=0)
     effect = DragLaw()
     forward = model(driven(12), lines)
-    values = torch.tensor([0.6, 0.3, -0.3], dtype=torch.float64)
+    values = np.array([0.6, 0.3, -0.3])
     law = effect.apply(forward.base, values)
     forward.base = law
     point = forward.at(np.empty(0))
     assert point.converged.all()
     for k in range(3):
-        step = torch.zeros(3, dtype=torch.float64)
+        step = np.zeros(3)
         step[k] = 1.0
 
-        def changed(amount: float, step: torch.Tensor = step) -> Setup:
+        def changed(amount: float, step: np.ndarray = step) -> Setup:
             return effect.apply(law._replace(drag=None), values + amount * step)
 
         sides = []
@@ -83,13 +82,13 @@ def test_derivatives_are_those_of_differences():
 
 
 def test_the_finer_mesh_has_the_same_law_and_springs():
-    springs = torch.linspace(0.1, 0.4, 13, dtype=torch.float64)
-    setup = Grown().apply(driven(12), torch.zeros(0))._replace(springs=springs)
+    springs = np.linspace(0.1, 0.4, 13)
+    setup = Grown().apply(driven(12), np.zeros(0))._replace(springs=springs)
     fine = refined(setup)
     assert fine is not None
     assert fine.springs is not None
     assert fine.drag is setup.drag
-    assert torch.equal(fine.springs[::2], springs)
+    assert np.array_equal(fine.springs[::2], springs)
     assert not fine.springs[1::2].any()
 
 

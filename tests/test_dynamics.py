@@ -4,20 +4,20 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from scipy import optimize, special
 
 from ropefit.rod.moving import DRAG_SPEEDS
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.dynamics.derivatives import simulate
+from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import solve
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.moving_ropes import ALONG_X, DOWN, hung, in_plane, rope, stepped, turned
+from tests.tensors import tensors
 
 G = 9.81
-STILL = torch.zeros(3, dtype=torch.float64)
+STILL = np.zeros(3)
 
 
 def pendulum(time: np.ndarray, angle: float, length: float) -> np.ndarray:
@@ -119,7 +119,7 @@ def beam(mode: int, segments: int, loss: float = 0.0) -> tuple[np.ndarray, np.nd
     along = np.sqrt((length / segments) ** 2 - edge**2)
     x = np.stack([1e-4 * shape, 0 * s, np.r_[0.0, along.cumsum()]], axis=1)
     time = np.arange(0, 1.5 * 2 * math.pi / omega, 2 * math.pi / omega / 400)
-    upright = torch.tensor([1.0, 0, 0, 0], dtype=torch.float64)
+    upright = np.array([1.0, 0, 0, 0])
     moved = rope(p, STILL, (True, False), bend=bend * loss)
     return stepped(moved, hung(time, upright), in_plane(x)).x[0, :, -1, 0], time, omega
 
@@ -152,7 +152,7 @@ def test_drag_that_grows_as_a_power_of_speed(power):
     """A pendulum's swing A under c v^n: dA/dt = -c w^n A^n k, k the mean of |cos|^(n+1) over m."""
     length, drag, first = 0.5, 0.8, 0.06
     p = uniform(length=length, segments=1, bend=1.0, density=0.3)
-    law = (power - 1) * torch.log(DRAG_SPEEDS)
+    law = (power - 1) * np.log(DRAG_SPEEDS)
     moved = rope(p, air=drag)._replace(drag=law)
     time = np.arange(0, 12, 0.004)
     x = np.array([[0.0, 0, 0], [first, 0, -math.sqrt(length**2 - first**2)]])
@@ -171,8 +171,8 @@ def test_a_spring_to_a_fixed_point():
     p = uniform(length=length, segments=1, bend=1.0, density=density)
     mass, time = density * length / 2, np.arange(0, 6, 0.002)
     moved = rope(p)
-    spring = torch.tensor([0.0, stiffness], dtype=torch.float64)
-    anchor = torch.tensor([0.02, 0.0, -length], dtype=torch.float64)
+    spring = np.array([0.0, stiffness])
+    anchor = np.array([0.02, 0.0, -length])
     load = moved.rod.load + spring[:, None] * anchor
     moved = moved._replace(spring=spring, rod=moved.rod._replace(load=load))
     found = stepped(moved, hung(time), in_plane(np.array([[0.0, 0, 0], [0, 0, -length]])))
@@ -203,8 +203,8 @@ def bent_between_clamps(axial: float, segments: int = 16) -> tuple:
         length=1.0, segments=segments, bend=2e-3, axial=axial, density=0.06,
         curvature=(0.8, 0.5, 0.6),
     )  # fmt: skip
-    ends = torch.tensor([[0.0, 0, 0], [0.7, 0.1, 0.05]], dtype=torch.float64)
-    turn = torch.tensor([[0.2, 0.1, 0.4], [-0.3, 0.2, 0]], dtype=torch.float64)
+    ends = np.array([[0.0, 0, 0], [0.7, 0.1, 0.05]])
+    turn = np.array([[0.2, 0.1, 0.4], [-0.3, 0.2, 0]])
     return p, ends, turned(ALONG_X, turn)
 
 
@@ -214,11 +214,9 @@ def test_comes_to_rest_at_the_equilibrium(axial):
     p, ends, clamp = bent_between_clamps(axial)
     still = settle(build(p, DOWN, (True, True)), Conditions(ends[None], clamp[None]))
     away = settle(build(p, 0.2 * DOWN, (True, True)), Conditions(ends[None], clamp[None]))
-    time = torch.arange(600, dtype=torch.float64)[None] * 0.05
-    drive = Drive(time, ends.expand(1, 600, 2, 3), clamp.expand(1, 600, 2, 4))
-    start = Start(
-        torch.from_numpy(away.x), torch.from_numpy(away.q), torch.zeros(1, 17, 3).double()
-    )
+    time = np.arange(600)[None] * 0.05
+    drive = Drive(time, np.tile(ends, (1, 600, 1, 1)), np.tile(clamp, (1, 600, 1, 1)))
+    start = Start(away.x, away.q, np.zeros((1, 17, 3)))
     moved = rope(p, clamped=(True, True), bend=2e-4, twist=2e-4, stretch=0.5, air=0.1)
     found = stepped(moved, drive, start)
     assert np.abs(away.x - still.x).max() > 0.01
@@ -232,13 +230,11 @@ def test_stiff_against_stretch_at_ten_milliseconds():
     for axial in (math.inf, 1e6):
         p, ends, clamp = bent_between_clamps(axial)
         start = settle(build(p, DOWN, (True, True)), Conditions(ends[None], clamp[None]))
-        time = torch.arange(500, dtype=torch.float64) * 0.01
-        shake = 0.1 * torch.stack([0 * time, torch.sin(8 * time), torch.sin(5 * time)], dim=-1)
-        path = ends[None, None] + torch.stack([shake, 0 * shake], dim=1)[None]
-        drive = Drive(time[None], path, clamp.expand(1, 500, 2, 4))
-        first = Start(
-            torch.from_numpy(start.x), torch.from_numpy(start.q), torch.zeros(1, 17, 3).double()
-        )
+        time = np.arange(500) * 0.01
+        shake = 0.1 * np.stack([0 * time, np.sin(8 * time), np.sin(5 * time)], axis=-1)
+        path = ends[None, None] + np.stack([shake, 0 * shake], axis=1)[None]
+        drive = Drive(time[None], path, np.tile(clamp, (1, 500, 1, 1)))
+        first = Start(start.x, start.q, np.zeros((1, 17, 3)))
         found.append(stepped(rope(p, clamped=(True, True)), drive, first).x)
     assert np.abs(found[0]).max() < 2.0
     assert np.abs(found[0] - found[1]).max() < 2e-3
@@ -247,14 +243,13 @@ def test_stiff_against_stretch_at_ten_milliseconds():
 def test_a_pinned_rope_swung_in_space_is_stepped_quickly():
     """Nothing holds its spin: rounding must not be taken for it."""
     p = uniform(length=1.0, segments=60, bend=3e-4, density=0.05)
-    time = torch.arange(200, dtype=torch.float64) * 0.01
+    time = np.arange(200) * 0.01
     slow = 0.2 * time**3
-    moving = torch.stack([0.1 * torch.sin(slow), 0.6 + 0.2 * torch.cos(slow), 0.1 * slow], dim=-1)
-    path = torch.stack([moving, torch.zeros_like(moving)], dim=1)[None]
-    clamp = torch.full((1, 200, 2, 4), torch.nan, dtype=torch.float64)
+    moving = np.stack([0.1 * np.sin(slow), 0.6 + 0.2 * np.cos(slow), 0.1 * slow], axis=-1)
+    path = np.stack([moving, np.zeros_like(moving)], axis=1)[None]
+    clamp = np.full((1, 200, 2, 4), np.nan)
     still = settle(build(p, DOWN, (False, False)), Conditions(path[:, 0], clamp[:, 0]))
-    x = torch.from_numpy(still.x)
-    start = Start(x, torch.from_numpy(still.q), torch.zeros_like(x))
+    start = Start(still.x, still.q, np.zeros_like(still.x))
     found = stepped(rope(p, air=0.05), Drive(time[None], path, clamp), start)
     assert found.iterations.max() <= 5
 
@@ -262,16 +257,15 @@ def test_a_pinned_rope_swung_in_space_is_stepped_quickly():
 def test_a_spin_that_hardly_anything_resists_is_not_taken_for_motion():
     """A pinned rope, shaken, whose bending is damped by next to nothing."""
     p = uniform(length=1.0, segments=48, bend=3e-4, density=0.05)
-    time = torch.arange(300, dtype=torch.float64) * 0.005
-    grown = (time / 0.6).clamp(max=1)
+    time = np.arange(300) * 0.005
+    grown = np.minimum(time / 0.6, 1)
     grown = 0.2 * grown**3 * (10 - 15 * grown + 6 * grown**2)
-    sway = [torch.sin(7 * time), torch.cos(9.1 * time), torch.sin(4.9 * time)]
-    moving = torch.stack([grown * s for s in sway], dim=-1) + torch.tensor([0.0, 0.5, 0.0])
-    path = torch.stack([moving, torch.zeros_like(moving)], dim=1)[None]
-    clamp = torch.full((1, 300, 2, 4), torch.nan, dtype=torch.float64)
+    sway = [np.sin(7 * time), np.cos(9.1 * time), np.sin(4.9 * time)]
+    moving = np.stack([grown * s for s in sway], axis=-1) + np.array([0.0, 0.5, 0.0])
+    path = np.stack([moving, np.zeros_like(moving)], axis=1)[None]
+    clamp = np.full((1, 300, 2, 4), np.nan)
     still = settle(build(p, DOWN, (False, False)), Conditions(path[:, 0], clamp[:, 0]))
-    x = torch.from_numpy(still.x)
-    start = Start(x, torch.from_numpy(still.q), torch.zeros_like(x))
+    start = Start(still.x, still.q, np.zeros_like(still.x))
     assert solve(
         rope(p, air=0.01, bend=1e-8, twist=1e-8), Drive(time[None], path, clamp), start
     ).converged.all()
@@ -280,13 +274,13 @@ def test_a_spin_that_hardly_anything_resists_is_not_taken_for_motion():
 def test_what_cannot_be_stepped_is_said():
     """Ends pulled further apart than the rope is long."""
     p = uniform(length=1.0, segments=6, bend=1e-3)
-    time = torch.arange(20, dtype=torch.float64)[None] * 0.01
-    ends = torch.zeros(1, 20, 2, 3, dtype=torch.float64)
-    ends[0, :, 1, 0] = 0.99 + 0.01 * torch.arange(20)
+    time = np.arange(20)[None] * 0.01
+    ends = np.zeros((1, 20, 2, 3))
+    ends[0, :, 1, 0] = 0.99 + 0.01 * np.arange(20)
     start = in_plane(np.linspace([0.0, 0, 0], [1.0, 0, 0], 7))
-    drive = Drive(time, ends, torch.full((1, 20, 2, 4), torch.nan, dtype=torch.float64))
+    drive = Drive(time, ends, np.full((1, 20, 2, 4), np.nan))
     found = solve(rope(p), drive, start)
     assert not found.converged[0]
     assert np.isnan(found.x[0, found.done[0] :]).all()
     with pytest.raises(ArithmeticError, match="smaller steps"):
-        simulate(rope(p), drive, start)
+        simulate(*tensors((rope(p), drive, start)))

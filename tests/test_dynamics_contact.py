@@ -10,60 +10,61 @@ from ropefit.rod.fields import BAR, BODIES, PLANE
 from ropefit.rod.moving import Moving, moving
 from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import Potential
-from ropefit.solvers.dynamics.derivatives import Directions, simulate, tangent
+from ropefit.solvers.dynamics.derivatives import Directions, tangent
+from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import Trajectory, solve
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.moving_ropes import DOWN, damping, in_plane, rope, stepped
+from tests.tensors import tensors
 
 G = 9.81
 BOUND = 1e-4  # m: depth that nobody may see
 TILTED = [0.05, 0.02, math.sqrt(1 - 0.05**2 - 0.02**2)]
 
 
-def table(height: float, normal=(0.0, 0.0, 1.0)) -> torch.Tensor:
-    return torch.tensor([[0.0, 0.0, height, *normal, 0.0, PLANE]], dtype=torch.float64)
+def table(height: float, normal=(0.0, 0.0, 1.0)) -> np.ndarray:
+    return np.array([[0.0, 0.0, height, *normal, 0.0, PLANE]])
 
 
-def bar(x: float, z: float, radius: float) -> torch.Tensor:
-    return torch.tensor([[x, 0.0, z, 0.0, 1.0, 0.0, radius, BAR]], dtype=torch.float64)
+def bar(x: float, z: float, radius: float) -> np.ndarray:
+    return np.array([[x, 0.0, z, 0.0, 1.0, 0.0, radius, BAR]])
 
 
-def touching(moved: Moving, *bodies: torch.Tensor) -> Moving:
-    rows = torch.zeros_like(moved.bodies)
-    rows[: len(bodies)] = torch.cat(bodies)
+def touching(moved: Moving, *bodies: np.ndarray) -> Moving:
+    rows = np.zeros_like(moved.bodies)
+    rows[: len(bodies)] = np.concatenate(bodies)
     return moved._replace(bodies=rows)
 
 
-def eased(time: torch.Tensor, last: float) -> torch.Tensor:
+def eased(time: np.ndarray, last: float) -> np.ndarray:
     """(T,) from 0 to 1, smooth, at rest from `last` on."""
-    share = (time / last).clamp(max=1)
+    share = np.minimum(time / last, 1)
     return share**3 * (10 - 15 * share + 6 * share**2)
 
 
-def led(first: torch.Tensor, other: torch.Tensor, step: float) -> Drive:
+def led(first: np.ndarray, other: np.ndarray, step: float) -> Drive:
     """Both ends pinned, along paths (T, 3)."""
-    time = torch.arange(len(first), dtype=torch.float64)[None] * step
-    ends = torch.stack([first, other], dim=1)[None]
-    return Drive(time, ends, torch.full((1, len(first), 2, 4), torch.nan, dtype=torch.float64))
+    time = np.arange(len(first))[None] * step
+    ends = np.stack([first, other], axis=1)[None]
+    return Drive(time, ends, np.full((1, len(first), 2, 4), np.nan))
 
 
 def from_rest(p, drive: Drive) -> Start:
     still = settle(build(p, DOWN, (False, False)), Conditions(drive.ends[:, 0], drive.clamp[:, 0]))
     assert still.converged.all()
-    x = torch.from_numpy(still.x)
-    return Start(x, torch.from_numpy(still.q), torch.zeros_like(x))
+    return Start(still.x, still.q, np.zeros_like(still.x))
 
 
 def lowered(segments: int, step: float, seconds: float, by: float) -> tuple:
     """A rope between two grips that go down."""
     p = uniform(length=1.0, segments=segments, bend=5e-4, density=0.05)
-    time = torch.arange(round(seconds / step), dtype=torch.float64) * step
+    time = np.arange(round(seconds / step)) * step
     down = -by * eased(time, 1.0)
-    first = torch.stack([0 * time, 0 * time, down], dim=-1)
-    drive = led(first, first + torch.tensor([0.6, 0.0, 0.0], dtype=torch.float64), step)
+    first = np.stack([0 * time, 0 * time, down], axis=-1)
+    drive = led(first, first + np.array([0.6, 0.0, 0.0]), step)
     return p, drive, from_rest(p, drive)
 
 
@@ -77,24 +78,38 @@ def test_comes_to_rest_where_the_equilibrium_is(kind):
     lying = x[-1, :, 2] + 0.4 < 1e-5 if kind == "table" else _gap(body, x[-1]) < 1e-5
     assert lying.sum() >= (10 if kind == "table" else 1)
 
-    def energy(at: torch.Tensor) -> torch.Tensor:
-        gap = at[..., 2] + 0.4
-        if kind == "bar":
-            gap = torch.sqrt((at[..., 0] - 0.3) ** 2 + (at[..., 2] + 0.69) ** 2) - 0.2
-        return 0.5 * 2e4 * torch.clamp(-gap, min=0.0) ** 2
-
-    share, hard = torch.ones(31, dtype=torch.float64), torch.tensor(2e4, dtype=torch.float64)
     still = solve_with_potentials(
         build(p, DOWN, (False, False)), Conditions(drive.ends[:, -1], drive.clamp[:, -1]),
-        (Potential(energy, share, hard),),
+        (potential(body, 31),),
     )  # fmt: skip
     assert still.converged.all()
     same, mirrored = (np.abs(still.x[0] * [1, side, 1] - x[-1]).max() for side in (1, -1))
     assert min(same, mirrored) < 2e-5
 
 
-def _gap(body: torch.Tensor, x: np.ndarray) -> np.ndarray:
-    row = body[0].numpy()
+def potential(body: np.ndarray, nodes: int, hard: float = 2e4) -> Potential:
+    """The same body for a rope at rest, of a hardness [N/m]."""
+    row = body[0]
+
+    def energy(x: np.ndarray) -> np.ndarray:
+        return 0.5 * hard * np.minimum(_gap(body, x), 0.0) ** 2
+
+    def derivatives(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        normal, curvature = np.broadcast_to(row[3:6], x.shape), np.zeros((*x.shape, 3))
+        if row[7] == BAR:
+            across = np.eye(3) - np.outer(row[3:6], row[3:6])
+            far = (_gap(body, x) + row[6])[..., None]
+            normal = (x - row[:3]) @ across / far
+            curvature = (across - normal[..., None] * normal[..., None, :]) / far[..., None]
+        inside = np.minimum(_gap(body, x), 0.0)[..., None]
+        square = (inside < 0)[..., None] * normal[..., None] * normal[..., None, :]
+        return hard * inside * normal, hard * (square + inside[..., None] * curvature)
+
+    return Potential(energy, np.ones(nodes), np.array(hard), derivatives=derivatives)
+
+
+def _gap(body: np.ndarray, x: np.ndarray) -> np.ndarray:
+    row = body[0]
     away = x - row[:3]
     along = away @ row[3:6]
     if row[7] == PLANE:
@@ -102,14 +117,14 @@ def _gap(body: torch.Tensor, x: np.ndarray) -> np.ndarray:
     return np.linalg.norm(away - along[..., None] * row[3:6], axis=-1) - row[6]
 
 
-def dropped(segments: int, height: float, body: torch.Tensor, tilt=0.0, speed=0.0, step=0.005):
+def dropped(segments: int, height: float, body: np.ndarray, tilt=0.0, speed=0.0, step=0.005):
     """A free short rope, let fall from a height, turned by an angle [rad] and perhaps thrown."""
     p = uniform(length=0.2, segments=segments, bend=1e-3, density=0.05)
     s = np.linspace(-0.1, 0.1, segments + 1)
     x = np.stack([s * math.cos(tilt), 0 * s, height + s * math.sin(tilt)], axis=1)
-    none = torch.full((1, 160, 2, 3), torch.nan, dtype=torch.float64)
-    time = torch.arange(160, dtype=torch.float64)[None] * step
-    drive = Drive(time, none, torch.full((1, 160, 2, 4), torch.nan, dtype=torch.float64))
+    none = np.full((1, 160, 2, 3), np.nan)
+    time = np.arange(160)[None] * step
+    drive = Drive(time, none, np.full((1, 160, 2, 4), np.nan))
     v = np.zeros_like(x)
     v[:, 0] = speed
     return touching(rope(p, bend=1e-6, twist=1e-6), body), drive, in_plane(x, v)
@@ -119,7 +134,7 @@ def mechanical(moved: Moving, found: Trajectory) -> np.ndarray:
     """(T,) [J] kinetic and potential energy, that of bending left out; speeds between two times."""
     x, time = found.x[0], found.problem.drives.time[0]
     v = np.diff(x, axis=0) / np.diff(time)[:, None, None]
-    mass = moved.mass.numpy()
+    mass = moved.mass
     kinetic = 0.5 * (mass[:, None] * v**2).sum((1, 2))
     return kinetic + G * (mass * 0.5 * (x[1:, :, 2] + x[:-1, :, 2])).sum(1)
 
@@ -164,11 +179,11 @@ def test_a_rope_over_a_bar_slides_off_to_the_heavier_side():
 def test_a_chain_dragged_over_a_table_follows_its_end():
     """Its other end is free; without friction it hangs behind, and never sinks in."""
     p = uniform(length=1.0, segments=30, bend=2e-4, density=0.05)
-    time = torch.arange(500, dtype=torch.float64) * 0.01
-    first = torch.stack([0.5 * time.clamp(max=3), 0 * time, 0.3 + 0 * time], dim=-1)
+    time = np.arange(500) * 0.01
+    first = np.stack([0.5 * np.minimum(time, 3), 0 * time, 0.3 + 0 * time], axis=-1)
     first[:, 0] = 1.2 * eased(time, 3.0)
     drive = led(first, first, 0.01)
-    drive.ends[:, :, 1] = torch.nan
+    drive.ends[:, :, 1] = np.nan
     s = np.linspace(0, 1, 31)
     x = np.stack([0 * s, 0 * s, 0.3 - s], axis=1)
     low = x[:, 2] < 0.0  # what would be under the table lies on it
@@ -193,7 +208,7 @@ def changed(amounts: dict[str, torch.Tensor]) -> tuple[Moving, Drive, Start]:
     def noise(*shape: int) -> torch.Tensor:
         return torch.from_numpy(random.normal(size=shape))
 
-    p, drive, start = lowered(12, 0.01, 1.2, 0.15)
+    p, drive, start = tensors(lowered(12, 0.01, 1.2, 0.15))
     p = p._replace(
         bend=p.bend * torch.exp(a["EI"] * noise(12)), length=p.length * torch.exp(a["length"]),
         density=p.density * torch.exp(a["density"] * noise(12)),
@@ -204,7 +219,7 @@ def changed(amounts: dict[str, torch.Tensor]) -> tuple[Moving, Drive, Start]:
     inner = torch.ones(13, 1, dtype=torch.float64)
     inner[0], inner[-1] = 0.0, 0.0
     start = start._replace(v=start.v + inner * a["first speed"] * noise(13, 3))
-    bodies = torch.cat([table(-0.4, TILTED), bar(0.32, -0.54, 0.18)])
+    bodies = torch.from_numpy(np.concatenate([table(-0.4, TILTED), bar(0.32, -0.54, 0.18)]))
     by = torch.zeros(2, 8, dtype=torch.float64)
     by = by + a["plane"] * torch.nn.functional.pad(noise(1, 6), (0, 2, 0, 1))
     by = by + a["bar"] * torch.nn.functional.pad(noise(1, 6), (0, 2, 1, 0))
@@ -224,7 +239,7 @@ def changed(amounts: dict[str, torch.Tensor]) -> tuple[Moving, Drive, Start]:
 def test_both_bodies_are_touched_in_the_test_of_derivatives():
     moved, drive, start = changed({})
     x = stepped(moved, drive, start).x[0]
-    for row in moved.bodies:
+    for row in moved.bodies.numpy():
         inside = _gap(row[None], x) < 0
         assert 30 < inside.sum() < 800
         assert np.abs(np.diff(inside.astype(int), axis=0)).sum() > 4  # comes and goes
@@ -281,4 +296,4 @@ def test_more_bodies_than_can_be_touched_are_refused():
     p = uniform(length=1.0, segments=4, bend=1e-3)
     rod = build(p, DOWN, (False, False))
     with pytest.raises(ValueError, match="can touch"):
-        moving(p, rod, damping(p), bodies=torch.zeros(BODIES + 1, 8, dtype=torch.float64))
+        moving(p, rod, damping(p), bodies=np.zeros((BODIES + 1, 8)))

@@ -10,12 +10,14 @@ import torch
 
 from ropefit.rod.moving import DRAG_SPEEDS, Damping, Moving, moving
 from ropefit.rod.rod import build, uniform
-from ropefit.solvers.dynamics.derivatives import Directions, simulate, tangent
+from ropefit.solvers.dynamics.derivatives import Directions, tangent
+from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import solve
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.moving_ropes import ALONG_X, DOWN, turned
+from tests.tensors import tensors
 
 SEGMENTS = 12
 NAMES = (
@@ -32,22 +34,19 @@ def case(steps: int, clamped: tuple[bool, bool], axial: float) -> tuple:
         length=1.0, segments=SEGMENTS, bend=1e-3, axial=axial, density=0.06,
         curvature=(0.3, 0.2, 0.1),
     )  # fmt: skip
-    time = torch.arange(steps, dtype=torch.float64) * 0.01
-    nod = 0.15 * (1 - torch.cos(math.pi * time))
-    first = torch.stack([nod, 0.1 * torch.sin(3 * time), 0 * time], dim=-1)
-    last = torch.stack([0.7 - 0.5 * nod, 0 * time, 0.1 * torch.sin(5 * time)], dim=-1)
-    ends = torch.stack([first, last], dim=1)[None]
-    zero = 0 * time
-    turn = torch.stack([0.3 * torch.sin(4 * time), zero, 0.5 * torch.sin(2 * time)], dim=-1)
-    clamp = turned(ALONG_X, torch.stack([turn, 0 * turn], dim=1))[None]
-    clamp = torch.where(torch.tensor(clamped)[:, None], clamp, torch.nan)
+    time = np.arange(steps) * 0.01
+    nod = 0.15 * (1 - np.cos(math.pi * time))
+    first = np.stack([nod, 0.1 * np.sin(3 * time), 0 * time], axis=-1)
+    last = np.stack([0.7 - 0.5 * nod, 0 * time, 0.1 * np.sin(5 * time)], axis=-1)
+    ends = np.stack([first, last], axis=1)[None]
+    turn = np.stack([0.3 * np.sin(4 * time), 0 * time, 0.5 * np.sin(2 * time)], axis=-1)
+    clamp = turned(ALONG_X, np.stack([turn, 0 * turn], axis=1))[None]
+    clamp = np.where(np.array(clamped)[:, None], clamp, np.nan)
     rod = build(p, DOWN, clamped)
     rest = settle(rod, Conditions(ends[:, 0], clamp[:, 0]))
     assert rest.converged.all()
-    still = torch.zeros(1, SEGMENTS + 1, 3, dtype=torch.float64)
-    return p, Drive(time[None], ends, clamp), Start(
-        torch.from_numpy(rest.x), torch.from_numpy(rest.q), still
-    )  # fmt: skip
+    start = Start(rest.x, rest.q, np.zeros_like(rest.x))
+    return tensors((p, Drive(time[None], ends, clamp), start))
 
 
 def changed(
@@ -74,9 +73,10 @@ def changed(
     damped = Damping(
         *(c * torch.exp(a[n] * noise(SEGMENTS)) for c, n in zip(coefficients, names, strict=True))
     )
-    rod = build(p, DOWN + a["gravity"] * noise(3), clamped)
+    rod = build(p, torch.from_numpy(DOWN) + a["gravity"] * noise(3), clamped)
     # A law in which the speed matters.
-    drag = 0.6 * torch.log(DRAG_SPEEDS) + a["drag"] * torch.sin(5 * DRAG_SPEEDS)
+    speeds = torch.from_numpy(DRAG_SPEEDS)
+    drag = 0.6 * torch.log(speeds) + a["drag"] * torch.sin(5 * speeds)
     wander = noise(steps, 2, 3).cumsum(0) * torch.linspace(0, 1, steps)[:, None, None] * 0.03
     twist = noise(steps, 2, 3).cumsum(0) * 0.03
     inner = torch.ones(SEGMENTS + 1, 1, dtype=torch.float64)

@@ -22,12 +22,18 @@ from ropefit.effects.place import horizontal
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.terms import Term
+from ropefit.rod.potential import slope_of
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium.branches import overwound, wound
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.potentials import force_and_stiffness, solve_with_potentials
+from ropefit.solvers.equilibrium.potentials import (
+    force_and_stiffness,
+    force_of,
+    solve_with_potentials,
+)
 from ropefit.solvers.equilibrium.solve import solve
 from tests.concealed import rope
+from tests.test_friction import differences
 
 PLACES = {"point": [0.403], "interval": [0.411, 0.207]}
 VALUES = {
@@ -42,19 +48,19 @@ DRAWN = [(kind, end) for kind in CATALOGUE for end in ((0, 1) if kind.locus == "
 def pinned() -> Setup:
     """The test rope, with a plane for projections."""
     setup = moving(rope(40, 4))
-    normal = torch.tensor([[[0.0, 1.0, 0.0]]], dtype=torch.float64).expand(4, 1, 3)
+    normal = np.tile([0.0, 1.0, 0.0], (4, 1, 1))
     return setup._replace(sensor=setup.sensor._replace(normal=normal))
 
 
 def moving(setup: Setup) -> Setup:
     """The setup with a motion, of smooth accelerations of some m/s², and a path of its ends."""
-    frames, phase = len(setup.ends), torch.arange(3.0, dtype=torch.float64)
-    t = torch.arange(frames, dtype=torch.float64)[:, None, None]
-    nodes = torch.sin(t + 3 * setup.arc[:, None] + phase)
+    frames, phase = len(setup.ends), np.arange(3.0)
+    t = np.arange(frames)[:, None, None]
+    nodes = np.sin(t + 3 * setup.arc[:, None] + phase)
     time, turn = 0.3 * np.arange(frames), np.linspace(0, 0.5, frames)
     clamp = np.zeros((frames, 2, 4))
     clamp[..., 0], clamp[..., 2] = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    path = end_path(time, np.arange(frames), setup.ends.numpy() + turn[:, None, None], clamp, 1.0)
+    path = end_path(time, np.arange(frames), setup.ends + turn[:, None, None], clamp, 1.0)
     return setup._replace(motion=Motion(nodes, 5 * nodes), end_path=path)
 
 
@@ -66,7 +72,7 @@ def clamped() -> Setup:
 def held(setup: Setup) -> Setup:
     """The setup with both ends clamped along its own tangents."""
     x = Equilibrium(setup, []).at(np.empty(0)).solution.q
-    clamp = torch.from_numpy(np.stack([x[:, 0], x[:, -1]], axis=1))
+    clamp = np.stack([x[:, 0], x[:, -1]], axis=1)
     return setup._replace(clamp=clamp, clamped=(True, True))
 
 
@@ -84,7 +90,7 @@ def test_nothing_happens_at_zero(kind, end):
         values = [-5.0, 0, 0] if kind is SupportPlane else [0, 0, -5.0, 0.02, 0]  # far away
     else:
         values = [0.0] * len(effect.quantities) + PLACES.get(effect.locus, [])
-    changed = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+    changed = effect.apply(setup, np.array(values))
     before, after = (Equilibrium(s, []).at(np.empty(0)).seen for s in (setup, changed))
     assert np.abs(after - before).max() < 1e-7
 
@@ -136,11 +142,11 @@ def test_every_effect_says_what_it_is():
 )  # fmt: skip
 def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values):
     bare = rope(30, frames=3)
-    values = torch.tensor(values, dtype=torch.float64)
+    values = np.array(values)
     plain, bend = bare.properties, 1.7 * float(bare.properties.bend[0])
     twist, length = 1.7 * float(plain.twist[0]), float(plain.length.sum())
     whole = EquilibriumRope(effect.apply(bare, values), 3, 0, plain=plain)
-    wanted = [bend, twist, torch.inf, length]
+    wanted = [bend, twist, np.inf, length]
     given = torch.tensor(wanted, dtype=torch.float64).expand(3, 4)
     stiffer = bare._replace(
         properties=plain._replace(bend=1.7 * plain.bend, twist=1.7 * plain.twist)
@@ -148,7 +154,7 @@ def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values)
     expected = Equilibrium(effect.apply(stiffer, values), []).at(np.empty(0)).seen[:, ::3]
     move = torch.zeros(3, 3, dtype=torch.float64, requires_grad=True)
     x = whole.settle(given, move).x
-    np.testing.assert_allclose(x.detach().numpy(), expected, atol=1e-7)
+    np.testing.assert_allclose(x.detach(), expected, atol=1e-7)
     (slope,) = torch.autograd.grad(x[:, 5, 2].sum(), move)
     for axis in range(3):
         step = 1e-5 * torch.eye(3, dtype=torch.float64)[axis]
@@ -158,12 +164,12 @@ def test_a_rope_for_control_has_the_effect_whatever_its_rigidity(effect, values)
 
 def test_a_frame_that_cannot_settle_stops_no_other():
     bare = rope(30, frames=3)
-    plane = SupportPlane().apply(bare, torch.tensor([-0.3, 0.0, 0.0], dtype=torch.float64))
-    ends = plane.ends.clone()
-    ends[1, 0] *= 1.5 / ends[1, 0].norm()  # farther than the rope is long
+    plane = SupportPlane().apply(bare, np.array([-0.3, 0.0, 0.0]))
+    ends = plane.ends.copy()
+    ends[1, 0] *= 1.5 / np.linalg.norm(ends[1, 0])  # farther than the rope is long
     held, rod = Conditions(ends, plane.clamp), plane.rod()
     every = solve_with_potentials(rod, held, plane.potentials)
-    alone = solve_with_potentials(rod, held.frames(torch.tensor([0, 2])), plane.potentials)
+    alone = solve_with_potentials(rod, held.frames(np.array([0, 2])), plane.potentials)
     assert every.converged.tolist() == [True, False, True]
     assert np.abs(every.x[[0, 2]] - alone.x).max() < 1e-7
 
@@ -177,22 +183,20 @@ def test_a_frame_that_cannot_settle_stops_no_other():
     ],
 )
 def test_derivatives_that_a_potential_tells_are_those_of_its_energy(effect, values):
-    setup = effect.apply(pinned(), torch.tensor(values, dtype=torch.float64))
-    x = torch.from_numpy(Equilibrium(setup, []).at(np.empty(0)).solution.x) - 0.02
-    told = force_and_stiffness(setup.potentials, x)
-    bare = tuple(p._replace(derivatives=None) for p in setup.potentials)
-    torch.testing.assert_close(told, force_and_stiffness(bare, x), rtol=1e-9, atol=1e-9)
-    assert told[0].abs().max() > 0
-
-
-def test_potentials_know_their_forces_where_gradients_are_off():
-    setup = SupportPlane(0).apply(pinned(), torch.tensor([-0.3, 0.0, 0.0], dtype=torch.float64))
-    x = torch.from_numpy(Equilibrium(setup, []).at(np.empty(0)).solution.x)
+    setup = effect.apply(pinned(), np.array(values))
+    x = Equilibrium(setup, []).at(np.empty(0)).solution.x - 0.02
     force, stiffness = force_and_stiffness(setup.potentials, x)
-    assert force.abs().max() > 0
-    with torch.no_grad():
-        again = force_and_stiffness(setup.potentials, x)
-    torch.testing.assert_close((force, stiffness), again, rtol=0, atol=0)
+    assert np.abs(force).max() > 0
+    assert np.array_equal(force_of(setup.potentials, x), force)
+    (p,) = setup.potentials
+    by_energy = differences(p.energy, x)
+    by_slope = differences(lambda at: slope_of(p, at), x)
+    np.testing.assert_allclose(-p.share[:, None] * by_energy, force, rtol=1e-9, atol=1e-9)
+    wanted = p.share[:, None, None] * by_slope
+    np.testing.assert_allclose(wanted, stiffness, rtol=1e-9, atol=1e-9)
+    # Without closed forms these are what counts.
+    bare = force_and_stiffness((p._replace(derivatives=None),), x)
+    np.testing.assert_allclose(bare[1], stiffness, rtol=1e-7, atol=1e-7)
 
 
 TILT = st.floats(-0.1, 0.1)
@@ -201,12 +205,12 @@ TILT = st.floats(-0.1, 0.1)
 @given(st.tuples(TILT, TILT), st.tuples(TILT, TILT))
 def test_directions_across_gravity_follow_it(a, b):
     """However little gravity is tilted, and to whatever side: planes and bars are told in them."""
-    down = torch.tensor([[*a, -1.0], [*b, -1.0]], dtype=torch.float64) * 9.81
-    first, second = (torch.stack(v) for v in zip(*(horizontal(g) for g in down), strict=True))
-    change = float((down[0] - down[1]).norm()) / 9.81
+    down = np.array([[*a, -1.0], [*b, -1.0]]) * 9.81
+    first, second = (np.stack(v) for v in zip(*(horizontal(g) for g in down), strict=True))
+    change = np.linalg.norm(down[0] - down[1]) / 9.81
     for across in (first, second):
-        assert float((across[0] - across[1]).norm()) <= 1.1 * change + 1e-12
-        assert float((across * down).sum(-1).abs().max()) < 1e-12 * 9.81
+        assert np.linalg.norm(across[0] - across[1]) <= 1.1 * change + 1e-12
+        assert np.abs((across * down).sum(-1)).max() < 1e-12 * 9.81
 
 
 def test_states_a_turn_of_twist_away_are_told():
@@ -222,7 +226,7 @@ def test_states_a_turn_of_twist_away_are_told():
         assert overwound(turned, plain.solution).all()
         assert not overwound(plain.solution, turned).any()  # it is hardly twisted
     rod, held = plain.solution.rod, plain.solution.conditions
-    soft = rod._replace(stiffness=rod.stiffness * torch.tensor([0.7, 0.7, 0.3]))
+    soft = rod._replace(stiffness=rod.stiffness * np.array([0.7, 0.7, 0.3]))
     near = solve(soft, held, plain.solution)
     assert not wound(near, plain.solution).any()
 
@@ -245,13 +249,13 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
 def test_a_projection_takes_away_what_is_seen_not_the_axis():
     """What the sensor sees lies before the axis; only then it is moved back by as much."""
     setup = pinned()
-    far, share, place = 0.004, 0.7, torch.tensor([0.1, -2.0, 0.3], dtype=torch.float64)
-    flat, standoff = (torch.tensor(v, dtype=torch.float64) for v in (share, far))
+    far, share, place = 0.004, 0.7, np.array([0.1, -2.0, 0.3])
+    flat, standoff = (np.float64(v) for v in (share, far))
     sensor = setup.sensor._replace(flat=flat, standoff=standoff, place=place)
     x = Equilibrium(setup, []).at(np.empty(0)).solution.x
-    ray = x - place.numpy()
+    ray = x - place
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     seen = x - far * ray
-    off = (seen - sensor.origin.numpy()) @ np.array([0.0, 1.0, 0.0])
+    off = (seen - sensor.origin) @ np.array([0.0, 1.0, 0.0])
     wanted = seen - share * off[..., None] * np.array([0.0, 1.0, 0.0]) + far * ray
-    np.testing.assert_allclose(sensor(torch.from_numpy(x)).numpy(), wanted, atol=1e-12)
+    np.testing.assert_allclose(sensor(x), wanted, atol=1e-12)

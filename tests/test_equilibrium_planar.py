@@ -10,7 +10,7 @@ import torch
 
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.differentiable import settle
 from ropefit.solvers.equilibrium.kernels.newton import REACH
 from ropefit.solvers.equilibrium.kernels.planar import solve_in_plane
 from ropefit.solvers.equilibrium.kernels.records import held_in, make_work, rod_of
@@ -18,9 +18,10 @@ from ropefit.solvers.equilibrium.problem import problem_of
 from ropefit.solvers.equilibrium.solve import NEWTON_LIMIT, TOLERANCE, solve
 from ropefit.solvers.equilibrium.start import starting
 from ropefit.solvers.kernels.linked import EntryCompiler
+from tests.tensors import tensors
 
 FRAMES, SEGMENTS = 6, 21
-GRAVITY = torch.tensor([3.1, -8.3, 4.2], dtype=torch.float64)  # along no axis
+GRAVITY = np.array([3.1, -8.3, 4.2])  # along no axis
 
 
 @numba.njit(pipeline_class=EntryCompiler)
@@ -53,15 +54,15 @@ def tried(rod: Rod, conditions: Conditions) -> tuple[np.ndarray, np.ndarray, np.
 def held(seed: int, **more) -> Conditions:
     """Ends anywhere, apart by some share of a length of 1 m, on a slope of half at most."""
     rng = np.random.default_rng(seed)
-    down = GRAVITY.numpy() / np.linalg.norm(GRAVITY)
+    down = GRAVITY / np.linalg.norm(GRAVITY)
     away = rng.normal(size=(FRAMES, 3))
     away -= (away @ down)[:, None] * down
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     away += rng.uniform(-0.5, 0.5, (FRAMES, 1)) * down
     away *= rng.uniform(0.3, 0.95, (FRAMES, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
     first = rng.normal(size=(FRAMES, 3))
-    ends = torch.from_numpy(np.stack([first, first + away], axis=1))
-    return Conditions(ends, torch.full((FRAMES, 2, 4), torch.nan, dtype=torch.float64), **more)
+    ends = np.stack([first, first + away], axis=1)
+    return Conditions(ends, np.full((FRAMES, 2, 4), np.nan), **more)
 
 
 def rope(clamped=(False, False), **values) -> Rod:
@@ -75,9 +76,9 @@ def test_the_same_as_in_space(seed, curvature):
     flat, absent = held(seed), np.zeros((FRAMES, 1), bool)
     # A support that is not there: the same rope, but not taken for one that hangs in a plane.
     spatial = held(
-        seed, node=np.array([3]), direction=torch.ones(FRAMES, 1, 3, dtype=torch.float64),
-        offset=torch.zeros(FRAMES, 1, dtype=torch.float64),
-        compliance=torch.zeros(FRAMES, 1, dtype=torch.float64), active=absent,
+        seed, node=np.array([3]), direction=np.ones((FRAMES, 1, 3)),
+        offset=np.zeros((FRAMES, 1)),
+        compliance=np.zeros((FRAMES, 1)), active=absent,
     )  # fmt: skip
     assert not tried(rope(), spatial)[0].any()
     found, gradients = [], []
@@ -85,7 +86,7 @@ def test_the_same_as_in_space(seed, curvature):
         bend = torch.tensor(3e-3, dtype=torch.float64, requires_grad=True)
         axial = torch.tensor(1e4, dtype=torch.float64, requires_grad=True)
         rod = rope(bend=bend, axial=axial, curvature=curvature)
-        state, solution = settle(rod, conditions)
+        state, solution = settle(rod, tensors(conditions))
         loss = (torch.sin(7 * state.x)).sum() + (state.q[..., 0] ** 2).sum()
         found.append(solution)
         gradients.append(torch.stack(torch.autograd.grad(loss, (bend, axial))).numpy())
@@ -109,13 +110,13 @@ def test_a_pinned_rope_arrives_there(values):
 
 
 def test_what_is_not_in_a_plane_is_left_as_it_is():
-    kinks = torch.from_numpy(0.1 * np.random.default_rng(0).normal(size=(SEGMENTS + 1, 3)))
+    kinks = 0.1 * np.random.default_rng(0).normal(size=(SEGMENTS + 1, 3))
     beside = rope()
-    beside.load[7] += 0.1 * torch.linalg.cross(beside.load[7], torch.ones(3, dtype=torch.float64))
-    turning = rope()._replace(moment=torch.full((2, 3), 1e-3, dtype=torch.float64))
+    beside.load[7] += 0.1 * np.cross(beside.load[7], np.ones(3))
+    turning = rope()._replace(moment=np.full((2, 3), 1e-3))
     oval = rope()
     oval.stiffness[5, 0] *= 1.1
-    clamp = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64).expand(FRAMES, 2, 4)
+    clamp = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 2, 1))
     cases = [
         (rope(curvature=(0.3, 0.0, 0.5)), held(4)),
         (rope()._replace(rest=rope().rest + kinks), held(4)),
@@ -135,10 +136,10 @@ def test_what_is_not_in_a_plane_is_left_as_it_is():
 
 def test_a_rope_out_of_balance_sideways_is_found_unstable_in_space():
     """An arch that is stable in its plane falls over: judged in space, it does not stay."""
-    ends = torch.zeros(1, 2, 3, dtype=torch.float64)
+    ends = np.zeros((1, 2, 3))
     ends[0, 1, 0] = 0.6
-    conditions = Conditions(ends, torch.full((1, 2, 4), torch.nan, dtype=torch.float64))
-    down = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+    conditions = Conditions(ends, np.full((1, 2, 4), np.nan))
+    down = np.array([0.0, 0.0, -9.81])
     rod = build(uniform(length=1.0, segments=SEGMENTS, bend=2.0, density=0.1), down, (False, False))
     hanging = solve(rod, conditions)
     arch = hanging.states
@@ -155,9 +156,9 @@ def test_a_rope_out_of_balance_sideways_is_found_unstable_in_space():
 @pytest.mark.parametrize("loose", [0, 1])
 def test_a_hanging_rope_starts_hanging(loose):
     """A free end without a clamp begins below, not along the frame that stands for no clamp."""
-    ends = torch.zeros(1, 2, 3, dtype=torch.float64)
-    ends[:, loose] = torch.nan
-    conditions = Conditions(ends, torch.full((1, 2, 4), torch.nan, dtype=torch.float64))
+    ends = np.zeros((1, 2, 3))
+    ends[:, loose] = np.nan
+    conditions = Conditions(ends, np.full((1, 2, 4), np.nan))
     found = solve(rope(), conditions)
     assert found.converged.all()
     assert found.iterations.max() <= 1

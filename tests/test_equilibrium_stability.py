@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from scipy.optimize import brentq
 from scipy.special import jv
 
@@ -32,20 +31,20 @@ STRUTS = {
 def strut(name: str, segments: int, load: float = 0.0, weight: float = 0.0):
     """Upright, end 0 below; end 1 slides along z under a load, or is free."""
     clamped = STRUTS[name][0]
-    down = torch.tensor([0.0, 0.0, -weight], dtype=torch.float64)
+    down = np.array([0.0, 0.0, -weight])
     rod = build(uniform(length=1.0, segments=segments, bend=1.0, twist=10.0), down, clamped)
-    pushed = rod.load.clone()
+    pushed = rod.load.copy()
     pushed[-1, 2] -= load
-    ends = torch.zeros(1, 2, 3, dtype=torch.float64)
-    ends[0, 1] = torch.nan
-    clamp = NOT_HELD.clone()
+    ends = np.zeros((1, 2, 3))
+    ends[0, 1] = np.nan
+    clamp = NOT_HELD.copy()
     for end in range(2):
         if clamped[end]:
-            clamp[0, end] = torch.tensor([1.0, 0.0, 0.0, 0.0])
+            clamp[0, end] = np.array([1.0, 0.0, 0.0, 0.0])
     conditions = Conditions(ends, clamp)
     if name != "clamped, free":
-        zero = torch.zeros(1, 2, dtype=torch.float64)
-        across = torch.eye(3, dtype=torch.float64)[None, :2]
+        zero = np.zeros((1, 2))
+        across = np.eye(3)[None, :2]
         conditions = replace(
             conditions, node=np.full(2, segments), direction=across, offset=zero, compliance=zero
         )
@@ -123,14 +122,14 @@ def ring(segments: int, ratio: float):
 
     It may turn about the clamp's tangent at no cost: a support half way round holds it from that.
     """
-    gravity = torch.zeros(3, dtype=torch.float64)
+    gravity = np.zeros(3)
     properties = uniform(length=1.0, segments=segments, bend=1.0, twist=ratio)
-    clamp = torch.zeros(1, 2, 4, dtype=torch.float64)
+    clamp = np.zeros((1, 2, 4))
     clamp[..., 0] = 1.0
-    zero = torch.zeros(1, 1, dtype=torch.float64)
+    zero = np.zeros((1, 1))
     conditions = Conditions(
-        torch.zeros(1, 2, 3, dtype=torch.float64), clamp, np.array([segments // 2]),
-        torch.tensor([[[1.0, 0.0, 0.0]]], dtype=torch.float64), zero, zero,
+        np.zeros((1, 2, 3)), clamp, np.array([segments // 2]),
+        np.array([[[1.0, 0.0, 0.0]]]), zero, zero,
     )  # fmt: skip
     rod = build(properties, gravity, (True, True))
     solution = solved(rod, conditions, turns=np.ones(1))
@@ -170,7 +169,7 @@ def bent_cable(angle: float, segments: int = 40):
     rod, conditions = planar(
         Planar(1.0, 0.05, 1.0, first=math.radians(angle), curvature=1.0), segments
     )
-    return rod._replace(stiffness=rod.stiffness * torch.tensor([1.0, 1.0, 3.0])), conditions
+    return rod._replace(stiffness=rod.stiffness * np.array([1.0, 1.0, 3.0])), conditions
 
 
 def swept(angles: np.ndarray) -> Solution:

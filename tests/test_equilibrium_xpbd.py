@@ -10,6 +10,7 @@ from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.compiled import simulate_compiled
 from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, State
 from tests.rods import solved
+from tests.tensors import tensors
 
 SEGMENTS = 8
 HELD = [0, -1]
@@ -33,7 +34,7 @@ def test_same_state():
     case = Planar(1.0, bend, density, axial=axial, shear=axial, far=(0.6, 0.1), first=0.3, last=0.5)
     rod, conditions = planar(case, SEGMENTS)
     # A frame that is held is a clamp without the compliance of half a segment.
-    stiffness = rod.stiffness * torch.tensor([1.0, 1.0, 1.5])
+    stiffness = rod.stiffness * np.array([1.0, 1.0, 1.5])
     stiffness[HELD] *= 1e8
     solution = solved(rod._replace(stiffness=stiffness), conditions)
 
@@ -43,7 +44,7 @@ def test_same_state():
     )
     mask[HELD], mask_q[HELD] = True, True
     straight = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
-    rest = Rest(rod.length, straight.repeat(SEGMENTS - 1, 1))
+    rest = Rest(tensors(rod.length), straight.repeat(SEGMENTS - 1, 1))
     weights = (1.0, 0.0, 0.8, 0.9, 0.7, 1.0)
     gravity, _, shear_x, shear_q, bend_q, sor = weights
     rng = np.random.default_rng(0)

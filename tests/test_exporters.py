@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import torch
 
 from benchmarks.accuracy.exporters import NotInstalled, deviation, python_for, settle
 from reference_simulators.as_ropefit import describe
@@ -267,10 +266,10 @@ def dahl_moments(turns: np.ndarray, largest: float, decay: float) -> np.ndarray:
 
 def lost_here(turns: np.ndarray, friction: BendingFriction) -> np.ndarray:
     """The same loss (J,) [J] at the inner nodes of a rope of ropefit, which all turn alike."""
-    values = torch.tensor([friction.moment, friction.range], dtype=torch.float64)
+    values = np.array([friction.moment, friction.range])
     element = {"Prandtl": prandtl, "Dahl": dahl}[friction.law](*values)
     setup = with_friction(concealed.rope(10, 1), element)
-    time = torch.arange(len(turns), dtype=torch.float64)
+    time = np.arange(float(len(turns)))
     law = memory.laws(setup.memory, setup.rod(), setup.properties.bend, time)
     vector = np.zeros((len(turns), 11, 2))
     vector[..., 0] = np.sin(turns / 2)[:, None]

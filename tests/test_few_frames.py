@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import fit_candidate
@@ -28,7 +27,7 @@ def repeated(nominal: Fit, times: int) -> Fit:
     """Return the fit of a recording that holds every pose several times."""
     index = np.repeat(np.arange(len(nominal.point.seen)), times)
     forward = nominal.forward.of_setup(
-        nominal.forward.base.frames(torch.from_numpy(index)), None, nominal.forward.terms
+        nominal.forward.base.frames(index), None, nominal.forward.terms
     )
     return fit(forward, nominal.problem.frames(index), nominal.point.u, 5, tolerance=1e-6)
 

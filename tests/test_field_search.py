@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.forces_on_nodes import ForcesOnNodes
@@ -24,7 +23,7 @@ PLACE = [0.35, 0.1, -0.25]  # m, of the point
 def pushed(strength: float):
     """A nominal fit to a rope that a point repels (or attracts), by a force that falls by e in
     8 cm."""
-    values = torch.tensor([strength, 0.0, 12.5, *PLACE], dtype=torch.float64)
+    values = np.array([strength, 0.0, 12.5, *PLACE])
     data = recorded(ForceField().apply(rope(72, 8), values), seed=11, points=120)
     return nominal_fit(data, 36)
 
@@ -37,9 +36,9 @@ def repelled():
 def test_gains_are_those_of_the_forces_own_response(repelled):
     """Of a small field, as the rope settles in it: the projection of what that moves."""
     setup, point = repelled.point.setup, repelled.point
-    share = lumped(setup.arc).numpy()
+    share = lumped(setup.arc)
     nodes = np.flatnonzero(share)
-    small = torch.tensor([1e-4, 0.0, 12.5, *PLACE], dtype=torch.float64)
+    small = np.array([1e-4, 0.0, 12.5, *PLACE])
     field = ForceField().apply(setup, small).potentials[-1].energy
     seen = Equilibrium(ForceField().apply(setup, small), [], point.solution).at(np.empty(0)).seen
     s = repelled.stations
@@ -47,7 +46,7 @@ def test_gains_are_those_of_the_forces_own_response(repelled):
     project = Projection(repelled)
     along, square = moved @ project.z, moved @ project(moved)
     forces = ForcesOnNodes(repelled, tuple(nodes.tolist()))
-    push = field.force_at(torch.from_numpy(point.solution.x[:, nodes])).numpy()
+    push = field.force_at(point.solution.x[:, nodes])
     (gain,), (multiple,) = forces.gains(push[None] * share[nodes, None], 1e9)
     assert gain == pytest.approx(0.5 * along**2 / square, rel=0.02)
     assert multiple == pytest.approx(along / square, rel=0.02)
@@ -62,7 +61,7 @@ def test_a_point_is_found_with_the_sign_of_its_force(strength: float):
     fitted = pushed(strength)
     (one, *_), *_ = ForceField().starts(misfit_of(fitted))
     assert np.sign(one[0]) == np.sign(strength)
-    at = one[3:] + middle_of(fitted.point.setup).numpy() - middle_of(rope(72, 8)).numpy()
+    at = one[3:] + middle_of(fitted.point.setup) - middle_of(rope(72, 8))
     assert np.linalg.norm(at - PLACE) < 0.06
     found = fit_candidate(fitted, Hypothesis(ForceField(), NO_PLACE), one)
     assert found is not None
@@ -75,7 +74,7 @@ def test_a_point_is_found_with_the_sign_of_its_force(strength: float):
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_a_part_of_the_room_is_found_on_its_side(sense: float):
     values = [0.0, 0.03, sense * 0.01, sense * 0.02, sense * 50.0]
-    made = HalfSpace().apply(rope(72, 8), torch.tensor(values, dtype=torch.float64))
+    made = HalfSpace().apply(rope(72, 8), np.array(values))
     misfit = misfit_of(nominal_fit(recorded(made, seed=4, points=120), 36))
     starts = [one for one, *_ in HalfSpace().starts(misfit)]
     way = np.array(values[:3]) / np.linalg.norm(values[:3])

@@ -31,19 +31,19 @@ VALUES = [0.02, -0.03, 0.01, 0.43]
 def clamped(segments: int, frames: int = 6) -> Setup:
     """The rope with clamps that hold it level at both ends."""
     setup = rope(segments, frames)
-    level = torch.tensor([0.7071067811865476, 0.0, -0.7071067811865476, 0.0], dtype=torch.float64)
-    return setup._replace(clamp=level.expand(frames, 2, 4).clone(), clamped=(True, True))
+    level = np.array([0.7071067811865476, 0.0, -0.7071067811865476, 0.0])
+    return setup._replace(clamp=np.tile(level, (frames, 2, 1)), clamped=(True, True))
 
 
 def pushed(segments: int, frames: int = 6) -> Setup:
-    return FollowerForce().apply(clamped(segments, frames), torch.tensor(VALUES).double())
+    return FollowerForce().apply(clamped(segments, frames), np.array(VALUES))
 
 
 def test_the_force_is_that_of_the_rope_in_the_state_that_it_makes():
     setup = pushed(40)
     s = Equilibrium(setup, []).at(np.empty(0)).solution
     assert s.converged.all()
-    added = s.rod.load.numpy() - setup.rod().load.numpy()
+    added = s.rod.load - setup.rod().load
     np.testing.assert_allclose(added, loads(setup.followers, s.q, 41), atol=1e-11)
     np.testing.assert_allclose(
         np.linalg.norm(added.sum(1), axis=1), np.linalg.norm(VALUES[:3]), rtol=0.01
@@ -73,7 +73,7 @@ def test_derivatives_beside_a_follower_are_exact():
 def test_gradients_of_a_rope_with_a_follower_equal_differences():
     setup = pushed(24, 2)
     model = EquilibriumRope(setup, 1, 0, recorded=setup.ends)
-    values = torch.tensor([[5e-4, 3e-4, np.inf, 1.0]]).double().expand(2, 4)
+    values = torch.tensor([[5e-4, 3e-4, np.inf, 1.0]], dtype=torch.float64).expand(2, 4)
     target = torch.randn(2, 25, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
 
     def loss(bend: torch.Tensor) -> torch.Tensor:
@@ -91,7 +91,7 @@ def test_gradients_of_a_rope_with_a_follower_equal_differences():
 def test_a_rope_that_remembers_has_no_follower_and_the_other_way_round():
     names = {e.name for e in effects_of(pushed(20))}
     assert "bending_hysteresis" not in names
-    values = torch.tensor([1e-4, 1.0], dtype=torch.float64)
+    values = np.array([1e-4, 1.0])
     assert not FollowerForce().applies(BendingHysteresis().apply(clamped(20), values))
     assert not FollowerForce().applies(rope(20))
 

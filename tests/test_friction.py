@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
@@ -15,7 +14,8 @@ from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES
 from ropefit.diagnosis.search import _with_known_past
-from ropefit.effects import ContactFriction, SupportPlane
+from ropefit.effects import ContactFriction, Obstacle, SupportPlane
+from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
@@ -34,17 +34,17 @@ WEIGHT, ROUGH = 0.06 * 9.81, 0.4  # N/m, coefficient
 LIFT = 0.3  # m
 
 
-def table(ends: np.ndarray, clamp: torch.Tensor, segments: int, height: float) -> Setup:
+def table(ends: np.ndarray, clamp: np.ndarray, segments: int, height: float) -> Setup:
     """A rope of 1 m whose ends (F, 2, 3) [m] are led over a rough table."""
     made = uniform(length=1.0, segments=segments, bend=EI, density=0.06)
-    gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-    setup = bare(made, gravity, torch.tensor(ends), clamp, torch.tensor(EYE, dtype=torch.float64))
-    plane = torch.tensor([height, 0.0, 0.0], dtype=torch.float64)
+    gravity = np.array([0.0, 0.0, -9.81])
+    setup = bare(made, gravity, np.array(ends), clamp, np.array(EYE))
+    plane = np.array([height, 0.0, 0.0])
     return SupportPlane().apply(setup, plane)
 
 
 def rough(setup: Setup, coefficient: float) -> Setup:
-    return ContactFriction().apply(setup, torch.tensor([coefficient], dtype=torch.float64))
+    return ContactFriction().apply(setup, np.array([coefficient]))
 
 
 def swept(segments: int = 60, frames: int = 10) -> Setup:
@@ -52,33 +52,33 @@ def swept(segments: int = 60, frames: int = 10) -> Setup:
     share = np.sin(np.linspace(0, 2 * np.pi, frames))
     moving = np.stack([0.9 + 0 * share, 0.1 * share, 0.0 * share], axis=1)
     ends = np.stack([moving, np.zeros_like(moving)], axis=1)
-    free = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    free = np.full((frames, 2, 4), np.nan)
     return table(ends, free, segments, -0.15)
 
 
 def test_a_node_sticks_then_slides_at_the_coefficient_times_the_normal_force():
-    hardness = torch.tensor(100.0, dtype=torch.float64)
+    hardness = np.float64(100.0)
 
-    def energy(x: torch.Tensor) -> torch.Tensor:
-        return 0.5 * hardness * torch.clamp(-x[..., 2], min=0.0) ** 2
+    def energy(x: np.ndarray) -> np.ndarray:
+        return 0.5 * hardness * np.maximum(-x[..., 2], 0.0) ** 2
 
-    mu = torch.tensor(0.3, dtype=torch.float64)
-    one = torch.ones(1, dtype=torch.float64)
+    mu = np.float64(0.3)
+    one = np.ones(1)
     contact = Potential(energy, one, hardness, mu, one)
     deep = 0.01  # m: a normal force of 1 N
-    grip = Grip(torch.zeros(1, 3, dtype=torch.float64), torch.ones(1, dtype=torch.bool))
+    grip = Grip(np.zeros((1, 3)), np.ones(1, dtype=bool))
     for x, wanted in [(0.001, -0.1), (0.0025, -0.25), (0.02, -0.3), (0.018, -0.1), (0.012, 0.3)]:
-        at = torch.tensor([[x, 0.0, -deep]], dtype=torch.float64)
+        at = np.array([[x, 0.0, -deep]])
         force = friction.force(contact, grip, at)
-        np.testing.assert_allclose(force.numpy()[0], [wanted, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(force[0], [wanted, 0, 0], atol=1e-12)
         if x >= 0.0025:
             grip = friction.after(contact, grip, at)
-    away = torch.tensor([[0.0, 0.0, 0.001]], dtype=torch.float64)
-    assert friction.force(contact, grip, away).abs().max() == 0
+    away = np.array([[0.0, 0.0, 0.001]])
+    assert (friction.force(contact, grip, away) == 0).all()
     # Where it touches down again it is dragged from where it was in the air.
-    down = torch.tensor([[0.004, 0.0, -deep]], dtype=torch.float64)
+    down = np.array([[0.004, 0.0, -deep]])
     force = friction.force(contact, friction.after(contact, grip, away), down)
-    np.testing.assert_allclose(force.numpy()[0], [-0.3, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(force[0], [-0.3, 0, 0], atol=1e-12)
 
 
 def test_a_dragged_rope_is_as_taut_as_what_it_drags():
@@ -87,13 +87,13 @@ def test_a_dragged_rope_is_as_taut_as_what_it_drags():
     ends = np.full((len(way), 2, 3), np.nan)
     ends[:, 0] = 0.0
     ends[:, 0, 0] = way
-    clamp = torch.full((len(way), 2, 4), torch.nan, dtype=torch.float64)
-    clamp[:, 0] = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64)
+    clamp = np.full((len(way), 2, 4), np.nan)
+    clamp[:, 0] = np.array([0.5**0.5, 0.0, 0.5**0.5, 0.0])
     setup = rough(table(ends, clamp, 60, 0.0), ROUGH)
     point = Equilibrium(setup, []).at(np.empty(0))
     assert point.solution.converged.all()
     tension = point.solution.force[:, 6:54, 0]
-    arc = setup.arc.numpy()
+    arc = setup.arc
     rest = 1 - 0.5 * (arc[6:54] + arc[7:55])
     np.testing.assert_allclose(tension[0], 0, atol=1e-6)
     # Every third node rubs for its neighbours: steps of a twentieth.
@@ -117,7 +117,7 @@ def test_a_rope_is_held_from_where_it_touches_down_between_frames():
     way = np.linspace(0.0, 1.0, 41)[:, None]
     moving = np.array([0.75, 0.0, 0.25]) + way * np.array([-0.05, 0.2, -0.15])
     ends = np.stack([moving, np.zeros_like(moving)], axis=1)
-    free = torch.full((len(way), 2, 4), torch.nan, dtype=torch.float64)
+    free = np.full((len(way), 2, 4), np.nan)
     last = {}
     for name, every in {"all": 1, "few": 40}.items():
         some = table(ends[::every], free[::every], 60, -0.32)
@@ -137,8 +137,8 @@ def test_only_steps_in_which_nodes_touch_down_are_taken_in_increments():
     assert isinstance(point, WalkedPoint)
     assert len(point.whole.ends) == point.increments.sum() == len(point.steps)
     kept = point.whole.ends[np.cumsum(point.increments) - 1]
-    torch.testing.assert_close(kept, setup.ends, rtol=0, atol=1e-15)
-    above = setup._replace(ends=setup.ends + torch.tensor([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(kept, setup.ends, rtol=0, atol=1e-15)
+    above = setup._replace(ends=setup.ends + np.array([0.0, 0.0, 1.0]))
     off = Equilibrium(above, []).at(np.empty(0))
     assert isinstance(off, WalkedPoint)
     assert (off.increments == 1).all()
@@ -148,9 +148,9 @@ def test_a_walk_does_not_depend_on_what_was_tried_before():
     """Else a fit, which begins each step where the last one ended, has an objective with jumps."""
     setup, free = rough(swept(40, 8), ROUGH), np.full(1, np.inf)
 
-    def lifted(setup: Setup, v: torch.Tensor) -> Setup:  # an end: it touches down later
-        by = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
-        return setup._replace(ends=setup.ends + v[0] * by * setup.ends[:, :1, 1:2].abs())
+    def lifted(setup: Setup, v: np.ndarray) -> Setup:  # an end: it touches down later
+        by = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+        return setup._replace(ends=setup.ends + v[0] * by * np.abs(setup.ends[:, :1, 1:2]))
 
     one = np.ones(1)
     term = Term("lift", ("lift",), ("1",), lifted, 0 * one, one, -free, free, free)
@@ -171,7 +171,7 @@ def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():
     seen = Equilibrium(rough(setup, ROUGH), []).at(np.empty(0)).seen
     plain = Equilibrium(setup, []).at(np.empty(0)).seen
     behind = (seen - plain)[:, 20:45, 1].mean(1)
-    way = np.diff(setup.ends[:, 0, 1].numpy())
+    way = np.diff(setup.ends[:, 0, 1])
     assert np.corrcoef(behind[1:], way)[0, 1] < -0.3
     assert np.abs(behind).max() > 1e-3
 
@@ -185,8 +185,8 @@ def test_derivatives_through_friction_are_exact(coefficient, digits):
         return Term(name, (name,), ("",), apply, np.array([start]), np.array([scale]), -free, free,
                     free)  # fmt: skip
 
-    def moved(setup: Setup, v: torch.Tensor) -> Setup:
-        by = torch.tensor([[0.3, 0.1, 0.2], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    def moved(setup: Setup, v: np.ndarray) -> Setup:
+        by = np.array([[0.3, 0.1, 0.2], [0.0, 0.0, 0.0]])
         return setup._replace(ends=setup.ends + v[0] * by)
 
     terms = [
@@ -236,7 +236,7 @@ def test_friction_is_found_where_a_rope_lies():
 def lifted() -> Setup:
     """A rope that lies on the table in its first frames, is lifted, and put down again."""
     setup = swept(60, 14)
-    ends = setup.ends.clone()
+    ends = setup.ends.copy()
     ends[3:5, :, 2] += LIFT
     return setup._replace(ends=ends)
 
@@ -274,29 +274,66 @@ def test_friction_is_looked_for_without_the_frames_of_an_unknown_past():
     assert begun.terms[0].start == pytest.approx(0.39)
 
 
-def test_closed_derivatives_of_friction_are_those_of_its_energy():
-    """Of nodes that stick, slide, have left the table, or have only just touched down."""
-    plane = rough(swept(), ROUGH).potentials[0]
-    x = torch.tensor(
-        [[0.1, 0.0, -0.1502], [0.2, 0.01, -0.1503], [0.3, 0.0, -0.14], [0.4, 0.0, -0.1502]],
-        dtype=torch.float64,
+def touched() -> tuple[Potential, np.ndarray, Grip]:
+    """A rough table, and nodes (4, 3) that stick, slide, have left it, or just touch down."""
+    plane = rough(swept(), ROUGH).potentials[0]._replace(rubbing=np.ones(4))
+    x = np.array(
+        [[0.1, 0.0, -0.1502], [0.2, 0.01, -0.1503], [0.3, 0.0, -0.14], [0.4, 0.0, -0.1502]]
     )
-    place = x + torch.tensor([[2e-6, -1e-6, 1e-4], [0.003, 0.002, 0.0], [0.01, 0.0, 0.0],
-                              [0.01, 0.0, 0.0]], dtype=torch.float64)  # fmt: skip
-    contact = plane._replace(rubbing=torch.ones(4, dtype=torch.float64))
-    one = friction.potential(contact, Grip(place, torch.tensor([True, True, True, False])))
-    assert one.derivatives is not None
-    slope, rows = one.derivatives(x)
-    at = x.clone().requires_grad_()
-    wanted = torch.autograd.grad(one.energy(at).sum(), at, create_graph=True)[0]
-    np.testing.assert_allclose(slope, wanted.detach(), rtol=1e-9, atol=1e-12)
-    for a in range(3):
-        row = torch.autograd.grad(wanted[:, a].sum(), at, retain_graph=True)[0]
-        np.testing.assert_allclose(rows[:, a], row, rtol=1e-9, atol=1e-9)
-    assert (slope[:2].norm(dim=1) > 0).all()
-    assert (slope[2:] == 0).all()
-    assert one.slope is not None
-    assert torch.equal(one.slope(x), slope)
+    off = [[2e-6, -1e-6, 1e-4], [0.003, 0.002, 0.0], [0.01, 0.0, 0.0], [0.01, 0.0, 0.0]]
+    return plane, x, Grip(x + np.array(off), np.array([True, True, True, False]))
+
+
+def differences(function, x: np.ndarray, step: float = 1e-5) -> np.ndarray:
+    """Derivatives (..., *, 3), of fourth order, of a function of each node's own place x."""
+    parts = []
+    for way in step * np.eye(3):
+        f = [function(x + k * way) for k in (-2, -1, 1, 2)]
+        parts.append((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * step))
+    return np.stack(parts, axis=-1)
+
+
+def test_closed_derivatives_of_friction_are_those_of_its_energy():
+    plane, x, grip = touched()
     assert plane.slope is not None
     assert plane.derivatives is not None
-    assert torch.equal(plane.slope(x), plane.derivatives(x)[0])
+    one = friction.potential(plane, grip)
+    assert one.derivatives is not None
+    slope, rows = one.derivatives(x)
+    push = plane.slope(x)  # for a normal force that stays as it is
+    same = friction.potential(plane._replace(slope=lambda _: push), grip)
+    assert same.slope is not None
+    np.testing.assert_allclose(slope, differences(same.energy, x), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(rows, differences(same.slope, x), rtol=1e-9, atol=1e-9)
+    assert (np.linalg.norm(slope[:2], axis=1) > 0).all()
+    assert (slope[2:] == 0).all()
+    assert one.slope is not None
+    assert np.array_equal(one.slope(x), slope)
+    assert np.array_equal(plane.slope(x), plane.derivatives(x)[0])
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_where_nodes_are_dragged_has_closed_derivatives(curved):
+    """In the nodes and in where they were held; also on a bar, whose normal turns."""
+    contact, x, grip = touched()
+    if curved:
+        radius, below = 0.05, np.array([0.0, 0.0, -0.2])
+        bare = swept()._replace(potentials=())
+        values = np.array([*(below - middle_of(bare)), radius, 0.3])
+        bar = rough(Obstacle().apply(bare, values), ROUGH).potentials[0]
+        contact = bar._replace(rubbing=np.ones(4))
+        up, (first, second) = np.array([0.0, 0.0, 1.0]), horizontal(bare.gravity)
+        axis = np.cos(0.3) * first + np.sin(0.3) * second
+        turns, far = np.array([0.3, -0.5, 0.1, 0.8]), radius - np.array([2e-4, 3e-4, -1e-3, 2e-4])
+        around = np.outer(np.sin(turns), np.cross(axis, up)) + np.outer(np.cos(turns), up)
+        moved = below + far[:, None] * around + np.outer([0.1, 0.2, 0.3, 0.4], axis)
+        x, grip = moved, grip._replace(place=grip.place - x + moved)
+    by_x, by_place = friction.slopes(contact, grip, x)
+    in_x = differences(lambda at: friction.dragged(contact, grip, at), x)
+    in_place = differences(
+        lambda at: friction.dragged(contact, grip._replace(place=at), x), grip.place
+    )
+    np.testing.assert_allclose(by_x, in_x, rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(by_place, in_place, rtol=1e-7, atol=1e-8)
+    assert np.abs(by_place[:2]).max() > 0.5
+    assert (by_place[3] == 0).all()

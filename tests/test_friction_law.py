@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.rope_description import law_constants
 from ropefit.artifacts.causes import Law, Size
@@ -24,8 +23,8 @@ TOLD = {"M0": MOMENT, "k0": RANGE}
 RULES = Rules(effects=("bending_hysteresis", "point_mass", "bending_law"))
 
 
-def both(moment: float, reach: float) -> tuple[torch.Tensor, torch.Tensor]:
-    return torch.tensor(moment, dtype=torch.float64), torch.tensor(reach, dtype=torch.float64)
+def both(moment: float, reach: float) -> tuple[np.float64, np.float64]:
+    return np.float64(moment), np.float64(reach)
 
 
 def test_the_curves_are_the_formulas():
@@ -48,7 +47,7 @@ def test_loops_are_dahls(amplitude):
     """Of any size, from the first way on."""
     turns = amplitude * RANGE * 0.1 * np.sin(np.linspace(0, 4 * np.pi, 1201))
     setup = with_friction(concealed.rope(10, 1), dahl(*both(MOMENT, RANGE)))
-    time = torch.arange(len(turns), dtype=torch.float64)
+    time = np.arange(float(len(turns)))
     law = memory.laws(setup.memory, setup.rod(), setup.properties.bend, time)
     vector = np.zeros((len(turns), 11, 2))
     vector[..., 0] = 0.5 * turns[:, None]

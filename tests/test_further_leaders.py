@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis import candidates, few_frames
 from ropefit.diagnosis.beginning import settled_start
@@ -28,7 +27,7 @@ def concealed(*effects, seed=31):
     """The nominal fit to a rope with these effects."""
     setup = rope(144)
     for effect, values in effects:
-        setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+        setup = effect.apply(setup, np.array(values))
     return fitted(recorded(setup, seed=seed))
 
 

@@ -270,12 +270,12 @@ def test_shape_control_reaches_shapes_of_the_rope(fitted, tmp_path, named):
 def test_moving_the_orientation_reaches_what_the_position_cannot(fitted, tmp_path):
     """The paper blames its misses on the rotation it could not control."""
     o = read(fitted / Observations.file_name, Observations)[0]
-    eta = torch.tensor([[0.12, 1, 1, 1, 0.35, 1]], dtype=torch.float64).expand(len(o.frames), -1)
+    eta = np.tile([0.12, 1, 1, 1, 0.35, 1], (len(o.frames), 1))
     made = xpbd_of(o, Algorithm("thomas", Settings(20, 10)), eta)
     rope = build_rope(made.base, made.algorithm, hold_frame=True)
     turn = torch.tensor([0.0, 0.9, 0.0], dtype=torch.float64)
     frame = multiply(from_rotation_vector(turn), rope.start.q[:, 0])
-    x = rope.settle(eta, frame=frame).x.numpy()
+    x = rope.settle(torch.from_numpy(eta), frame=frame).x.numpy()
     write_targets(tmp_path / "t.csv", x, [6], [0.1, 0.2, 0.35, 0.5, 0.75])
     external = {"targets": read_targets(tmp_path / "t.csv", 1.0)}
     still = estimate(fitted, external, target=True, turn=False)
@@ -288,14 +288,15 @@ def test_moving_the_orientation_reaches_what_the_position_cannot(fitted, tmp_pat
 def test_start_of_a_frame_follows_the_control_point(fitted):
     """The start moves with the control point, so a far move needs no new start."""
     o = read(fitted / Observations.file_name, Observations)[0]
-    eta = torch.tensor([[0.12, 1, 1, 1, 0.35, 1]], dtype=torch.float64).expand(len(o.frames), -1)
+    eta = np.tile([0.12, 1, 1, 1, 0.35, 1], (len(o.frames), 1))
     made = xpbd_of(o, Algorithm("thomas", Settings(40, 20)), eta)
     rope = made.rope_at(made.base)
+    values = torch.from_numpy(eta)
     move = torch.tensor([-0.1, 0.0, 0.05], dtype=torch.float64).expand(len(o.frames), 3)
-    moved = rope.settle(eta, move=move)
-    there = made.base.ends.clone()
-    there[:, 0] += move
-    again = made.rope_at(made.base._replace(ends=there)).settle(eta)
+    moved = rope.settle(values, move=move)
+    there = made.base.ends.copy()
+    there[:, 0] += move.numpy()
+    again = made.rope_at(made.base._replace(ends=there)).settle(values)
     assert torch.allclose(moved.x[:, 0], again.x[:, 0], atol=1e-12)
     assert float((moved.x - again.x).norm(dim=-1).max()) < 0.05
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.forms import described
 from ropefit.effects import BendingLaw
@@ -38,10 +37,10 @@ def test_the_curve_is_that_of_the_rope(stiffening):
 
 def test_a_rope_that_is_bent_alike_everywhere_shows_one_value_of_the_curve():
     setup = rope(48, 4)
-    clamp, ends = setup.clamp.clone(), setup.ends.clone()
-    clamp[:, 0] = torch.tensor([0.7071067811865476, 0.0, 0.7071067811865476, 0.0])
-    ends[:, 0], ends[:, 1] = 0.0, torch.nan
-    moment = torch.tensor([[0.0, 0.0, 0.0], [0.0, 1e-3, 0.0]], dtype=torch.float64)
+    clamp, ends = setup.clamp.copy(), setup.ends.copy()
+    clamp[:, 0] = np.array([0.7071067811865476, 0.0, 0.7071067811865476, 0.0])
+    ends[:, 0], ends[:, 1] = 0.0, np.nan
+    moment = np.array([[0.0, 0.0, 0.0], [0.0, 1e-3, 0.0]])
     arc = setup._replace(
         clamp=clamp, clamped=(True, False), ends=ends, moment=moment, gravity=0 * setup.gravity
     )

@@ -22,7 +22,8 @@ from ropefit.rod.setup import Potential, bare
 from ropefit.solvers.dynamics import derivatives, problem
 from ropefit.solvers.dynamics import solve as dynamics
 from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
-from ropefit.solvers.equilibrium.implicit import Directions, settled, tangent
+from ropefit.solvers.equilibrium.differentiable import settled
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States, unsettled
 from ropefit.solvers.equilibrium.solve import solve
@@ -30,10 +31,11 @@ from ropefit.solvers.equilibrium.stability import stability
 from ropefit.solvers.shapes import ShapeError
 from ropefit.solvers.status import Status
 from tests.rods import DOWN
+from tests.tensors import tensors
 
 STATUSES = (Status.CONVERGED, Status.LIMIT, Status.STUCK, Status.NOT_FINITE, Status.UNSTABLE)
 STRANGE = (0.0, 1.0, -1e3, 1e-300, 1e300, np.inf, np.nan)
-ENDS = torch.tensor([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]], dtype=torch.float64)
+ENDS = np.array([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]])
 
 
 def random_problem(draw) -> tuple:
@@ -41,24 +43,24 @@ def random_problem(draw) -> tuple:
     seed = draw(st.integers(0, 2**32 - 1))
     rng = np.random.default_rng(seed)
     frames, segments = draw(st.integers(1, 4)), draw(st.integers(2, 9))
-    ends = ENDS.repeat(frames, 1, 1).clone()
-    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    ends = np.tile(ENDS, (frames, 1, 1))
+    clamp = np.full((frames, 2, 4), np.nan)
     clamped = (draw(st.booleans()), draw(st.booleans()))
     for end in range(2):
         if clamped[end]:
-            clamp[:, end] = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0])
+            clamp[:, end] = np.array([0.5**0.5, 0.0, 0.5**0.5, 0.0])
     loose = draw(st.sampled_from([None, 0, 1]))
     if loose is not None:
-        ends[:, loose] = torch.nan
+        ends[:, loose] = np.nan
     many = draw(st.integers(0, 4))
     more: dict = {}
     if many:
-        direction = torch.from_numpy(rng.normal(size=(frames, many, 3)))
+        direction = rng.normal(size=(frames, many, 3))
         more = {
             "node": rng.integers(0, segments + 1, many),
-            "direction": direction / direction.norm(dim=-1, keepdim=True),
-            "offset": torch.from_numpy(0.1 * rng.normal(size=(frames, many))),
-            "compliance": torch.from_numpy(10.0 ** rng.uniform(-3, 1, (frames, many))),
+            "direction": direction / np.linalg.norm(direction, axis=-1, keepdims=True),
+            "offset": 0.1 * rng.normal(size=(frames, many)),
+            "compliance": 10.0 ** rng.uniform(-3, 1, (frames, many)),
             "active": rng.random((frames, many)) < 0.7,
         }
     if draw(st.booleans()):
@@ -102,11 +104,11 @@ def test_every_solution_can_be_differentiated(problem, value, status):
         assert dx.shape == (frames, 3, segments + 1, 3)
         assert turn.shape == (frames, 3, segments, 3)
         assert stability(solution).shape == (frames,)
-        rod = rod._replace(load=rod.load.clone().requires_grad_())
-        state = settled(replace(solution, rod=rod))
+        load = torch.tensor(rod.load, requires_grad=True)
+        state = settled(solution, tensors(rod)._replace(load=load), tensors(conditions))
         (state.x.sum() + state.q.sum()).backward()
-    assert rod.load.grad is not None
-    assert rod.load.grad.shape == rod.load.shape
+    assert load.grad is not None
+    assert load.grad.shape == load.shape
 
 
 @settings(max_examples=60, deadline=None)
@@ -150,8 +152,8 @@ def test_directions_of_other_shapes_are_refused():
 
 def test_nodes_and_ropes_that_are_not_there_are_refused():
     rod, held = hanging(2, 5)
-    across = torch.zeros(2, 1, 3, dtype=torch.float64)
-    one = torch.zeros(2, 1, dtype=torch.float64)
+    across = np.zeros((2, 1, 3))
+    one = np.zeros((2, 1))
     for node in (-1, 6):
         with pytest.raises(ShapeError, match="node"):
             solve(rod, replace(held, node=np.array([node]), direction=across, offset=one,
@@ -163,8 +165,8 @@ def test_nodes_and_ropes_that_are_not_there_are_refused():
 def hanging(frames: int, segments: int):
     rod = build(uniform(length=1.0, segments=segments, bend=1e-3, density=0.1), 9.81 * DOWN,
                 (False, False))  # fmt: skip
-    none = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
-    return rod, Conditions(ENDS.repeat(frames, 1, 1), none)
+    none = np.full((frames, 2, 4), np.nan)
+    return rod, Conditions(np.tile(ENDS, (frames, 1, 1)), none)
 
 
 def test_a_start_deep_in_an_obstacle_has_its_own_conditions():
@@ -173,9 +175,14 @@ def test_a_start_deep_in_an_obstacle_has_its_own_conditions():
     rod, held = hanging(3, 20)
 
     def plane(height: float) -> Potential:
-        hardness = torch.tensor(200.0, dtype=torch.float64)
-        energy = lambda x: 0.5 * hardness * torch.clamp(height - x[..., 2], min=0.0) ** 2  # noqa: E731
-        return Potential(energy, torch.ones(21, dtype=torch.float64), hardness)
+        def derivatives(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            slope, curvature = np.zeros_like(x), np.zeros((*x.shape, 3))
+            slope[..., 2] = -200.0 * np.maximum(height - x[..., 2], 0.0)
+            curvature[..., 2, 2] = 200.0 * (x[..., 2] < height)
+            return slope, curvature
+
+        energy = lambda x: 100.0 * np.maximum(height - x[..., 2], 0.0) ** 2  # noqa: E731
+        return Potential(energy, np.ones(21), np.array(200.0), derivatives=derivatives)
 
     low = solve_with_potentials(rod, held, (plane(-0.2),))
     assert low.converged.all()
@@ -192,15 +199,14 @@ def test_a_fit_that_goes_too_deep_has_derivatives_of_its_own():
     """The same through a model: a point that did not settle can still be asked for its response."""
     setup = bare(
         uniform(length=1.0, segments=20, bend=1e-3, density=0.1), 9.81 * DOWN,
-        ENDS.repeat(3, 1, 1), torch.full((3, 2, 4), torch.nan, dtype=torch.float64),
-        torch.zeros(3, dtype=torch.float64),
+        np.tile(ENDS, (3, 1, 1)), np.full((3, 2, 4), np.nan), np.zeros(3),
     )  # fmt: skip
     from ropefit.effects import SupportPlane
 
-    first = Equilibrium(SupportPlane().apply(setup, torch.tensor([-0.2, 0.0, 0.0]).double()), [])
+    first = Equilibrium(SupportPlane().apply(setup, np.array([-0.2, 0.0, 0.0])), [])
     point = first.at(np.empty(0))
     assert point.solution.converged.all()
-    higher = SupportPlane().apply(setup, torch.tensor([0.4, 0.0, 0.0]).double())
+    higher = SupportPlane().apply(setup, np.array([0.4, 0.0, 0.0]))
     model = Equilibrium(higher, [], point.solution)
     model.reached = True  # as in the middle of a fit
     marked = model.at(np.empty(0))
@@ -222,9 +228,9 @@ def test_unsettled_states_are_marked():
 def replace_supports(solution: Solution) -> Solution:
     """The same states with one support more."""
     frames = len(solution.q)
-    one = torch.ones(frames, 1, dtype=torch.float64)
+    one = np.ones((frames, 1))
     more = replace(
-        solution.conditions, node=np.array([2]), direction=torch.ones(frames, 1, 3).double(),
+        solution.conditions, node=np.array([2]), direction=np.ones((frames, 1, 3)),
         offset=one, compliance=one,
     )  # fmt: skip
     reaction = np.concatenate([solution.reaction, np.zeros((frames, 1))], axis=1)
@@ -239,12 +245,12 @@ def test_motions_of_any_size(clips, segments, steps, value):
     p = uniform(length=1.0, segments=segments, bend=1e-2, density=0.1)
     rod = build(p, 9.81 * DOWN, (False, False))
     rope = moving(p, rod, undamped(p))
-    time = torch.arange(steps, dtype=torch.float64).repeat(clips, 1) * 0.01
-    ends = ENDS.repeat(clips, steps, 1, 1).clone()
+    time = np.tile(np.arange(steps) * 0.01, (clips, 1))
+    ends = np.tile(ENDS, (clips, steps, 1, 1))
     ends[0, -1, 1, 0] += value if np.isfinite(value) else 0.5
-    none = torch.full((clips, steps, 2, 4), torch.nan, dtype=torch.float64)
+    none = np.full((clips, steps, 2, 4), np.nan)
     still = solve(rod, Conditions(ends[:, 0], none[:, 0]))
-    start = problem.Start(*(torch.from_numpy(a) for a in (still.x, still.q, 0 * still.x)))
+    start = problem.Start(still.x, still.q, 0 * still.x)
     drive = problem.Drive(time, ends, none)
     found = dynamics.solve(rope, drive, start, limit=3)
     with np.errstate(all="ignore"):

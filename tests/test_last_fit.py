@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.diagnosis_content import holding_both, sizes_of
 from ropefit.diagnosis.accepted import Accepted
@@ -26,8 +25,8 @@ MASS, PLACE, LOAD = 0.006, 0.37, (0.0, 0.06, 0.0)  # kg, m, N/m
 @pytest.fixture(scope="module")
 def loaded():
     """A weight and a load across gravity, as fitted from a load that lifts the rope, too."""
-    setup = PointMass().apply(rope(144), torch.tensor([MASS, PLACE], dtype=torch.float64))
-    setup = DistributedLoad().apply(setup, torch.tensor(LOAD, dtype=torch.float64))
+    setup = PointMass().apply(rope(144), np.array([MASS, PLACE]))
+    setup = DistributedLoad().apply(setup, np.array(LOAD))
     nominal = nominal_fit(recorded(setup, seed=3), 72)
     hypotheses = [Hypothesis(effect, NO_PLACE) for effect in (DistributedLoad(), PointMass())]
     starts = (np.array([0.0, 0.06, 0.15]), np.array([MASS, PLACE]))
@@ -97,7 +96,7 @@ def test_intervals_hold_both_of_two_fits(loaded):
 def test_a_fit_does_not_depend_on_the_shape_it_began_from():
     """Points are matched to the rope where a fit begins: from afar they are matched wrongly."""
     curvature = [1.2, 0.4, 0.5, 0.6]
-    setup = IntrinsicCurvature().apply(clamped(96, 8), torch.tensor(curvature).double())
+    setup = IntrinsicCurvature().apply(clamped(96, 8), np.array(curvature))
     nominal = nominal_clamped(recorded(setup, seed=5))
     hypothesis = Hypothesis(IntrinsicCurvature(), NO_PLACE)
     starts = (curvature, [1.6, 0.0, 0.5, 0.8])

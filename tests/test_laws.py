@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.law_content import times_metre
 from ropefit.diagnosis.candidate import fit_candidate
@@ -36,7 +35,7 @@ def form(setup: Setup, name: str, value: float) -> Setup:
     """The setup whose bending follows a form."""
     law = BendingLaw().law(setup)
     one = next(f for f in law.forms if name in f.name)
-    return one.apply(setup, torch.tensor([value], dtype=torch.float64))
+    return one.apply(setup, np.array([value]))
 
 
 def by_differences(model: Equilibrium) -> None:
@@ -62,16 +61,16 @@ def test_derivatives_beside_a_law_are_exact(hysteresis):
     """In the law's own values, in rigidity and length; also where the rope remembers, too."""
     setup = rope(30, 4)
     if hysteresis:
-        values = torch.tensor([1e-4, 1.0], dtype=torch.float64)
+        values = np.array([1e-4, 1.0])
         setup = BendingHysteresis().apply(setup, values)
     by_differences(Equilibrium(setup, [law_term(SOFTER), *terms(setup, ("EI", "length"))]))
 
 
 def test_a_law_is_the_derivative_of_the_curve_that_is_told():
-    setup = BendingLaw().apply(rope(30, 2), torch.tensor(SOFTER, dtype=torch.float64))
+    setup = BendingLaw().apply(rope(30, 2), np.array(SOFTER))
     assert setup.bending is not None
     law = BendingLaw().law(setup)
-    knots = setup.bending.knots.numpy()
+    knots = setup.bending.knots
     x = np.sqrt(knots[1:] * knots[:-1])
     slope = (law.curve(setup, 1.001 * x) - law.curve(setup, x)) / (0.001 * x)
     np.testing.assert_allclose(slope, EI * setup.bending.slope[1:-1], rtol=1e-9)
@@ -82,12 +81,12 @@ def test_a_law_is_the_derivative_of_the_curve_that_is_told():
 def test_a_cantilever_of_a_power_law_bends_as_its_moment_says():
     """With a moment at its free end and no weight: one curvature everywhere, in closed form."""
     setup = form(rope(200, 1), "(n-1)", 0.6)
-    clamp = setup.clamp.clone()
-    clamp[:, 0] = torch.tensor([0.7071067811865476, 0.0, 0.7071067811865476, 0.0])
-    ends = setup.ends.clone()
-    ends[:, 0], ends[:, 1] = 0.0, torch.nan
+    clamp = setup.clamp.copy()
+    clamp[:, 0] = np.array([0.7071067811865476, 0.0, 0.7071067811865476, 0.0])
+    ends = setup.ends.copy()
+    ends[:, 0], ends[:, 1] = 0.0, np.nan
     size = 1.7 * EI
-    moment = torch.tensor([[0.0, 0.0, 0.0], [0.0, size, 0.0]], dtype=torch.float64)
+    moment = np.array([[0.0, 0.0, 0.0], [0.0, size, 0.0]])
     setup = setup._replace(
         clamp=clamp, clamped=(True, False), ends=ends, moment=moment, gravity=0 * setup.gravity
     )
@@ -163,13 +162,13 @@ FIELD = [0.3, 1.5, 2.0, 0.1, 0.2, -0.35]
 
 
 def test_a_force_field_is_the_gradient_of_its_energy():
-    setup = ForceField().apply(rope(30, 2), torch.tensor(FIELD, dtype=torch.float64))
+    setup = ForceField().apply(rope(30, 2), np.array(FIELD))
     (field,) = setup.potentials
     assert field.derivatives is not None
-    x = torch.randn(50, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    x = np.random.default_rng(3).normal(size=(50, 3))
     slope, rows = field.derivatives(x)
     for a in range(3):
-        step = 1e-5 * torch.eye(3, dtype=torch.float64)[a]
+        step = 1e-5 * np.eye(3)[a]
         rise = (field.energy(x + step) - field.energy(x - step)) / 2e-5
         bend = (field.derivatives(x + step)[0] - field.derivatives(x - step)[0]) / 2e-5
         np.testing.assert_allclose(slope[:, a], rise, rtol=1e-5, atol=1e-8)
@@ -189,7 +188,7 @@ def test_derivatives_beside_a_force_field_are_exact():
 @pytest.fixture(scope="module")
 def repelled():
     """A force that falls by e in 8 cm, from a point below the rope."""
-    values = torch.tensor([0.25, 0.0, 12.5, 0.35, 0.1, -0.25], dtype=torch.float64)
+    values = np.array([0.25, 0.0, 12.5, 0.35, 0.1, -0.25])
     rules = Rules(effects=("force_field", "bending_law", "point_mass", "intrinsic_curvature"))
     data = recorded(ForceField().apply(rope(72, 8), values), seed=11, points=120)
     return search(nominal_fit(data, 36), 0, lambda *_: None, rules)

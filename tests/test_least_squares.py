@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
@@ -29,34 +28,34 @@ from ropefit.solvers.equilibrium.start import frames_along
 from tests.ropes import GRAVITY
 
 BINS, SD = 15, 0.0005
-EYE = torch.tensor([0.4, -1.6, 0.2], dtype=torch.float64)
+EYE = np.array([0.4, -1.6, 0.2])
 
 
-def ends(frames: int = 6, near: float = 0.4, far: float = 0.8) -> torch.Tensor:
+def ends(frames: int = 6, near: float = 0.4, far: float = 0.8) -> np.ndarray:
     """(F, 2, 3) [m] a motion in space."""
-    t = torch.linspace(0, 1, frames, dtype=torch.float64)
-    out = torch.zeros(frames, 2, 3, dtype=torch.float64)
+    t = np.linspace(0, 1, frames)
+    out = np.zeros((frames, 2, 3))
     reach, angle = near + (far - near) * t, 0.8 * t
-    out[:, 1, 0], out[:, 1, 1] = reach * torch.cos(angle), reach * torch.sin(angle)
-    out[:, 1, 2] = 0.2 * torch.sin(6 * t)
+    out[:, 1, 0], out[:, 1, 1] = reach * np.cos(angle), reach * np.sin(angle)
+    out[:, 1, 2] = 0.2 * np.sin(6 * t)
     return out
 
 
-def clamps(place: torch.Tensor, turn: float = 0.0) -> torch.Tensor:
+def clamps(place: np.ndarray, turn: float = 0.0) -> np.ndarray:
     """(F, 2, 4) both ends along the line between them; end 1 turned about it, frame by frame."""
-    line = torch.stack([place[:, 0], place.mean(1), place[:, 1]], dim=1)
-    q = frames_along(line)[:, :1].expand(-1, 2, -1).clone()
-    spin = turn * torch.linspace(0.3, 1, len(place), dtype=torch.float64)
-    about = torch.stack([0 * spin, 0 * spin, spin], dim=-1)
+    line = np.stack([place[:, 0], place.mean(1), place[:, 1]], axis=1)
+    q = np.repeat(frames_along(line)[:, :1], 2, axis=1)
+    spin = turn * np.linspace(0.3, 1, len(place))
+    about = np.stack([0 * spin, 0 * spin, spin], axis=-1)
     q[:, 1] = multiply(q[:, 1], from_rotation_vector(about))
     return q
 
 
-def setup(segments: int, held: torch.Tensor, clamp: torch.Tensor | None = None, **rope) -> Setup:
+def setup(segments: int, held: np.ndarray, clamp: np.ndarray | None = None, **rope) -> Setup:
     """A rope of 1 m and 60 g."""
     rope = {"length": 1.0, "bend": 1e-3, "density": 0.06} | rope
     if clamp is None:
-        clamp = torch.full((len(held), 2, 4), torch.nan, dtype=torch.float64)
+        clamp = np.full((len(held), 2, 4), np.nan)
     return bare(uniform(segments=segments, **rope), GRAVITY, held, clamp, EYE)
 
 
@@ -66,7 +65,7 @@ def markers(truth: Setup, sd: float = SD, count: int = 16, seed: int = 0) -> Dat
     every = truth.segments // (count - 1)
     points = x[:, ::every] + np.random.default_rng(seed).normal(0, sd, x[:, ::every].shape)
     share = np.broadcast_to(np.linspace(0, 1, count), points.shape[:2]).copy()
-    return Data(points, share, np.ones(share.shape, bool), True, EYE.numpy())
+    return Data(points, share, np.ones(share.shape, bool), True, EYE)
 
 
 def free(name: str, start: float):
@@ -135,7 +134,7 @@ def test_every_term_has_the_right_derivative(held):
     place = ends(3)
     clamp = clamps(place, 1.0) if held == "clamped" else None
     if held == "free":
-        place[:, 1] = torch.nan
+        place[:, 1] = np.nan
     rope = setup(20, place, clamp, axial=60.0)
     terms = [free("EI", 1e-3), free("GJ", 7e-4), free("EA", 60.0), free("length", 1.0)]
     errors = calibration(rope, Priors(), shared=False)
@@ -171,7 +170,7 @@ def cloud(x: np.ndarray, count: int, sd: float, seed: int = 0) -> Data:
     rest, rows = (at - low)[..., None], np.arange(len(x))[:, None]
     points = (1 - rest) * x[rows, low] + rest * x[rows, low + 1]
     points += rng.normal(0, sd, points.shape)
-    return Data(points, share, np.ones(share.shape, bool), False, EYE.numpy())
+    return Data(points, share, np.ones(share.shape, bool), False, EYE)
 
 
 @pytest.fixture(scope="module")
@@ -329,10 +328,10 @@ def test_calibration_errors_are_held_to_their_priors():
 @pytest.mark.parametrize("arch", [True, False])
 def test_a_second_equilibrium_is_found_where_there_is_one(arch):
     """An arch held upright falls to one side or to the other; a pinned rope hangs in one way."""
-    held = torch.zeros(1, 2, 3, dtype=torch.float64)
+    held = np.zeros((1, 2, 3))
     held[0, 1, 0] = 0.3
-    up = torch.tensor([[[0, 0, 0], [0, 0, 0.5], [0, 0, 1]]], dtype=torch.float64)
-    clamp = torch.cat([frames_along(up)[:, :1], frames_along(-up)[:, :1]], dim=1)
+    up = np.array([[[0.0, 0, 0], [0, 0, 0.5], [0, 0, 1]]])
+    clamp = np.concatenate([frames_along(up)[:, :1], frames_along(-up)[:, :1]], axis=1)
     point = Equilibrium(setup(40, held, clamp if arch else None, bend=5e-3), []).at(np.empty(0))
     assert point.solution.converged.all()
     apart = other_states(point.solution)[1]

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 import ropefit
 from ropefit.diagnosis.candidate import fit_candidate
@@ -82,7 +81,7 @@ def test_a_prior_counts_and_real_depth_stays(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("mass", "stated"), [(0.0, 1.7e-3), (0.004, 3e-3), (0.0, 2e-4)])
 def test_noise_is_not_above_what_is_left(mass: float, stated: float) -> None:
     """Of what preprocess states as an upper bound; a true one stays."""
-    setup = PointMass().apply(rope(288), torch.tensor([mass, 0.4], dtype=torch.float64))
+    setup = PointMass().apply(rope(288), np.array([mass, 0.4]))
     seen = Equilibrium(setup, []).at(np.empty(0)).seen[:, ::24]
     seen = seen + np.random.default_rng(8).normal(0, NOISE, seen.shape)
     share = np.broadcast_to(ARC, seen.shape[:2])
@@ -106,7 +105,7 @@ def weighted(where: Path, markers: int) -> Path:
     where.mkdir()
     write_manifest(where, '[markers]\nfile = "m.npz"', "length = 1.0\nmass = 0.06")
     rng, fine = np.random.default_rng(3), rope(192)
-    setup = PointMass().apply(fine, torch.tensor([0.006, 0.4], dtype=torch.float64))
+    setup = PointMass().apply(fine, np.array([0.006, 0.4]))
     order = rng.permutation(len(setup.ends))
     at = np.round(192 * np.linspace(0.08, 0.92, markers)).astype(int)
     seen = Equilibrium(setup, []).at(np.empty(0)).seen[order][:, at]

@@ -3,7 +3,6 @@ against differences, and concealed effects found again."""
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.search import search
 from ropefit.effects import BendingHysteresis, PlasticSet, ViscoelasticCreep
@@ -32,31 +31,31 @@ def there_and_back(segments: int, frames: int = 24, bend: float = EI) -> Setup:
     path = np.stack(
         [0.85 - 0.6 * share, 0.1 * np.sin(3 * share) + 0.05 * n / frames, 0.15 * share**2], axis=1
     )
-    ends = torch.tensor(np.stack([path, np.zeros_like(path)], axis=1))
-    gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
+    ends = np.stack([path, np.zeros_like(path)], axis=1)
+    gravity = np.array([0.0, 0.0, -9.81])
+    clamp = np.full((frames, 2, 4), np.nan)
     made = uniform(length=1.0, segments=segments, bend=bend, density=0.06)
-    setup = bare(made, gravity, ends, clamp, torch.tensor(EYE, dtype=torch.float64))
-    return setup._replace(time=torch.tensor(np.cumsum(np.where(n % 6 == 0, 3.0, 0.5))))
+    setup = bare(made, gravity, ends, clamp, np.array(EYE))
+    return setup._replace(time=np.cumsum(np.where(n % 6 == 0, 3.0, 0.5)))
 
 
 def cantilever(load: np.ndarray, time: np.ndarray, segments: int = 60) -> Setup:
     """A weightless rod clamped along x at end 0, with a force (F,) [N] down at its tip."""
     frames = len(load)
     made = uniform(length=1.0, segments=segments, bend=1.0, density=1e-9)
-    ends = torch.zeros(frames, 2, 3, dtype=torch.float64)
-    ends[:, 1] = torch.nan
-    clamp = torch.full((frames, 2, 4), torch.nan, dtype=torch.float64)
-    clamp[:, 0] = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64)
-    gravity = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-    setup = bare(made, gravity, ends, clamp, torch.zeros(3, dtype=torch.float64))
-    force = torch.zeros(frames, segments + 1, 3, dtype=torch.float64)
-    force[:, -1, 2] = -torch.tensor(load)
-    return setup._replace(load=force, time=torch.tensor(time))
+    ends = np.zeros((frames, 2, 3))
+    ends[:, 1] = np.nan
+    clamp = np.full((frames, 2, 4), np.nan)
+    clamp[:, 0] = np.array([0.5**0.5, 0.0, 0.5**0.5, 0.0])
+    gravity = np.array([0.0, 0.0, -9.81])
+    setup = bare(made, gravity, ends, clamp, np.zeros(3))
+    force = np.zeros((frames, segments + 1, 3))
+    force[:, -1, 2] = -load
+    return setup._replace(load=force, time=time)
 
 
 def with_effect(setup: Setup, effect, values) -> Setup:
-    return effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+    return effect.apply(setup, np.array(values))
 
 
 def settled(setup: Setup) -> WalkedPoint:
@@ -136,7 +135,7 @@ def test_a_cantilever_bent_too_far_keeps_the_set_of_beam_theory():
     step = point.steps[1]
     (left,) = vectors(step.solution)
     size = 2 * np.linalg.norm(left, axis=1)[1:-1] * 60  # 1/m
-    arm = 1 - point.setup.arc.numpy()[1:-1]
+    arm = 1 - point.setup.arc[1:-1]
     # EI = 1: (1 - h) k + h k_y = M beyond the yield curvature k_y, and k = h (k - k_y) once free.
     excess = np.maximum((load * arm - share * most) / (1 - share) - most, 0)
     np.testing.assert_allclose(size, share * excess, atol=2e-3 * share * excess.max())
@@ -145,8 +144,8 @@ def test_a_cantilever_bent_too_far_keeps_the_set_of_beam_theory():
 
 def test_same_pose_other_shape_on_the_way_back():
     setup = there_and_back(60)
-    path = setup.ends.clone()
-    path[12:] = torch.flip(path[:12], [0])
+    path = setup.ends.copy()
+    path[12:] = path[:12][::-1]
     setup = setup._replace(ends=path)
     plain = Equilibrium(setup, []).at(np.empty(0)).seen
     np.testing.assert_allclose(plain[:12], plain[12:][::-1], atol=1e-8)
@@ -163,12 +162,12 @@ def test_derivatives_through_the_history_are_exact(effect, values):
 
 def check_derivatives(effect, values) -> None:
     """Of rigidity, ends and the effect itself, in frames of which some are not shown."""
-    few = torch.tensor([1, 2, 4, 7, 10])
+    few = np.array([1, 2, 4, 7, 10])
     setup = there_and_back(50, 12).frames(few)
     free = np.full(2, np.inf)
 
-    def moved(setup: Setup, v: torch.Tensor) -> Setup:
-        by = torch.tensor([[0.3, 0.1, 0.2], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    def moved(setup: Setup, v: np.ndarray) -> Setup:
+        by = np.array([[0.3, 0.1, 0.2], [0.0, 0.0, 0.0]])
         return setup._replace(ends=setup.ends + v[0] * by)
 
     def one(name, apply, start, scale):
@@ -198,21 +197,21 @@ def difference(forward: Equilibrium, k: int, step: float, found: np.ndarray) -> 
 def test_frames_that_are_not_shown_are_remembered():
     setup = with_effect(there_and_back(50, 16), *EFFECTS[0])
     whole = settled(setup).seen
-    few = torch.tensor([2, 3, 7, 11, 15])
-    later = setup.frames(few).frames(torch.tensor([1, 3, 4]))
+    few = np.array([2, 3, 7, 11, 15])
+    later = setup.frames(few).frames(np.array([1, 3, 4]))
     np.testing.assert_allclose(settled(later).seen, whole[[3, 11, 15]], atol=1e-9)
-    forgotten = setup.frames(torch.tensor([3, 11, 15]))._replace(past=None)
+    forgotten = setup.frames(np.array([3, 11, 15]))._replace(past=None)
     assert np.abs(settled(forgotten).seen[1] - whole[11]).max() > 1e-4
 
 
 def test_a_new_clip_begins_without_a_past():
     setup = with_effect(there_and_back(50, 16), *EFFECTS[2])
-    time = setup.time.clone()
+    time = setup.time.copy()
     time[8:] -= float(time[8])
     two = settled(setup._replace(time=time)).seen
     again = settled(
         setup._replace(ends=setup.ends[8:], clamp=setup.clamp[8:], time=time[8:],
-                       sensor=setup.frames(torch.arange(8, 16)).sensor)
+                       sensor=setup.frames(np.arange(8, 16)).sensor)
     ).seen  # fmt: skip
     np.testing.assert_allclose(two[8:], again, atol=1e-9)
 
@@ -221,8 +220,8 @@ def test_only_recordings_that_come_back_can_show_memory():
     setup = there_and_back(20)
     assert revisits(setup)
     assert not revisits(setup._replace(ends=setup.ends[:7], clamp=setup.clamp[:7]))
-    away = setup.ends.clone()
-    away[:, 0, 0] = torch.linspace(0.9, 0.2, 24)
+    away = setup.ends.copy()
+    away[:, 0, 0] = np.linspace(0.9, 0.2, 24)
     away[:, 0, 1:] = 0
     assert not revisits(setup._replace(ends=away))
     assert not BendingHysteresis().applies(setup._replace(ends=away))

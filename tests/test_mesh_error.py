@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.fitting.motion import finer_mesh_needed, resolved_clips
 from ropefit.inference.least_squares import fit
@@ -22,7 +21,7 @@ NOTHING, STATIONS = np.empty(0), 12
 def hung(segments: int) -> np.ndarray:
     """Centrelines at 7 places from which first states are found."""
     setup = driven(segments, clips=1)
-    lines = np.linspace(setup.ends[:, 0].numpy(), setup.ends[:, 1].numpy(), 7, axis=1)
+    lines = np.linspace(setup.ends[:, 0], setup.ends[:, 1], 7, axis=1)
     lines[:, :, 2] -= 0.3 * np.sin(np.linspace(0, np.pi, 7))
     return lines
 
@@ -49,7 +48,7 @@ def test_a_large_error_asks_for_a_finer_mesh(segments, share, finer):
 
 def test_refining_keeps_weight_and_length():
     setup = driven(12, clips=1)
-    setup = setup._replace(mass=setup.mass + 0.001, rigid=torch.linspace(0, 1, 12).double())
+    setup = setup._replace(mass=setup.mass + 0.001, rigid=np.linspace(0, 1, 12))
     fine = refined(setup)
     assert fine is not None
     assert fine.segments == 24
@@ -61,7 +60,7 @@ def test_refining_keeps_weight_and_length():
 
 def test_a_rope_in_a_potential_is_left_as_it_is():
     setup = driven(12, clips=1)
-    setup = setup._replace(potentials=(Potential(lambda x: x @ DOWN, torch.zeros(13)),))
+    setup = setup._replace(potentials=(Potential(lambda x: x @ DOWN, np.zeros(13)),))
     one = model(setup, hung(12))
     assert one.corrected(NOTHING) is one
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import fit_candidate
@@ -23,7 +22,7 @@ def both():
     """The nominal fit to a rope with a weight and a stiff section."""
     setup = rope(288)
     for effect, values in ((PointMass(), MASS), (StiffSection(), STIFF)):
-        setup = effect.apply(setup, torch.tensor(values, dtype=torch.float64))
+        setup = effect.apply(setup, np.array(values))
     return fitted(recorded(setup, seed=107))
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.candidate import fit_candidate
@@ -15,7 +14,7 @@ from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
-from ropefit.rod.setup import SensorModel, bare
+from ropefit.rod.setup import bare
 from tests.test_diagnosis_of_motion import FREE, driven, model, recorded
 
 MISTAKEN = Noise(marker=0.01, repeats=60.0)  # a mismatch, taken for noise
@@ -54,8 +53,8 @@ def test_noise_stays_where_the_leader_leaves_it(lengthened):
 
 def test_a_clamp_is_looked_for_at_a_pinned_end_in_motion():
     clamped = driven(24)
-    none = torch.full_like(clamped.clamp, torch.nan)
-    view = torch.tensor([0.0, -2.0, 0.0], dtype=torch.float64)
+    none = np.full_like(clamped.clamp, np.nan)
+    view = np.array([0.0, -2.0, 0.0])
     pinned = bare(clamped.properties, clamped.gravity, clamped.ends, none, view)
     pinned = pinned._replace(damping=clamped.damping)
     lines, data = recorded(None, [], seed=5)
@@ -70,18 +69,17 @@ def test_a_clamp_is_looked_for_at_a_pinned_end_in_motion():
 
 def test_a_sensor_without_errors_reports_the_nodes_themselves():
     setup = driven(4)
-    x = torch.rand(len(setup.ends), 5, 3, dtype=torch.float64)
+    x = np.random.default_rng(0).random((len(setup.ends), 5, 3))
     assert setup.sensor(x) is x
 
 
 @pytest.mark.parametrize("name", ["rotation", "gain", "shift", "depth", "flat", "lag"])
 def test_derivatives_with_respect_to_errors_that_are_zero(name):
     setup = driven(4)
-    x = torch.rand(len(setup.ends), 5, 3, dtype=torch.float64)
-    zero = getattr(setup.sensor, name).clone().requires_grad_()
-    sensor: SensorModel = setup.sensor._replace(
-        **{name: zero}, normal=torch.ones_like(setup.sensor.normal)
-    )
-    sensor(x).square().sum().backward()
-    assert zero.grad is not None
-    assert zero.grad.abs().max() > 0
+    x = np.random.default_rng(0).random((len(setup.ends), 5, 3))
+    sensor = setup.sensor._replace(normal=np.ones_like(setup.sensor.normal))
+    zero = getattr(sensor, name)
+    assert not zero.any()
+    for direction in np.eye(zero.size).reshape(-1, *zero.shape):
+        low, high = (sensor._replace(**{name: h * direction})(x) for h in (-1e-6, 1e-6))
+        assert np.abs((high - low) / 2e-6).max() > 0.01

@@ -1,7 +1,6 @@
 """What fits on motion are made of: rates, clips, carried frames, finer steps."""
 
 import numpy as np
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,7 +9,6 @@ from ropefit.fitting.motion import held_back
 from ropefit.models.dynamics import finer, refine
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.parallel_transport import along, continuous, third, unrolled
-from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.solvers.dynamics.problem import Drive
 from ropefit.solvers.equilibrium.turns import from_turn, to_turn
 from tests.moving_ropes import turned
@@ -91,9 +89,8 @@ def test_the_turn_of_a_clamp_without_twist_is_told():
     both, angle = unrolled(clamp, curve, [np.arange(50)])
     ways = np.array([third(both[0, 0]), *np.diff(curve[0], axis=0)[1:-1], third(both[0, 1])])
     flat = along(both[0, 0], ways)[-1]
-    far = torch.from_numpy(both[0, 1])
-    turned_far = multiply(far, from_rotation_vector(torch.tensor([0, 0, angle]).double()))
-    assert abs(float(turned_far @ torch.from_numpy(flat))) > 1 - 1e-9
+    turned_far = turned(both[0, 1], np.array([0.0, 0.0, angle]))
+    assert abs(turned_far @ flat) > 1 - 1e-9
 
 
 def test_signs_of_quaternions_are_made_continuous():
@@ -108,21 +105,21 @@ def test_turns_and_quaternions_are_each_others_inverse():
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     turn = random.normal(size=(7, 3))
     assert np.allclose(to_turn(q, from_turn(q, turn, 0.5), 2.0), turn)
-    step = turned(torch.from_numpy(q), torch.from_numpy(1e-6 * turn)).numpy() - q
+    step = turned(q, 1e-6 * turn) - q
     assert np.allclose(step / 1e-6, from_turn(q, turn, 0.5), atol=1e-5)
 
 
 def test_finer_steps_pass_through_the_recorded_ones():
-    time = torch.arange(12, dtype=torch.float64) * 0.01
-    ends = torch.stack([torch.sin(9 * time), time**3, time], dim=-1)[:, None].repeat(1, 2, 1)
-    ends[:, 1] = torch.nan
-    frame = torch.tensor([1.0, 0, 0, 0], dtype=torch.float64)
-    clamp = turned(frame, torch.stack([time, 2 * time, -time], -1)[:, None].repeat(1, 2, 1))
+    time = np.arange(12) * 0.01
+    ends = np.stack([np.sin(9 * time), time**3, time], axis=-1)[:, None].repeat(2, axis=1)
+    ends[:, 1] = np.nan
+    frame = np.array([1.0, 0, 0, 0])
+    clamp = turned(frame, np.stack([time, 2 * time, -time], -1)[:, None].repeat(2, axis=1))
     fine = refine(Drive(time[None], ends[None], clamp[None]), 4)
     assert fine.time.shape == (1, 45)
-    assert torch.allclose(fine.time[0, ::4], time)
-    assert torch.allclose(fine.ends[0, ::4, 0], ends[:, 0])
-    assert torch.isnan(fine.ends[0, :, 1]).all()
-    assert torch.allclose(fine.clamp[0, ::4], clamp)
-    wave = finer(time.numpy(), np.sin(9 * time.numpy())[:, None], 4)
-    assert np.abs(wave[:, 0] - np.sin(9 * fine.time[0].numpy())).max() < 1e-4
+    assert np.allclose(fine.time[0, ::4], time)
+    assert np.allclose(fine.ends[0, ::4, 0], ends[:, 0])
+    assert np.isnan(fine.ends[0, :, 1]).all()
+    assert np.allclose(fine.clamp[0, ::4], clamp)
+    wave = finer(time, np.sin(9 * time)[:, None], 4)
+    assert np.abs(wave[:, 0] - np.sin(9 * fine.time[0])).max() < 1e-4

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.candidate import fit_candidate
@@ -59,8 +58,8 @@ SPECIAL = {
 }
 
 
-def tensor(values):
-    return torch.tensor(np.asarray(values), dtype=torch.float64)
+def array(values):
+    return np.asarray(values, dtype=float)
 
 
 @pytest.mark.parametrize(("kind", "case"), EDGES)
@@ -74,7 +73,7 @@ def test_the_special_case_has_the_same_shapes(kind, case):
     same = case.values(setup, values)
     assert same is not None
     shapes = [
-        Equilibrium(effect.apply(setup, tensor(v)), []).at(np.empty(0)).seen
+        Equilibrium(effect.apply(setup, array(v)), []).at(np.empty(0)).seen
         for effect, v in ((general, values), (special, same))
     ]
     moved = np.abs(shapes[0] - Equilibrium(setup, []).at(np.empty(0)).seen).max()
@@ -132,7 +131,7 @@ def test_two_heavier_sections_are_two_weights():
     """Each becomes a weight beside the other."""
     setup = rope(288)
     for mass in ([0.004, 0.3], [0.003, 0.65]):
-        setup = PointMass().apply(setup, tensor(mass))
+        setup = PointMass().apply(setup, array(mass))
     nominal = compared(recorded(setup, seed=108))
     section = Hypothesis(MassSection(), NO_PLACE)
     first = fit_candidate(nominal, section, np.array([0.004, 0.3, 0.1]))
@@ -158,7 +157,7 @@ def test_a_lighter_section_at_an_end_is_a_heavier_rest(centre, width):
     stiffer = 1 / (1 - 0.006 / width / weight)  # rope of 1 m
     scaled = setup._replace(properties=p._replace(bend=stiffer * p.bend))
     shapes = [
-        Equilibrium(MassSection().apply(s, tensor(v)), []).at(np.empty(0)).seen
+        Equilibrium(MassSection().apply(s, array(v)), []).at(np.empty(0)).seen
         for s, v in ((setup, values), (scaled, heavier))
     ]
     np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-5)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
@@ -92,11 +91,11 @@ def test_what_belongs_to_the_rope_is_known_as_well_as_it_was_found(identified):
     assert isinstance(mass, Correlated)
     assert MASS.covariance is not None
     np.testing.assert_allclose(mass.root @ mass.root.T, MASS.covariance, rtol=0.02)
-    heavier = mass.apply(setup, torch.tensor([0.004, 0.6], dtype=torch.float64))
+    heavier = mass.apply(setup, np.array([0.004, 0.6]))
     assert float(heavier.mass.sum()) == pytest.approx(0.004)
-    nothing = mass.apply(setup, torch.tensor([-0.004, 0.6], dtype=torch.float64))
+    nothing = mass.apply(setup, np.array([-0.004, 0.6]))
     assert float(nothing.mass.sum()) == 0.0  # no weight is less than none
-    stiffer = section.apply(setup, torch.from_numpy(section.value(np.zeros(3))))
+    stiffer = section.apply(setup, section.value(np.zeros(3)))
     ratio = stiffer.properties.bend / setup.properties.bend
     assert float(ratio.max()) == pytest.approx(np.exp(0.8))
 
@@ -135,7 +134,7 @@ def test_rigidities_of_another_recording_are_not_known_exactly(identified):
     assert "rigidity" not in known[True, False]
     uneven = known[True, True]["rigidity"]
     assert uneven.nuisance
-    doubled = uneven.apply(setup, torch.full((uneven.size,), np.log(2.0), dtype=torch.float64))
+    doubled = uneven.apply(setup, np.full(uneven.size, np.log(2.0)))
     np.testing.assert_allclose(doubled.properties.bend, 2 * setup.properties.bend)
 
 
@@ -152,7 +151,7 @@ def test_in_motion_what_was_found_of_the_rope_is_known_and_no_effect_of_rest():
     ((name, _, term),) = of_rope(model, found, o, driven(24))
     assert name == "known_bent"
     setup = driven(24)
-    changed = term.apply(setup, torch.from_numpy(term.value(np.zeros(10))))
+    changed = term.apply(setup, term.value(np.zeros(10)))
     added = changed.properties.curvature - setup.properties.curvature
     assert float(added[0, 0]) == pytest.approx(1.0, rel=0.05)
     assert float(added[-1, 1]) == pytest.approx(2.0, rel=0.05)

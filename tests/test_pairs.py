@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import fit_candidate
@@ -22,7 +21,7 @@ def carrying(effect, values, seed):
     """The nominal fit to a rope with an effect of each of some values."""
     setup = rope(288)
     for one in values:
-        setup = effect.apply(setup, torch.tensor(one, dtype=torch.float64))
+        setup = effect.apply(setup, np.array(one))
     return fitted(recorded(setup, seed=seed))
 
 
@@ -65,8 +64,8 @@ def test_two_weights_are_found_together(two):
 
 def test_of_two_tethers_one_may_be_the_weight_that_it_contains():
     """The fit that goes on has the terms of both that are accepted."""
-    setup = PointMass().apply(rope(288), torch.tensor([0.004, 0.66], dtype=torch.float64))
-    held = torch.tensor([0.05, 0.0, 0.02, 0.01, 0.31], dtype=torch.float64)
+    setup = PointMass().apply(rope(288), np.array([0.004, 0.66]))
+    held = np.array([0.05, 0.0, 0.02, 0.01, 0.31])
     nominal = fitted(recorded(Tether().apply(setup, held), seed=104))
     found = best_pair(nominal, sensitivities(nominal, [], ("tether",)), None, 6.0)
     assert found is not None
@@ -80,8 +79,8 @@ def test_of_two_tethers_one_may_be_the_weight_that_it_contains():
 def test_of_two_tethers_one_may_be_a_heavy_stretch():
     """A stretch explains far more than the weight that the tether contains: that is no tie."""
     heavy, held = [0.006, 0.66, 0.2], [0.05, 0.0, 0.02, 0.01, 0.31]
-    setup = MassSection().apply(rope(288), torch.tensor(heavy, dtype=torch.float64))
-    setup = Tether().apply(setup, torch.tensor(held, dtype=torch.float64))
+    setup = MassSection().apply(rope(288), np.array(heavy))
+    setup = Tether().apply(setup, np.array(held))
     nominal = fitted(recorded(setup, seed=105))
     found = best_pair(nominal, sensitivities(nominal, [], ("tether",)), None, 6.0)
     assert found is not None

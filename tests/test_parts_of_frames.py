@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis import noise_measurement
 from ropefit.diagnosis.full_scan import sensitivities
@@ -27,8 +26,8 @@ def held_by_a_thread(setup: Setup) -> Setup:
 
 def blown_at(setup: Setup) -> Setup:
     """A load that differs from frame to frame."""
-    wind = torch.linspace(0, 1e-3, len(setup.ends), dtype=torch.float64)[:, None, None]
-    return setup._replace(load=setup.load + wind * torch.ones(setup.segments + 1, 3))
+    wind = np.linspace(0, 1e-3, len(setup.ends))[:, None, None]
+    return setup._replace(load=setup.load + wind * np.ones((setup.segments + 1, 3)))
 
 
 def model(setup: Setup) -> Equilibrium:

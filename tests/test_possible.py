@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.diagnosis.candidate import fit_candidate
@@ -66,7 +65,7 @@ def test_every_effect_at_its_bounds_is_possible(kind):
     for limit in effect.bounds(setup):
         sizes = np.where(np.isfinite(limit), limit, 10 * usual)
         place = [0.5, 1.2] if effect.locus == "interval" else PLACES.get(effect.locus, [])
-        values = torch.tensor([*(0.999 * sizes), *place], dtype=torch.float64)
+        values = np.array([*(0.999 * sizes), *place])
         assert effect.apply(setup, values).possible
 
 
@@ -75,9 +74,9 @@ def test_what_is_not_possible():
     p = setup.properties
     assert setup.possible
     for name in ("length", "bend", "twist", "density"):
-        spoilt = getattr(p, name).clone()
+        spoilt = getattr(p, name).copy()
         spoilt[7] = 0.0
         assert not setup._replace(properties=p._replace(**{name: spoilt})).possible
     assert not setup._replace(stretch=setup.stretch - 1e-3).possible
-    stiff = StiffSection().apply(setup, torch.tensor([7.0, 0.4, 0.1], dtype=torch.float64))
+    stiff = StiffSection().apply(setup, np.array([7.0, 0.4, 0.1]))
     assert stiff.possible

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from scipy.optimize import brentq
 
 from ropefit.rod.quaternion import director
@@ -73,10 +72,10 @@ def test_two_free_ends_are_refused():
 
 
 def test_frames_hold_the_tangents_and_the_clamp():
-    x = torch.from_numpy(shape([[0, 0, 0], [0.5, 0, 0]], nodes=15))
-    clamp = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=torch.float64)
+    x = shape([[0, 0, 0], [0.5, 0, 0]], nodes=15)
+    clamp = np.array([0.0, 1.0, 0.0, 0.0])
     q = frames_along(x, clamp)
-    assert torch.allclose(q[0].abs(), clamp)
+    assert np.allclose(np.abs(q[0]), clamp)
     edges = x[1:] - x[:-1]
-    tangents = edges / edges.norm(dim=-1, keepdim=True)
-    assert torch.allclose(director(q)[1:], tangents[1:], atol=1e-9)
+    tangents = edges / np.linalg.norm(edges, axis=-1, keepdims=True)
+    assert np.allclose(director(q)[1:], tangents[1:], atol=1e-9)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.adapters.end_path import end_path
 from ropefit.effects import TimeLag
@@ -27,30 +26,22 @@ def test_ends_are_where_their_path_leads(lag):
     clamp[::2] *= -1  # the same rotations
     path = end_path(TIME, np.arange(30), ends, clamp, 1.0)
     assert path is not None
-    setup = rope(20, 30)._replace(
-        ends=torch.from_numpy(ends), clamp=torch.from_numpy(clamp), end_path=path
-    )
-    few = setup.frames(torch.tensor([3, 7, 20]))
+    setup = rope(20, 30)._replace(ends=ends, clamp=clamp, end_path=path)
+    few = setup.frames(np.array([3, 7, 20]))
     for now, mine in ((setup, np.arange(30)), (few, [3, 7, 20])):
-        moved = TimeLag().apply(now, torch.tensor([lag], dtype=torch.float64))
+        moved = TimeLag().apply(now, np.array([lag]))
         inner = np.flatnonzero(np.isin(mine, np.arange(1, 29)))
-        np.testing.assert_allclose(
-            moved.ends[inner].numpy(), late[np.array(mine)[inner]], atol=5e-5
-        )
+        np.testing.assert_allclose(moved.ends[inner], late[np.array(mine)[inner]], atol=5e-5)
         np.testing.assert_allclose(moved.ends, late[mine], atol=5e-4)  # beyond its first pose
-        np.testing.assert_allclose(
-            director(moved.clamp), director(torch.from_numpy(turned[mine])), atol=5e-4
-        )
+        np.testing.assert_allclose(director(moved.clamp), director(turned[mine]), atol=5e-4)
 
 
 def test_a_lag_beside_a_lag_is_their_sum():
     """As where the set-up's own error of the clock is fitted as well."""
     ends, clamp = poses(TIME)
     path = end_path(TIME, np.arange(30), ends, clamp, 1.0)
-    setup = rope(20, 30)._replace(
-        ends=torch.from_numpy(ends), clamp=torch.from_numpy(clamp), end_path=path
-    )
-    one, other, whole = (torch.tensor([v], dtype=torch.float64) for v in (0.15, 0.2, 0.35))
+    setup = rope(20, 30)._replace(ends=ends, clamp=clamp, end_path=path)
+    one, other, whole = (np.array([v]) for v in (0.15, 0.2, 0.35))
     twice = TimeLag().apply(TimeLag().apply(setup, one), other)
     once = TimeLag().apply(setup, whole)
     np.testing.assert_allclose(twice.ends, once.ends, atol=1e-12)
@@ -62,11 +53,9 @@ def test_clips_have_paths_of_their_own_and_end_at_rest():
     ends, clamp = poses(time)
     path = end_path(time, np.arange(30), ends, clamp, 1.0)
     assert path is not None
-    shift, _ = path.moved(torch.tensor(0.1, dtype=torch.float64))
-    np.testing.assert_allclose(
-        shift.numpy()[11:13], (poses(time + 0.1)[0] - ends)[11:13], atol=1e-4
-    )
-    far, farther = (path.moved(torch.tensor(lag).double())[0][11] for lag in (2.0, 9.0))
+    shift, _ = path.moved(np.float64(0.1))
+    np.testing.assert_allclose(shift[11:13], (poses(time + 0.1)[0] - ends)[11:13], atol=1e-4)
+    far, farther = (path.moved(np.float64(lag))[0][11] for lag in (2.0, 9.0))
     np.testing.assert_allclose(far, farther)
 
 
@@ -83,10 +72,8 @@ def test_frames_whose_pose_is_outside_the_recording_are_unknown(lag, lost):
     """The path goes on for the time between two frames beyond the first pose and the last."""
     ends, clamp = poses(TIME)
     path = end_path(TIME, np.arange(30), ends, clamp, 1.0)
-    setup = rope(20, 30)._replace(
-        ends=torch.from_numpy(ends), clamp=torch.from_numpy(clamp), end_path=path
-    )
-    late = TimeLag().apply(setup, torch.tensor([lag], dtype=torch.float64))
+    setup = rope(20, 30)._replace(ends=ends, clamp=clamp, end_path=path)
+    late = TimeLag().apply(setup, np.array([lag]))
     x = np.zeros((30, 21, 3))
     assert np.flatnonzero(TimeLag().begun_before(late, x)).tolist() == lost
     assert not TimeLag().begun_before(setup._replace(end_path=None), x).any()

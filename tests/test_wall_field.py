@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from ropefit.diagnosis.forms import described
 from ropefit.diagnosis.rules import Rules
@@ -19,28 +18,24 @@ WALL = [0.02, 0.05, 0.1, 4.0, 3.0]
 PART = [0.02, 0.05, 0.1, 0.02, -20.0]
 
 
-def tensor(value: float) -> torch.Tensor:
-    return torch.tensor(value, dtype=torch.float64)
-
-
 @pytest.mark.parametrize(
     "profile",
     [
-        Falling(tensor(6.0), tensor(-3.0)),
-        Falling(tensor(-6.0), tensor(0.0)),
-        Power(tensor(1.3), tensor(2.5), 0.01),
-        Power(tensor(-2.5), tensor(2.5), 0.01),
-        Step(tensor(0.1), tensor(20.0)),
-        Step(tensor(-0.1), tensor(-20.0)),
+        Falling(np.array(6.0), np.array(-3.0)),
+        Falling(np.array(-6.0), np.array(0.0)),
+        Power(np.array(1.3), np.array(2.5), 0.01),
+        Power(np.array(-2.5), np.array(2.5), 0.01),
+        Step(np.array(0.1), np.array(20.0)),
+        Step(np.array(-0.1), np.array(-20.0)),
     ],
 )
 def test_a_force_is_the_gradient_of_its_energy(profile: Profile):
-    way = torch.tensor([0.6, 0.0, -0.8], dtype=torch.float64)
-    field = Planar(way, tensor(0.7), torch.tensor([0.1, 0.2, 0.3], dtype=torch.float64), profile)
-    x = 0.5 * torch.randn(50, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    way = np.array([0.6, 0.0, -0.8])
+    field = Planar(way, np.array(0.7), np.array([0.1, 0.2, 0.3]), profile)
+    x = 0.5 * np.random.default_rng(3).normal(size=(50, 3))
     slope, rows = field.derivatives(x)
     for a in range(3):
-        step = 1e-5 * torch.eye(3, dtype=torch.float64)[a]
+        step = 1e-5 * np.eye(3)[a]
         rise = (field(x + step) - field(x - step)) / 2e-5
         bend = (field.derivatives(x + step)[0] - field.derivatives(x - step)[0]) / 2e-5
         np.testing.assert_allclose(slope[:, a], rise, rtol=1e-4, atol=1e-7)
@@ -59,9 +54,9 @@ def test_derivatives_beside_a_wall_are_exact(effect: WallField | HalfSpace, valu
 
 def test_a_force_that_does_not_change_is_a_load():
     """But for the nodes that it acts on: a few along the rope."""
-    load = torch.tensor([0.05, -0.03, 0.02], dtype=torch.float64)
+    load = np.array([0.05, -0.03, 0.02])
     setup = rope(64, 4)
-    flat = torch.cat([load, torch.zeros(2, dtype=torch.float64)])
+    flat = np.concatenate([load, np.zeros(2)])
     one = Equilibrium(WallField().apply(setup, flat), []).at(np.empty(0)).seen
     other = Equilibrium(DistributedLoad().apply(setup, load), []).at(np.empty(0)).seen
     plain = Equilibrium(setup, []).at(np.empty(0)).seen
@@ -73,9 +68,7 @@ RULES = Rules(effects=("force_field", "distributed_load", "point_mass", "soft_se
 
 
 def test_a_wall_is_found_with_how_fast_its_force_falls():
-    fine = WallField().apply(
-        rope(144), torch.tensor([0.0, 0.15, 0.0, 9.0, 0.0], dtype=torch.float64)
-    )
+    fine = WallField().apply(rope(144), np.array([0.0, 0.15, 0.0, 9.0, 0.0]))
     result = search(nominal_fit(recorded(fine, seed=3), 48), 0, lambda *_: None, RULES)
     (one,) = result.accepted
     assert isinstance(one.candidate.hypothesis.effect, WallField | HalfSpace)  # either falls so
@@ -93,9 +86,7 @@ def test_a_wall_is_found_with_how_fast_its_force_falls():
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_a_part_of_the_room_is_found_with_its_edge(sense: float):
     edge, sharpness = sense * 0.02, sense * 50.0
-    fine = HalfSpace().apply(
-        rope(144), torch.tensor([0.0, 0.03, sense * 0.01, edge, sharpness], dtype=torch.float64)
-    )
+    fine = HalfSpace().apply(rope(144), np.array([0.0, 0.03, sense * 0.01, edge, sharpness]))
     result = search(nominal_fit(recorded(fine, seed=4), 48), 0, lambda *_: None, RULES)
     (one,) = result.accepted
     found = described(one.candidate, result.final)

@@ -10,15 +10,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from ropefit.inference.bins import Data, match
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.dynamics.derivatives import Directions as MotionDirections
-from ropefit.solvers.dynamics.derivatives import simulate
 from ropefit.solvers.dynamics.derivatives import tangent as motion_tangent
+from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import Directions, settle, tangent
+from ropefit.solvers.equilibrium.differentiable import settle
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.stability import stability
 from ropefit.solvers.equilibrium.start import hanging_shape
 from ropefit.stages.warm_up import calls, shares
@@ -26,6 +26,7 @@ from tests import test_compiled
 from tests.conftest import ROOT
 from tests.moving_ropes import DOWN, hung, in_plane, rope
 from tests.rods import NOT_HELD
+from tests.tensors import tensors
 
 
 def compiled_folder() -> Path:
@@ -71,18 +72,19 @@ def check_real_work() -> None:
 def calls_of_real_work() -> None:
     """Call every loop as fits do."""
     rod = build(uniform(length=1.0, segments=4, bend=1e-3, density=0.05), DOWN, (False, False))
-    ends = torch.tensor([[[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]]], dtype=torch.float64)
-    hanging_shape(1.0, 5, DOWN.numpy(), ends[0].numpy(), np.full((2, 3), np.nan))
-    leaves = rod._replace(stiffness=rod.stiffness.requires_grad_())
-    state, solution = settle(leaves, Conditions(ends, NOT_HELD))
+    ends = np.array([[[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]]])
+    hanging_shape(1.0, 5, DOWN, ends[0], np.full((2, 3), np.nan))
+    leaves, conditions = tensors((rod, Conditions(ends, NOT_HELD)))
+    leaves.stiffness.requires_grad_()
+    state, solution = settle(leaves, conditions)
     state.x.sum().backward()
     tangent(solution, Directions(load=np.ones((1, 2, 5, 3))))
     stability(solution)
     moving = rope(uniform(length=1.0, segments=4, bend=1e-3, density=0.05))
     down = np.stack([np.zeros(5), np.zeros(5), -np.linspace(0, 1, 5)], axis=1)
-    start = in_plane(down)
+    moving, drive, start = tensors((moving, hung(np.arange(4) * 0.01), in_plane(down)))
     moving.mass.requires_grad_()
-    x, _, trajectory = simulate(moving, hung(np.arange(4) * 0.01), start)
+    x, _, trajectory = simulate(moving, drive, start)
     x.sum().backward()
     motion_tangent(trajectory, MotionDirections(v0=np.ones((1, 1, 5, 3))))
     test_compiled.hanging().gradients(test_compiled.simulate_compiled)

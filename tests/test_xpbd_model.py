@@ -12,30 +12,29 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
+from ropefit.models.algorithm import Algorithm
 from ropefit.models.parameters import Parameter
 from ropefit.models.response import Point
 from ropefit.models.weights import ETA, WEIGHTS
 from ropefit.models.xpbd import Xpbd
-from ropefit.models.xpbd_rope import Algorithm
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
-from ropefit.solvers.xpbd.reference import Settings
+from ropefit.solvers.xpbd.settings import Settings
 from tests.ropes import ETA as USUAL
 from tests.ropes import GRAVITY
 
-F64 = torch.float64
 NONE = np.empty(0)
 
 
 def hanging(frames: int = 5, nodes: int = 13) -> Setup:
     """Return a 1 m rope between pinned ends, 0.5 to 0.85 m apart, with usual weights."""
-    ends = torch.zeros(frames, 2, 3, dtype=F64)
-    ends[:, 1, 0] = torch.linspace(0.5, 0.85, frames, dtype=F64)
+    ends = np.zeros((frames, 2, 3))
+    ends[:, 1, 0] = np.linspace(0.5, 0.85, frames)
     ends[:, 1, 2] = 0.05
-    free = torch.full((frames, 2, 4), torch.nan, dtype=F64)
+    free = np.full((frames, 2, 4), np.nan)
     rope = uniform(length=1.0, segments=nodes - 1, bend=1.0)
-    eye = torch.tensor([0.4, -1.5, 0.0], dtype=F64)
-    return bare(rope, GRAVITY, ends, free, eye)._replace(weights=torch.tensor(USUAL, dtype=F64))
+    eye = np.array([0.4, -1.5, 0.0])
+    return bare(rope, GRAVITY, ends, free, eye)._replace(weights=np.array(USUAL))
 
 
 def model(setup: Setup, *free: str, start: dict[str, float] | None = None) -> Xpbd:
@@ -47,7 +46,7 @@ def test_weights_are_rows_of_the_table_of_parameters():
     setup = hanging()
     for place, name in enumerate(ETA):
         assert isinstance(WEIGHTS[name], Parameter)
-        changed = WEIGHTS[name].apply(setup, torch.tensor([0.123], dtype=F64))
+        changed = WEIGHTS[name].apply(setup, np.array([0.123]))
         assert changed.weights[place] == 0.123
         assert setup.weights[place] == USUAL[place]
 
@@ -56,7 +55,8 @@ def test_a_prediction_is_that_of_the_algorithm():
     setup = hanging()
     point = model(setup).at(NONE)
     rope = model(setup).rope_at(setup)
-    assert np.array_equal(point.seen, rope.settle(setup.weights.expand(5, -1)).x.numpy())
+    weights = torch.from_numpy(setup.weights).expand(5, -1)
+    assert np.array_equal(point.seen, rope.settle(weights).x.numpy())
     assert point.converged.all()
 
 
@@ -64,7 +64,7 @@ def test_derivatives_by_weights_are_those_of_autograd():
     setup = hanging()
     found = model(setup, *ETA, start=dict(zip(ETA, USUAL, strict=True)))
     jacobian = found.jacobian(found.at(found.start()))
-    weights = setup.weights.clone().requires_grad_()
+    weights = torch.tensor(setup.weights, requires_grad=True)
     x = found.rope_at(setup).settle(weights.expand(5, -1)).x
     way = torch.from_numpy(np.random.default_rng(1).normal(size=x.shape))
     (gradient,) = torch.autograd.grad((x * way).sum(), weights)
@@ -86,7 +86,7 @@ def test_errors_of_the_set_up_act_on_it_and_rigidity_does_not(name):
 
         def changed(step: float) -> Setup:
             values = np.concatenate([step * np.array(sizes), place])
-            return kind.apply(setup, torch.from_numpy(values))
+            return kind.apply(setup, values)
 
         return float(np.abs(point.respond([changed])).max())
 
@@ -96,7 +96,7 @@ def test_errors_of_the_set_up_act_on_it_and_rigidity_does_not(name):
 
 def test_a_rest_curve_bends_it():
     setup = hanging()
-    bent = setup.properties.curvature + torch.tensor([0.0, 1.5, 0.0], dtype=F64)
+    bent = setup.properties.curvature + np.array([0.0, 1.5, 0.0])
     curved = setup._replace(properties=setup.properties._replace(curvature=bent))
     straight, other = (model(s).at(NONE).seen for s in (setup, curved))
     assert np.abs(other - straight).max() > 1e-3
@@ -104,14 +104,14 @@ def test_a_rest_curve_bends_it():
 
 def test_a_frame_that_diverges_is_marked_and_the_others_stay():
     setup = hanging()
-    weights = setup.weights.repeat(5, 1)
-    weights[2] = torch.tensor([0.04, 60.0, 60.0, 60.0, 60.0, 1.5], dtype=F64)
+    weights = np.tile(setup.weights, (5, 1))
+    weights[2] = [0.04, 60.0, 60.0, 60.0, 60.0, 1.5]
     point: Point = model(setup._replace(weights=weights)).at(NONE)
     assert point.converged.tolist() == [True, True, False, True, True]
     assert np.isnan(point.seen[2]).any()
     kept = np.array([0, 1, 3, 4])
     assert np.array_equal(point.seen[kept], model(setup).at(NONE).seen[kept])
-    some = setup._replace(weights=weights).frames(torch.from_numpy(kept))
+    some = setup._replace(weights=weights).frames(kept)
     assert model(some).at(NONE).converged.all()
 
 

@@ -14,10 +14,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy import stats
 
 from benchmarks.document import parser, publish
+from benchmarks.threads import use_threads
 from ropefit.fitting.equilibrium import calibrated_fit
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import fit
@@ -63,10 +63,10 @@ def setup_of(ends: np.ndarray, segments: int, bend: float, length: float) -> Set
     """Return a pinned rope in every frame, seen from EYE."""
     return bare(
         uniform(length=length, segments=segments, bend=bend, density=DENSITY),
-        torch.tensor(GRAVITY, dtype=torch.float64),
-        torch.from_numpy(ends),
-        torch.full((len(ends), 2, 4), torch.nan, dtype=torch.float64),
-        torch.tensor(EYE, dtype=torch.float64),
+        np.array(GRAVITY),
+        ends,
+        np.full((len(ends), 2, 4), np.nan),
+        np.array(EYE),
     )
 
 
@@ -103,7 +103,7 @@ def judge(number: int) -> dict[str, float] | None:
 
     None for a recording whose fit did not converge.
     """
-    torch.set_num_threads(1)
+    use_threads(1)
     markers, with_length = number % 4 >= 2, number % 2 == 1
     case = draw(number, markers)
     length = 1.0 if with_length else case.truth["length"]

@@ -15,44 +15,45 @@ import torch
 from torch import Tensor
 
 from benchmarks.document import parser, publish
-from ropefit.rod.moving import Damping, Moving, moving
+from benchmarks.threads import use_threads
+from reference_simulators.rod_energy import tensors
+from ropefit.rod.either import like
+from ropefit.rod.moving import Damping, Moving, moving, undamped
 from ropefit.rod.rod import Properties, build, uniform
-from ropefit.solvers.dynamics.derivatives import simulate
+from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import solve
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve as settle
 from tests.test_dynamics import beam, chain, frequency, pendulum, swing
 
-DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
-ALONG_X = torch.tensor([0.5**0.5, 0.0, 0.5**0.5, 0.0], dtype=torch.float64)
+DOWN = np.array([0.0, 0.0, -9.81])
+ALONG_X = np.array([0.5**0.5, 0.0, 0.5**0.5, 0.0])
 TORCH_DER = 8.3  # s: a differentiable discrete elastic rod in torch, the same clip, as published
 SPANS = (10, 100, 500, 2000)
 CHANGE = 0.01  # of EI
 
 
 def rope(bend: Tensor | float, clamped: tuple[bool, bool], damped: float, nodes: int) -> Moving:
-    """Return a rope of 1 m and 60 g/m."""
+    """Return a rope of 1 m and 60 g/m, of tensors where its rigidity is one."""
     p = uniform(length=1.0, segments=nodes - 1, bend=bend, density=0.06)
-    d = Damping(*(torch.full((nodes - 1,), damped * c).double() for c in (2e-5, 2e-5, 0, 0.02)))
+    every = np.ones(nodes - 1)
+    d = Damping(*(like(damped * c * every, p.length) for c in (2e-5, 2e-5, 0, 0.02)))
     return moving(p, build(p, DOWN, clamped), d)
 
 
 def clip(steps: int, held: bool, nodes: int = 13) -> tuple[Drive, Start]:
     """Return the drive of a rope held at both ends, one of which sweeps, or let go from a bow."""
-    t = torch.arange(steps, dtype=torch.float64) * 0.01
-    first = torch.stack([0.1 * torch.sin(3 * t), 0.1 * (1 - torch.cos(2 * t)), 0 * t], dim=-1)
-    last = torch.tensor([0.6, 0.0, 0.0], dtype=torch.float64).expand(steps, 3)
-    ends = torch.stack([first if held else 0 * first, last], dim=1)[None]
-    clamp = ALONG_X.expand(1, steps, 2, 4).clone()
-    if not held:
-        clamp[:] = torch.nan
+    t = np.arange(steps) * 0.01
+    ends = np.zeros((1, steps, 2, 3))
+    ends[..., 1, 0] = 0.6
+    if held:
+        ends[0, :, 0, 0], ends[0, :, 0, 1] = 0.1 * np.sin(3 * t), 0.1 * (1 - np.cos(2 * t))
+    clamp = np.full((1, steps, 2, 4), ALONG_X if held else np.nan)
     at = settle(rope(1e-3, (held, held), 0.0, nodes).rod, Conditions(ends[:, 0], clamp[:, 0]))
     if not held:
-        ends = ends.clone()
-        ends[:, :, 1] = torch.nan
-    still = torch.zeros(1, nodes, 3, dtype=torch.float64)
-    return Drive(t[None], ends, clamp), Start(torch.from_numpy(at.x), torch.from_numpy(at.q), still)
+        ends[:, :, 1] = np.nan
+    return Drive(t[None], ends, clamp), Start(at.x, at.q, np.zeros((1, nodes, 3)))
 
 
 def seconds(work: Callable[[], Any], times: int = 5) -> float:
@@ -76,7 +77,8 @@ def speed() -> dict[str, float]:
 
         def gradient(nodes: int = nodes, drive: Drive = drive, start: Start = start) -> None:
             bend = torch.tensor(1e-3, dtype=torch.float64, requires_grad=True)
-            x, _, _ = simulate(rope(bend, (True, True), 1.0, nodes), drive, start)
+            moved = rope(bend, (True, True), 1.0, nodes)
+            x, _, _ = simulate(moved, tensors(drive), tensors(start))
             (x**2).sum().backward()
 
         out[f"{name}, with gradient"] = seconds(gradient)
@@ -96,7 +98,7 @@ def use(held: bool, damped: float) -> list[float]:
         for share in (0.0, CHANGE):
             log = torch.tensor(share, dtype=torch.float64, requires_grad=True)
             moved = rope(1e-3 * torch.exp(log), (held, held), damped, 13)
-            x, _, _ = simulate(moved, drive, start)
+            x, _, _ = simulate(moved, tensors(drive), tensors(start))
             value = x[0, -1, -2].sum()
             ends.append(float(value.detach()))
             if share == 0.0:
@@ -112,18 +114,17 @@ def drift() -> dict[str, float]:
     out = {}
     for h in (0.01, 0.005):
         p: Properties = uniform(length=0.5, segments=1, bend=1.0)
-        zero = torch.zeros(1, dtype=torch.float64)
-        moved = moving(p, build(p, DOWN, (False, False)), Damping(zero, zero, zero, zero))
+        moved = moving(p, build(p, DOWN, (False, False)), undamped(p))
         steps = round(100 / h)
-        ends = torch.full((1, steps, 2, 3), torch.nan, dtype=torch.float64)
+        ends = np.full((1, steps, 2, 3), np.nan)
         ends[:, :, 0] = 0.0
         angle = 0.8
         tip = [0.5 * math.sin(angle), 0.0, -0.5 * math.cos(angle)]
-        x = torch.tensor([[[0.0, 0.0, 0.0], tip]], dtype=torch.float64)
+        x = np.array([[[0.0, 0.0, 0.0], tip]])
         half = (math.pi - angle) / 2
-        q = torch.tensor([[[math.cos(half), 0.0, math.sin(half), 0.0]]], dtype=torch.float64)
-        time_ = torch.arange(steps, dtype=torch.float64)[None] * h
-        none = torch.full((1, steps, 2, 4), torch.nan, dtype=torch.float64)
+        q = np.array([[[math.cos(half), 0.0, math.sin(half), 0.0]]])
+        time_ = np.arange(steps)[None] * h
+        none = np.full((1, steps, 2, 4), np.nan)
         found = solve(moved, Drive(time_, ends, none), Start(x, q, 0 * x)).x[0, :, 1]
         swings = np.abs(np.arctan2(found[:, 0], -found[:, 2]))
         last = swings[-round(1.6 / h) :].max()
@@ -200,7 +201,7 @@ def table(
 
 def main() -> None:
     options = parser(__doc__).parse_args()
-    torch.set_num_threads(1)
+    use_threads(1)
     exact = accuracy()
     found = speed()
     lost = drift()

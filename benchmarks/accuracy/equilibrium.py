@@ -10,10 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
 
 from benchmarks.document import parser, publish
 from benchmarks.robustness.random_ropes import placements
+from benchmarks.threads import use_threads
 from reference_simulators.as_ropefit import guess_of, planar
 from reference_simulators.closed_forms import catenary, helix
 from reference_simulators.energy_balance import equilibrium_residual
@@ -51,25 +51,25 @@ def deviation(p: Planar, segments: int) -> float:
     solution = solve(rod, conditions)
     if not solution.converged.all():
         raise RuntimeError(f"not converged: {p}")
-    expected, _ = elastica(p, guess_of(rod, solution), rod.arc.numpy())
+    expected, _ = elastica(p, guess_of(rod, solution), rod.arc)
     return float(np.linalg.norm(solution.x[0][:, [0, 2]] - expected, axis=1).max())
 
 
 def from_catenary(segments: int) -> float:
     rod, conditions = planar(Planar(1.0, 1e-9, 1.0, axial=20.0, far=(0.6, 0.2)), segments)
-    expected = catenary(1.0, (0.6, 0.2), rod.arc.numpy(), stretch=0.05)
+    expected = catenary(1.0, (0.6, 0.2), rod.arc, stretch=0.05)
     return float(np.abs(solve(rod, conditions).x[0][:, [0, 2]] - expected).max())
 
 
 def from_helix(segments: int) -> float:
     properties = uniform(length=1.0, segments=segments, bend=0.3, curvature=(4.0, 0.0, 6.0))
-    rod = build(properties, torch.zeros(3, dtype=torch.float64), (True, False))
-    ends = torch.zeros(1, 2, 3, dtype=torch.float64)
-    ends[0, 1] = torch.nan
-    clamp = torch.full((1, 2, 4), torch.nan, dtype=torch.float64)
-    clamp[0, 0] = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    rod = build(properties, np.zeros(3), (True, False))
+    ends = np.zeros((1, 2, 3))
+    ends[0, 1] = np.nan
+    clamp = np.full((1, 2, 4), np.nan)
+    clamp[0, 0] = [1.0, 0.0, 0.0, 0.0]
     x = solve(rod, Conditions(ends, clamp)).x[0]
-    return float(np.abs(x - helix(4.0, 6.0, rod.arc.numpy())).max())
+    return float(np.abs(x - helix(4.0, 6.0, rod.arc)).max())
 
 
 def accuracy() -> dict[str, Any]:
@@ -109,7 +109,7 @@ def robustness(clamped: bool) -> dict[str, float]:
 def main() -> None:
     """Print the tables; write them where asked."""
     options = parser(__doc__).parse_args()
-    torch.set_num_threads(1)
+    use_threads(1)
     solve(*planar(PINNED, 19))  # compile
     data = {
         "accuracy": accuracy(),

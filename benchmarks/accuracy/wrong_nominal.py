@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 import ropefit
 from benchmarks.discovery.run import read_json
@@ -123,7 +122,7 @@ def weighed(o: Observations, source: Model) -> Candidate | None:
     terms += set_up_errors(setup, o, None)
     nominal = nominal_at_rest(setup, terms, problem)
     firm = np.flatnonzero(~on_edge(nominal))  # others are excluded
-    setup, problem = setup.frames(torch.from_numpy(firm)), problem.frames(firm)
+    setup, problem = setup.frames(firm), problem.frames(firm)
     nominal = nominal_at_rest(setup, terms, problem)
     mass = float((setup.properties.density * setup.properties.length).sum())
     point, length = Hypothesis(PointMass(), NO_PLACE), float(setup.properties.length.sum())

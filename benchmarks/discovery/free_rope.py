@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.diagnosis.candidate import SIZE_PRIOR_SD, Candidate, fit_candidate, occam_factor
 from ropefit.diagnosis.hypotheses import Hypothesis
@@ -35,13 +33,13 @@ class FreeRope(Effect):
     def applies(self, setup: Setup) -> bool:
         return False
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         p = setup.properties
         share = (setup.arc[1:] - 0.5 * p.length) / p.length.sum()
-        apart = (share[:, None] - torch.linspace(0, 1, KNOTS, dtype=share.dtype)).abs()
-        hats = torch.clamp(1 - apart * (KNOTS - 1), min=0)
-        log, first, second = (hats @ values.reshape(3, KNOTS).T).unbind(1)
-        factor, turn = torch.exp(log), torch.stack([first, second, torch.zeros_like(log)], dim=1)
+        apart = np.abs(share[:, None] - np.linspace(0, 1, KNOTS))
+        hats = np.maximum(1 - apart * (KNOTS - 1), 0)
+        log, first, second = values.reshape(3, KNOTS) @ hats.T
+        factor, turn = np.exp(log), np.stack([first, second, np.zeros_like(log)], axis=1)
         return setup._replace(
             properties=p._replace(
                 bend=p.bend * factor, twist=p.twist * factor, curvature=p.curvature + turn

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from benchmarks.paper.pipeline import Experiment
 from benchmarks.paper.recordings import load_truth
@@ -105,7 +104,7 @@ def cloud(o: Observations, row: int, projected: bool = True) -> np.ndarray:
 
 def pixels(o: Observations, x: np.ndarray) -> np.ndarray:
     """Return (N, 2) [px] where the camera sees points (N, 3) [m]."""
-    return pinhole(o).project(torch.tensor(x)).numpy()
+    return pinhole(o).project(x)
 
 
 def lengths(x: np.ndarray) -> np.ndarray:

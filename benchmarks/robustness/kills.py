@@ -23,7 +23,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from benchmarks.document import parser, publish
 from benchmarks.robustness.interrupted_runs import (
@@ -36,6 +35,7 @@ from benchmarks.robustness.interrupted_runs import (
     run_chain,
     tell_resumed,
 )
+from benchmarks.threads import use_threads
 from ropefit.diagnosis.rules import Rules
 from ropefit.runs import checkpoint
 from ropefit.runs.run_directory import CHECKPOINTS
@@ -129,7 +129,7 @@ def measure(
     kills: int, scratch: Path, seed: int = 0, which: int | None = None, until: str = "report"
 ) -> dict[str, Tally]:
     """Prepare and disturb both chains, or one of them, up to a stage."""
-    torch.set_num_threads(1)
+    use_threads(1)
     checkpoint.EVERY, checkpoint.SELDOM = 0.01, 0  # so that many are interrupted, and resumed
     diagnose.RULES = Rules(effects=SOUGHT)
     recording = marker_recording(scratch / "recording", frames=4)

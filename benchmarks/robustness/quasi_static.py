@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from scipy.interpolate import CubicSpline
 
 from benchmarks.robustness.random_ropes import Paths, paths
@@ -14,14 +13,14 @@ from reference_simulators.collocation import NotConverged
 from reference_simulators.collocation import solve as collocate
 from reference_simulators.kirchhoff_rod import CLAMPED, PINNED, Ends, problem
 from reference_simulators.rod_equations import Rod as Continuous
-from ropefit.rod.quaternion import conjugate_product, multiply
+from ropefit.rod.quaternion import CONJUGATE, conjugate_product, multiply
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.equilibrium.branches import follow, turned_over
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
 from ropefit.solvers.equilibrium.solve import solve
 
-DOWN = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)  # a rope of 1 m weighs 1 N
+DOWN = np.array([0.0, 0.0, -1.0])  # a rope of 1 m weighs 1 N
 TWIST = 2 / 3  # GJ over EI, that of `uniform`
 SHARP = np.pi / 2  # rad: bent more than that a joint gives way
 FINER = 8  # times the segments, to be compared with the boundary-value solution
@@ -44,7 +43,7 @@ def follow_random_paths(
     rng = np.random.default_rng(seed)
     bend = 10 ** rng.uniform(-6, -1, count)
     way = paths(rng, count, np.linspace(0, 1, frames), 10 ** rng.uniform(-2, 0.3, count), 1.0)
-    clamp = way.clamp if clamped else torch.full_like(way.clamp, torch.nan)
+    clamp = way.clamp if clamped else np.full_like(way.clamp, np.nan)
     held = [Conditions(*pair) for pair in zip(way.ends, clamp, strict=True)]
     states = [follow(rope(b, nodes - 1, clamped), c) for b, c in zip(bend, held, strict=True)]
     return QuasiStatic(bend, way, held, states)
@@ -52,8 +51,7 @@ def follow_random_paths(
 
 def rope(bend: float | np.ndarray, segments: int, clamped: bool) -> Rod:
     """Return the rod of 1 m and 1 N with EI `bend` [N m²]."""
-    value = torch.as_tensor(bend, dtype=torch.float64)
-    return build(uniform(length=1.0, segments=segments, bend=value), DOWN, (clamped, clamped))
+    return build(uniform(length=1.0, segments=segments, bend=bend), DOWN, (clamped, clamped))
 
 
 def concatenated(states: list[Solution], rod: Rod, conditions: Conditions) -> Solution:
@@ -82,10 +80,9 @@ def whole_turns(m: QuasiStatic) -> np.ndarray:
 
 def largest_joint_angle(held: Conditions, state: Solution) -> np.ndarray:
     """Return the largest angle (F,) [rad] between neighbouring material frames."""
-    q = torch.from_numpy(state.q)
-    every = torch.cat([held.clamp[:, :1], q, held.clamp[:, 1:]], dim=1)
-    real = (every[:, 1:] * every[:, :-1]).sum(-1).abs().clamp(max=1)
-    return 2 * torch.arccos(torch.nan_to_num(real, nan=1.0)).amax(-1).numpy()
+    every = np.concatenate([held.clamp[:, :1], state.q, held.clamp[:, 1:]], axis=1)
+    real = np.minimum(np.abs((every[:, 1:] * every[:, :-1]).sum(-1)), 1)
+    return 2 * np.arccos(np.nan_to_num(real, nan=1.0)).max(-1)
 
 
 def distance_to_reference(
@@ -106,14 +103,14 @@ def distance_to_reference(
     if not fine.converged[0]:
         return np.nan, np.nan
     if clamped:
-        outer = held.clamp.numpy()
+        outer = held.clamp[0]
     else:  # nothing holds the spin: as the rope has it
-        outer = np.stack([fine.q[:, 0], fine.q[:, -1]], axis=1)
+        outer = fine.q[0, [0, -1]]
     kind = CLAMPED if clamped else PINNED
     rod = Continuous(1.0, 1 / 9.81, bend, TWIST * bend)
-    exact = problem(rod, Ends(held.ends.numpy(), outer, (kind, kind)), ELEMENTS)
+    exact = problem(rod, Ends(held.ends, outer[None], (kind, kind)), ELEMENTS)
     try:
-        y = collocate(exact, _guess(fine, outer[0], bend, exact.mesh), 1e-9, 40)
+        y = collocate(exact, _guess(fine, outer, bend, exact.mesh), 1e-9, 40)
     except (NotConverged, np.linalg.LinAlgError, ValueError):
         return np.nan, np.nan
     x = CubicSpline(exact.mesh, y[0, :, :3])(np.linspace(0, 1, coarse + 1))
@@ -129,11 +126,9 @@ def _guess(state: Solution, outer: np.ndarray, bend: float, mesh: np.ndarray) ->
     q = np.concatenate([outer[:1], state.q[0], outer[1:]])
     q *= np.cumprod(np.r_[1.0, np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0)])[:, None]
     at = np.r_[0.0, middle, 1.0]
-    frames = torch.from_numpy(q)
-    bent = conjugate_product(frames[:-1], frames[1:]).numpy()
+    bent = conjugate_product(q[:-1], q[1:])
     own = 2 * bend * np.array([0, 1, 1, TWIST]) * bent / np.diff(at)[:, None]
-    back = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=torch.float64)
-    moment = multiply(multiply(frames[:-1], torch.from_numpy(own)), frames[:-1] * back).numpy()
+    moment = multiply(multiply(q[:-1], own), q[:-1] * CONJUGATE)
     parts = [
         (arc, state.x[0]), (at, q), (middle, state.force[0]),
         (0.5 * (at[1:] + at[:-1]), moment[:, 1:]),

@@ -6,8 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod.moving import DRAG_SPEEDS, Damping, Moving, moving
 from ropefit.rod.quaternion import from_rotation_vector, multiply, normalise
@@ -17,7 +15,7 @@ from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve as settle
 
 NEAREST, FARTHEST = 0.02, 0.999  # m, of the ends of a rope of 1 m
-DOWN = torch.tensor([0.0, 0.0, -9.81], dtype=torch.float64)
+DOWN = np.array([0.0, 0.0, -9.81])
 DENSITY = 0.06  # kg/m
 STOP = 0.6  # share of the time after which the ends stand still
 
@@ -40,16 +38,13 @@ def placements(count: int, clamped: bool, nodes: int = 20, seed: int = 0) -> Pla
     rng = np.random.default_rng(seed)
     apart, bend = rng.uniform(0.02, 0.999, count), 10 ** rng.uniform(-6, -1, count)
     direction = rng.normal(size=(count, 3))
-    ends = torch.zeros(count, 2, 3, dtype=torch.float64)
-    ends[:, 1] = torch.from_numpy(
-        apart[:, None] * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    )
-    clamp = torch.full((count, 2, 4), torch.nan, dtype=torch.float64)
+    ends = np.zeros((count, 2, 3))
+    ends[:, 1] = apart[:, None] * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    clamp = np.full((count, 2, 4), np.nan)
     if clamped:
-        clamp = normalise(torch.from_numpy(rng.normal(size=(count, 2, 4))))
-    gravity = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
-    properties = uniform(length=1.0, segments=nodes - 1, bend=torch.from_numpy(bend))
-    rod = build(properties, gravity, (clamped, clamped))
+        clamp = normalise(rng.normal(size=(count, 2, 4)))
+    properties = uniform(length=1.0, segments=nodes - 1, bend=bend)
+    rod = build(properties, np.array([0.0, 0.0, -1.0]), (clamped, clamped))
     return Placements(rod, Conditions(ends, clamp), bend, apart)
 
 
@@ -83,49 +78,44 @@ def motions(count: int, ends: str, stretchy: bool, nodes: int, steps: int, seed:
     share = np.minimum(time / time[:, rest : rest + 1], 1.0)
     warped = time[:, rest : rest + 1] * share**2 * (3 - 2 * share)
     way = paths(rng, count, warped, per_rope(-2, math.log10(0.5)), 3.0)
-    held = way.ends.clone()
-    clamp = way.clamp.clone()
+    held, clamp = way.ends.copy(), way.clamp.copy()
     for end in range(2):
         if not clamped[end]:
-            clamp[:, :, end] = torch.nan
+            clamp[:, :, end] = np.nan
 
-    tensor = torch.from_numpy
-    bend = tensor(per_rope(-6, -1) * DENSITY * 9.81)
-    curvature = tensor(rng.normal(0, 1, (count, 3)) * (rng.uniform(size=(count, 1)) < 0.5))
+    bend = per_rope(-6, -1) * DENSITY * 9.81
+    curvature = rng.normal(0, 1, (count, 3)) * (rng.uniform(size=(count, 1)) < 0.5)
     if ends == "pinned":
-        curvature = torch.zeros(count, 3, dtype=torch.float64)
-    axial = tensor(per_rope(1, 5)) if stretchy else math.inf
+        curvature = np.zeros((count, 3))
+    axial = per_rope(1, 5) if stretchy else math.inf
     p = uniform(
         length=1.0, segments=nodes - 1, bend=bend, axial=axial, density=DENSITY, curvature=curvature
     )
     some = rng.uniform(size=(2, count)) > 0.25
-    relaxation = tensor(per_rope(-4, -1) * some[0])[:, None]
-    air = tensor(rng.uniform(0, 1, count) * some[1])[:, None].expand(p.length.shape)
-    viscous = 1e-3 * p.axial if stretchy else torch.zeros_like(p.length)
+    relaxation = (per_rope(-4, -1) * some[0])[:, None]
+    air = np.broadcast_to((rng.uniform(0, 1, count) * some[1])[:, None], p.length.shape)
+    viscous = 1e-3 * p.axial if stretchy else np.zeros(p.length.shape)
     damping = Damping(relaxation * p.bend, relaxation * p.twist, viscous, air)
     rod = build(p, DOWN, clamped)
     at = settle(rod, Conditions(held[:, 0], clamp[:, 0]))
     if ends == "hung":
-        held[:, :, 1] = torch.nan
-    start = Start(tensor(at.x), tensor(at.q), torch.zeros(count, nodes, 3, dtype=torch.float64))
-    few = torch.from_numpy(np.flatnonzero(at.converged))
-    linear = torch.zeros(count, len(DRAG_SPEEDS), dtype=torch.float64)
-    made = moving(p, rod, damping, drag=linear)
+        held[:, :, 1] = np.nan
+    start = Start(at.x, at.q, np.zeros((count, nodes, 3)))
+    few = np.flatnonzero(at.converged)
+    made = moving(p, rod, damping, drag=np.zeros((count, len(DRAG_SPEEDS))))
     own = [name for name in made._fields if name not in ("rod", "bodies")]  # bodies are of all
     rope = made._replace(
         rod=Rod(*(t[few] for t in made.rod)), **{name: getattr(made, name)[few] for name in own}
     )
-    return Motions(
-        rope, Drive(tensor(time), held, clamp).clips(few), Start(*(s[few] for s in start)), rest
-    )
+    return Motions(rope, Drive(time, held, clamp).clips(few), Start(*(s[few] for s in start)), rest)
 
 
 class Paths(NamedTuple):
     """C motions of T frames: ends (C, T, 2, 3) [m], frames of the clamps (C, T, 2, 4), without
     jumps of sign, and the most that either end turns from one frame to the next (C,) [rad]."""
 
-    ends: Tensor
-    clamp: Tensor
+    ends: np.ndarray
+    clamp: np.ndarray
     turn: np.ndarray
 
 
@@ -148,12 +138,11 @@ def paths(
     direction = _turned(direction, wide * swing(3))
     first = 0.5 * wide * swing(3)
     ends = np.stack([first, first + apart[..., None] * direction], axis=2)
-    at_rest = normalise(torch.from_numpy(rng.normal(size=(count, 1, 2, 4))))
+    at_rest = normalise(rng.normal(size=(count, 1, 2, 4)))
     turn = wide[..., None] * np.stack([swing(3), swing(3)], axis=2)
-    clamp = multiply(from_rotation_vector(torch.from_numpy(turn)), at_rest)
-    along = (clamp[:, 1:] * clamp[:, :-1]).sum(-1).clamp(-1, 1)
-    step = 2 * torch.arccos(along).amax((1, 2))
-    return Paths(torch.from_numpy(ends), clamp, step.numpy())
+    clamp = multiply(from_rotation_vector(turn), at_rest)
+    along = np.clip((clamp[:, 1:] * clamp[:, :-1]).sum(-1), -1, 1)
+    return Paths(ends, clamp, 2 * np.arccos(along).max((1, 2)))
 
 
 class _Swings:

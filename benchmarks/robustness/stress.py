@@ -9,7 +9,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import torch
 
 from benchmarks.document import parser, publish
 from benchmarks.robustness.quasi_static import (
@@ -23,6 +22,7 @@ from benchmarks.robustness.quasi_static import (
     whole_turns,
 )
 from benchmarks.robustness.random_ropes import motions
+from benchmarks.threads import use_threads
 from reference_simulators.energy_balance import energy_gain, equilibrium_residual, step_residual
 from ropefit.solvers.dynamics import solve as dynamics
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -62,7 +62,8 @@ def quasi_static(count: int, clamped: bool, nodes: int, seed: int) -> dict[str, 
     """Count over frames of ropes that are moved quasi-statically, each from the one before."""
     m = follow_random_paths(count, clamped, nodes, FRAMES, seed)
     held = Conditions(
-        torch.cat([c.ends for c in m.conditions]), torch.cat([c.clamp for c in m.conditions])
+        np.concatenate([c.ends for c in m.conditions]),
+        np.concatenate([c.clamp for c in m.conditions]),
     )
     each = rope(np.repeat(m.bend, FRAMES), nodes - 1, clamped)
     s = concatenated(m.states, each, held)
@@ -94,7 +95,8 @@ def in_motion(count: int, ends: str, stretchy: bool, nodes: int, seed: int) -> d
     off = np.nan_to_num(step_residual(m.rope, m.drive, m.start, found))
     there = np.isfinite(found.x.sum((-1, -2)))
     gain = energy_gain(m.rope, m.drive, m.start, found, m.rest)
-    stride = torch.nan_to_num(m.drive.ends.diff(dim=1)).norm(dim=-1).amax((1, 2)).numpy()
+    moves = np.nan_to_num(np.diff(m.drive.ends, axis=1))
+    stride = np.linalg.norm(moves, axis=-1).max((1, 2))
     near = stride <= FAR
     ok = found.converged
     return {
@@ -117,7 +119,7 @@ def main() -> None:
     p = parser(__doc__)
     p.add_argument("--ropes", type=int, default=ROPES, help="in all, over twelve kinds")
     options = p.parse_args()
-    torch.set_num_threads(1)
+    use_threads(1)
     every = options.ropes // 12
     still = {}
     for seed, (clamped, nodes) in enumerate(product((False, True), NODES)):

@@ -13,33 +13,33 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from benchmarks.document import parser, publish
 from benchmarks.speed import contenders
 from benchmarks.speed.workloads import FRAMES, GRID, SLICE, algorithm, equilibrium, grid
+from benchmarks.threads import use_threads
 
 NODES = (20, 40, 100, 400)
 START_UP = """
 import time; start, before = time.perf_counter(), time.process_time()
-import numpy as np, torch
-torch_s = time.process_time() - before
+import numpy as np
+numpy_s = time.process_time() - before
 from ropefit.rod.rod import build, uniform
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve
-ends = torch.zeros(1, 2, 3, dtype=torch.float64); ends[:, 1, 0] = 0.6
-down = torch.tensor([0, 0, -9.81], dtype=torch.float64)
+ends = np.array([[[0, 0, 0], [0.6, 0, 0]]])
+down = np.array([0, 0, -9.81])
 rod = build(uniform(length=1.0, segments=19, bend=1e-3), down, (False, False))
-found = solve(rod, Conditions(ends, torch.full((1, 2, 4), torch.nan, dtype=torch.float64)))
+found = solve(rod, Conditions(ends, np.full((1, 2, 4), np.nan)))
 assert found.converged.all()
-print(time.perf_counter() - start, time.process_time() - before, torch_s)
+print(time.perf_counter() - start, time.process_time() - before, numpy_s)
 """
 
 
 def start_up() -> dict[str, float]:
     """Return the time [s] from nothing imported to the first solution, compiled code in the cache.
 
-    Processor time of the same, and of importing numpy and torch alone.
+    Processor time of the same, and of importing numpy alone.
     """
     times = []
     for _ in range(4):
@@ -57,7 +57,7 @@ def one_thread() -> None:
     if any(os.environ.get(key) != value for key, value in wanted.items()):
         command = [sys.executable, "-m", "benchmarks.speed", *sys.argv[1:]]
         os.execve(sys.executable, command, {**os.environ, **wanted})
-    torch.set_num_threads(1)
+    use_threads(1)
 
 
 def measure(full_grid: bool, elastica: Path | None) -> dict[str, Any]:
@@ -73,10 +73,10 @@ def measure(full_grid: bool, elastica: Path | None) -> dict[str, Any]:
         data["pyelastica"] = attempt(
             lambda: FRAMES * contenders.STATES * contenders.pyelastica(elastica, 19)["seconds"]
         )
-    torch.set_num_threads(2)
+    use_threads(2)
     slices = GRID // SLICE if full_grid else 1
     data["grid"] = {s: {**grid(s, slices), "scaled": not full_grid} for s in ("jacobi", "thomas")}
-    torch.set_num_threads(1)
+    use_threads(1)
     data["start_up"] = start_up()
     return data
 
@@ -150,7 +150,7 @@ def table(data: dict[str, Any]) -> str:
         f"From 20 to 400 nodes the time grows {growth:.1f} times. From nothing imported to the",
         f"first solution, compiled code cached: {up['seconds']:.1f} s, of processor time "
         f"{up['processor_s']:.1f} s,",
-        f"of which importing numpy and torch {up['libraries_s']:.1f} s.",
+        f"of which importing numpy {up['libraries_s']:.1f} s.",
     ]
     return "\n".join(lines) + "\n"
 

@@ -20,14 +20,16 @@ import torch
 from benchmarks.accuracy.dynamics import clip, rope
 from benchmarks.document import parser, publish
 from benchmarks.speed.workloads import FRAMES, GRAVITY, apart
+from benchmarks.threads import use_threads
+from reference_simulators.rod_energy import tensors
 from ropefit.rod.rod import Rod, build, uniform
 from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.simulate import simulate_batched
 from ropefit.solvers.batched.solve import solve_batched
-from ropefit.solvers.dynamics.derivatives import simulate
+from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settled
+from ropefit.solvers.equilibrium.differentiable import settled
 from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.equilibrium.solve import solve
 
@@ -71,24 +73,27 @@ def measure(device: torch.device | None, count: int) -> dict[str, Any]:
     bend, rod, held = ropes(count)
     reference = solve(rod(bend), held)
 
-    def states(bend: torch.Tensor = bend) -> Solution:
-        rods = rod(bend)
+    def states(rods: Rod) -> Solution:
         return solve(rods, held) if device is None else solve_batched(rods, held, device)
 
     def gradient() -> torch.Tensor:
         leaf = bend.clone().requires_grad_()
-        found = states(leaf)
-        x = (settled(found) if device is None else settled_batched(found, device)).x
+        rods = rod(leaf)
+        found = states(rods)
+        if device is None:
+            x = settled(found, rods, held).x
+        else:
+            x = settled_batched(found, rods, held, device).x
         return torch.autograd.grad((x**2).sum(), leaf)[0]
 
-    found = states()
+    found = states(rod(bend))
     assert found.converged.all()
     difference = float(np.abs(found.x - reference.x).max())
     assert difference < 1e-9, "the paths disagree"
     on_cpu = device is None or device.type == "cpu"
     clock = time.process_time if on_cpu else time.perf_counter
     return {
-        "states_s": shortest(states, clock),
+        "states_s": shortest(lambda: states(rod(bend)), clock),
         "gradient_s": shortest(gradient, clock),
         "apart_m": difference,
     }
@@ -101,8 +106,8 @@ def measure_motion(device: torch.device | None, count: int) -> dict[str, float]:
 
     def gradient(by: torch.device | None = device, every: int = 1) -> torch.Tensor:
         leaf = bend[::every].clone().requires_grad_()
-        drives = Drive(*(f.expand(len(leaf), *f.shape[1:]) for f in drive))
-        starts = Start(*(f.expand(len(leaf), *f.shape[1:]) for f in start))
+        drives = Drive(*(f.expand(len(leaf), *f.shape[1:]) for f in tensors(drive)))
+        starts = Start(*(f.expand(len(leaf), *f.shape[1:]) for f in tensors(start)))
         ropes = rope(leaf, (True, True), 1.0, 13)
         if by is None:
             x = simulate(ropes, drives, starts)[0]
@@ -179,7 +184,7 @@ def main() -> None:
     arguments.add_argument("--ropes", type=int, nargs="+", help="how many at once on a device")
     arguments.add_argument("--clips", type=int, nargs="+", help="how many at once on a device")
     options = arguments.parse_args()
-    torch.set_num_threads(1)
+    use_threads(1)
     data = {
         "accelerator": torch.cuda.is_available(),
         "paths": {

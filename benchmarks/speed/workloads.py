@@ -10,14 +10,16 @@ import numpy as np
 import torch
 
 from reference_simulators import xpbd_torch
-from ropefit.models.xpbd_rope import Algorithm, XpbdRope, build_rope
+from ropefit.models.algorithm import Algorithm
+from ropefit.models.xpbd_rope import XpbdRope, build_rope
 from ropefit.rod.rod import build, uniform
 from ropefit.rod.setup import bare
 from ropefit.solvers.equilibrium.conditions import Conditions
-from ropefit.solvers.equilibrium.implicit import settle
+from ropefit.solvers.equilibrium.differentiable import settle
 from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.xpbd.compiled import simulate_compiled
-from ropefit.solvers.xpbd.reference import SOLVERS, Eta, Settings, simulate
+from ropefit.solvers.xpbd.reference import SOLVERS, Eta, simulate
+from ropefit.solvers.xpbd.settings import Settings
 
 FRAMES = 36
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -76,11 +78,10 @@ def equilibrium(nodes: int) -> dict[str, float]:
 
 
 def hanging(solver: str, settings: Settings) -> XpbdRope:
-    ends = torch.zeros(FRAMES, 2, 3, dtype=torch.float64)
-    ends[:, 0, 0] = torch.from_numpy(apart())
-    free = torch.full((FRAMES, 2, 4), torch.nan, dtype=torch.float64)
+    ends = np.zeros((FRAMES, 2, 3))
+    ends[:, 0, 0] = apart()
     rope = uniform(length=1.0, segments=19, bend=1.0)
-    setup = bare(rope, torch.from_numpy(GRAVITY), ends, free, torch.zeros(3, dtype=torch.float64))
+    setup = bare(rope, GRAVITY, ends, np.full((FRAMES, 2, 4), np.nan), np.zeros(3))
     return build_rope(setup, Algorithm(solver, settings))
 
 

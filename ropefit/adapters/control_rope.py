@@ -48,7 +48,8 @@ def rope_at(
     if model.stepped is not None:
         return gripped_rope(o, model, position, turns, found, moving)
     if model.iterated is not None and not settles(o, model, found):
-        return moved_rope(o, model, position, turns)
+        rope, weights = moved_rope(o, model, position, turns)
+        return rope, torch.from_numpy(weights)
     ends, end = o.end_position.copy(), 0 if model.control_node == 0 else 1
     ends[:, end] = position
     return restored_rope(o, model, within_reach(ends, end, _length(o, model)), turns, found)

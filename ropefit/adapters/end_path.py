@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.gaps import LONGEST_GAP, unbroken
@@ -48,8 +47,8 @@ def end_path(
         begin, piece = at[-1] + LONGEST_GAP * step, piece + many
     clock, first, last, earliest, latest = (np.concatenate(v) for v in zip(*own, strict=True))
     start, places, rotations = zip(*pieces, strict=True)
-    tensors = (
+    arrays = (
         clock, first.astype(np.int64), last.astype(np.int64), earliest, latest,
         np.concatenate(start), np.concatenate(places, axis=1), np.concatenate(rotations, axis=1),
     )  # fmt: skip
-    return EndPath(*map(torch.from_numpy, tensors), step=step)
+    return EndPath(*arrays, step=step)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from ropefit.adapters.parameter_group import outcome_of_fit, parameter_group
 from ropefit.adapters.scene import build_scene
@@ -16,9 +15,9 @@ from ropefit.inference.intervals import Estimates
 from ropefit.inference.least_squares import Fit
 from ropefit.models import rest_curve
 from ropefit.models.equilibrium import Equilibrium
-from ropefit.models.equilibrium_rope import rope_values
 from ropefit.models.parameters import AT_REST, PARAMETERS
 from ropefit.models.response import Point
+from ropefit.models.rope_values import rope_values
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import other_states
@@ -114,14 +113,13 @@ def model_of(
     nodes = len(o.node_arc)
     every = started.segments // (nodes - 1)
     parts = [
-        _states(started.frames(torch.from_numpy(mine)), point, data.frames(mine), every)
-        for mine, point in points
+        _states(started.frames(mine), point, data.frames(mine), every) for mine, point in points
     ]
     order = np.argsort(np.concatenate([mine for mine, _ in points]))
     s = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
     setup = points[0][1].setup
     p = setup.properties
-    weight = float(p.density.mean() * setup.gravity.norm())
+    weight = float(p.density.mean() * np.linalg.norm(setup.gravity))
     return FittedModel(
         solver="equilibrium",
         loss=loss,
@@ -139,7 +137,7 @@ def model_of(
         residual=s["at_nodes"],
         rms=s["rms"],
         rms_initial=s["rms_initial"],
-        rms_px=agreement(torch.from_numpy(s["x"]), build_scene(o)).rms_px,
+        rms_px=agreement(s["x"], build_scene(o)).rms_px,
         solver_converged=bool(s["converged"].all()),
         balance=Balance(
             segments=started.segments,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput, WrongUsage
@@ -96,8 +95,9 @@ def calmest(frames: np.ndarray, setup: Setup, least: int) -> np.ndarray:
     """
     if setup.motion is None:
         return frames
-    size = setup.motion.acceleration[torch.from_numpy(frames)].square().sum(-1).mean(-1)
-    if float(size.median().sqrt()) < LIVELY * float(setup.gravity.norm()):
+    size = np.square(setup.motion.acceleration[frames]).sum(-1).mean(-1)
+    usual = np.quantile(size, 0.5, method="lower")
+    if np.sqrt(usual) < LIVELY * np.linalg.norm(setup.gravity):
         return frames
     count = max(least, round(CALM * len(frames)))
-    return np.sort(frames[np.argsort(size.numpy(), kind="stable")[:count]])
+    return np.sort(frames[np.argsort(size, kind="stable")[:count]])

@@ -6,21 +6,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.adapters.causes import with_causes
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.motion_of import motion_of
 from ropefit.adapters.motion_setup import PULLED, Span, span_of
 from ropefit.adapters.priors import priors_of
-from ropefit.adapters.restore import with_causes, within_reach
+from ropefit.adapters.restore import within_reach
 from ropefit.adapters.rope_setup import CLAMPED, surface_sd
 from ropefit.adapters.start_values import started_setup
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
-from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
+from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.gripped_rope import GrippedRope, gripped
 from ropefit.models.grips import grips
 from ropefit.models.parameters import AT_REST
 from ropefit.models.priors import calibration
-from ropefit.rod.moving import at_nodes
+from ropefit.models.rope_values import NAMES, rope_values
+from ropefit.rod.rod import at_nodes
 from ropefit.rod.setup import Setup
 
 SEGMENTS = CLAMPED // PULLED * PULLED
@@ -42,7 +44,7 @@ def gripped_rope(
     else it is at rest, wherever its ends are. Raises StageFailed for effects not installed.
     """
     span, end = span_of(o, SEGMENTS), 0 if model.control_node == 0 else 1
-    ends = span.setup.ends.numpy()
+    ends = span.setup.ends
     outer = np.where([[[span.first > 0], [span.last < o.length]]], ends - o.end_position, 0.0)
     ends = ends.copy()
     ends[:, end] = position + outer[:, end]
@@ -53,7 +55,7 @@ def gripped_rope(
     setup = started_setup(span.setup._replace(damping=None), start, o)
     length = float(setup.properties.length.sum())
     ends = within_reach(ends, end, length)
-    setup = setup._replace(ends=torch.from_numpy(ends))
+    setup = setup._replace(ends=ends)
     values = torch.tensor([rope_values(setup)[name] for name in NAMES], dtype=torch.float64)
     plain = setup.properties
     setup = _calibrated(setup, span, o, model, found)
@@ -61,17 +63,14 @@ def gripped_rope(
         setup = with_causes(setup, found)
     if moving and (motion := motion_of(o, span.node_arc)) is not None:
         setup = _as_it_moves(setup._replace(motion=motion), o, fitted)
-    rope = EquilibriumRope(
-        setup, 1, 0 if end == 0 else setup.segments, recorded=torch.from_numpy(ends), plain=plain
-    )
+    rope = EquilibriumRope(setup, 1, 0 if end == 0 else setup.segments, recorded=ends, plain=plain)
     if hold_frame:
         rope = rope.holding_its_frame(values)
     middle = 0.5 * (o.node_arc[1:] + o.node_arc[:-1])
     share = (middle - span.first) / (span.last - span.first)
     segment = np.clip((share * SEGMENTS).astype(int), 0, SEGMENTS - 1)
     mixed = gripped(span.node_arc, o.node_arc)
-    whole = GrippedRope(rope, torch.from_numpy(outer), mixed, torch.from_numpy(segment))
-    return whole, values.expand(len(o.frames), len(NAMES))
+    return GrippedRope(rope, outer, mixed, segment), values.expand(len(o.frames), len(NAMES))
 
 
 def _as_it_moves(setup: Setup, o: Observations, fitted: dict[str, float]) -> Setup:
@@ -102,6 +101,5 @@ def _calibrated(
     ]
     for term, mine in zip(errors, names, strict=True):
         if all(name in known for name in mine):
-            value = torch.tensor([known[name].value for name in mine], dtype=torch.float64)
-            setup = term.apply(setup, value)
+            setup = term.apply(setup, np.array([known[name].value for name in mine]))
     return setup

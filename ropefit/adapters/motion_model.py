@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.adapters.motion_of import centrelines
@@ -76,7 +75,7 @@ def motion_model(
         residual=_at_nodes(o, span, np.nan_to_num(point.seen)),
         rms=rms,
         rms_initial=rms_first,
-        rms_px=agreement(torch.from_numpy(x), build_scene(o)).rms_px,
+        rms_px=agreement(x, build_scene(o)).rms_px,
         solver_converged=True,
         stepped=Stepped(
             segments=point.setup.segments, clips=len(clips), clip=clip,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.artifacts import Observations
@@ -42,7 +41,7 @@ def motion_of(o: Observations, arc: np.ndarray) -> Motion | None:
     size = np.sqrt((acceleration**2).sum(-1).mean())
     if size < LEAST_FORCE * np.linalg.norm(o.gravity):
         return None
-    return Motion(torch.from_numpy(velocity), torch.from_numpy(acceleration))
+    return Motion(velocity, acceleration)
 
 
 def centrelines(o: Observations, arc: np.ndarray) -> np.ndarray:

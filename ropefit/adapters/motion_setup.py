@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from ropefit.adapters.end_path import end_path
 from ropefit.adapters.motion_of import centrelines, clips_of, times_of
@@ -75,17 +74,17 @@ def span_of(o: Observations, segments: int = SEGMENTS[0]) -> Span:
         }
     )
     setup = base_setup(part, segments)
-    clips, clamp = clips_of(times_of(o)), continuous(setup.clamp.numpy())
+    clips, clamp = clips_of(times_of(o)), continuous(setup.clamp)
     clamp_compliance, twist = setup.clamp_compliance, None
     if not o.end_twist_known and all(setup.clamped):
         clamp, twist = unrolled(clamp, lines, clips)
-        clamp_compliance = torch.zeros_like(clamp_compliance)
-    zero = torch.zeros_like(setup.properties.length)
+        clamp_compliance = np.zeros_like(clamp_compliance)
+    zero = np.zeros_like(setup.properties.length)
     setup = setup._replace(
         damping=Damping(zero, zero, zero, zero),
         motion=None,  # of the nodes: simulated, not observed
-        end_path=end_path(o.time, o.frames, setup.ends.numpy(), clamp, last - first),
-        clamp=torch.from_numpy(clamp),
+        end_path=end_path(o.time, o.frames, setup.ends, clamp, last - first),
+        clamp=clamp,
         clamp_compliance=clamp_compliance,
     )
     data = data_in_space(o)

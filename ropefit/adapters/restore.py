@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ropefit.adapters.causes import changed_by, with_causes
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup, with_values
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
-from ropefit.artifacts.causes import Cause
-from ropefit.effects import Effect
-from ropefit.errors import StageFailed, WrongUsage
+from ropefit.errors import WrongUsage
 from ropefit.models import rest_curve
 from ropefit.models.equilibrium import Equilibrium
-from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
 from ropefit.models.priors import calibration
-from ropefit.plugins import EFFECTS, concrete
-from ropefit.rod.setup import Setup
+from ropefit.models.rope_values import NAMES, rope_values
 from ropefit.solvers.equilibrium.branches import other_states
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from ropefit.models.equilibrium_rope import EquilibriumRope
 
 REACH = 0.995  # of the length: how far apart the ends of a rope that does not stretch may start
 
@@ -36,8 +36,8 @@ def restored_rope(
     hold_frame: bool,
     diagnosis: Diagnosis | None = None,
 ) -> tuple[EquilibriumRope, Tensor]:
-    """Return the rope of every frame with ends (F, 2, 3) [m] as a recording would tell them, and
-    its values (F, 4) in the order of NAMES.
+    """Return the rope of every frame, in torch, with ends (F, 2, 3) [m] as a recording would tell
+    them, and its values (F, 4) in the order of NAMES.
 
     Calibration errors are those of the fit, if it was one fit for all frames. With a diagnosis that
     found causes, the rope has them, and values and calibration are those fitted along with them.
@@ -46,17 +46,20 @@ def restored_rope(
     hold_frame: end 0 holds its frame although it is not clamped, to begin with the one that it has
     of itself.
     """
+    import torch
+
+    from ropefit.models.equilibrium_rope import EquilibriumRope
+
     found = diagnosis if diagnosis is not None and diagnosis.causes else None
     balance = model.balance
     fitted = found or balance
     assert fitted is not None
     segments = (found.segments if found else 0) or (balance.segments if balance else 0)
-    setup = base_setup(o, segments)._replace(ends=torch.from_numpy(ends))
+    setup = base_setup(o, segments)._replace(ends=ends)
     if balance is None and found:
         own = {name: size.value for name, size in found.rope.items() if name in NAMES}
         like = rope_values(started_setup(setup, own, o))
-        values = torch.tensor([like[name] for name in NAMES], dtype=torch.float64)
-        values = values.repeat(len(o.frames), 1)
+        values = np.tile([like[name] for name in NAMES], (len(o.frames), 1))
     else:
         values = restored_values(o, model)
     group = next(iter(model.groups.values())).parameters
@@ -75,7 +78,7 @@ def restored_rope(
                 item.value if (item := known.get(calibration_name(term, axis))) else 0.0
                 for axis in term.names
             ]
-            setup = term.apply(setup, torch.tensor(value, dtype=torch.float64))
+            setup = term.apply(setup, np.array(value))
     plain = None
     if found:
         for k, name in enumerate(NAMES):
@@ -96,14 +99,15 @@ def restored_rope(
         near, past = walked.solution, walked.solution.conditions.friction_elements
         setup = setup._replace(memory=(), bending=None)  # a law of bending is among them
     rope = EquilibriumRope(
-        setup, every, model.control_node, recorded=torch.from_numpy(ends), near=near, plain=plain,
+        setup, every, model.control_node, recorded=ends, near=near, plain=plain,
         friction_elements=past,
     )  # fmt: skip
     if balance and not found and not model.laws and np.isfinite(balance.other).any():
         rope = _on_its_branch(rope, values, model)
+    searched = torch.from_numpy(values)
     if hold_frame:
-        rope = rope.holding_its_frame(values)
-    return rope, values
+        rope = rope.holding_its_frame(searched)
+    return rope, searched
 
 
 def within_reach(ends: np.ndarray, end: int, length: float) -> np.ndarray:
@@ -116,31 +120,9 @@ def within_reach(ends: np.ndarray, end: int, length: float) -> np.ndarray:
     return out
 
 
-def with_causes(setup: Setup, diagnosis: Diagnosis) -> Setup:
-    """Return the setup with every cause of a diagnosis, and those that its nominal run's rope has,
-    but errors of a solver, which no rope has. Raises StageFailed for effects not installed."""
-    return changed_by(setup, (*diagnosis.known.values(), *diagnosis.causes.values()))
-
-
-def changed_by(setup: Setup, causes: Iterable[Cause]) -> Setup:
-    """Return the setup with causes, but errors of a solver. Raises StageFailed."""
-    for cause in causes:
-        effect = effect_of(cause)
-        if effect.kind != "solver":
-            setup = effect.apply(setup, torch.tensor(cause.values))
-    return setup
-
-
-def effect_of(cause: Cause) -> Effect:
-    """Return the effect of the catalogue, or of an add-on, that a cause names. Raises
-    StageFailed."""
-    for kind in concrete(Effect, EFFECTS):
-        if kind.__name__ == cause.variant:
-            return kind(cause.end or 0)  # pyright: ignore[reportAbstractUsage]
-    raise StageFailed(f"the effect {cause.variant} of diagnosis.h5 is not installed here")
-
-
-def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) -> EquilibriumRope:
+def _on_its_branch(
+    rope: EquilibriumRope, values: np.ndarray, model: FittedModel
+) -> EquilibriumRope:
     """Return the rope near those of its states that the model is in."""
     point = Equilibrium(with_values(rope.setup, values[0]), []).at(np.empty(0))
     found, apart = other_states(point.solution)
@@ -152,7 +134,7 @@ def _on_its_branch(rope: EquilibriumRope, values: Tensor, model: FittedModel) ->
     return replace(rope, near=near)
 
 
-def restored_values(o: Observations, model: FittedModel) -> Tensor:
+def restored_values(o: Observations, model: FittedModel) -> np.ndarray:
     """Return (F, 4) each frame's values in the order of NAMES, in the units of the setup."""
     scale = stated_units(o)
     out = np.full((len(o.frames), len(NAMES)), np.nan)
@@ -161,4 +143,4 @@ def restored_values(o: Observations, model: FittedModel) -> Tensor:
             p.value / scale[name][0] if (p := group.parameters.get(name)) else np.inf
             for name in NAMES
         ]
-    return torch.from_numpy(out)
+    return out

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from ropefit import attachments as records
+from ropefit.adapters.causes import effect_of
 from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.motion_setup import span_of
-from ropefit.adapters.restore import effect_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
@@ -60,11 +59,11 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
                 f"the rope between its grips, from {first:.4g} m to {span.last:.4g} m of its "
                 f"{o.length:.4g} m"
             )
-    setup = setup.frames(torch.from_numpy(used))
+    setup = setup.frames(used)
     group = next(iter(model.groups.values()))
     density = float(setup.properties.density.mean())
     heavier = 1.0 if known else density  # without its mass a rope of 1 kg/m was fitted
-    factor = 1.0 if known else density * float(setup.gravity.norm())
+    factor = 1.0 if known else density * float(np.linalg.norm(setup.gravity))
     fitted = {name: p.value for name, p in group.parameters.items()}
     if diagnosis and diagnosis.causes:  # the rope's own values, fitted along with the causes
         fitted |= {name: size.value for name, size in diagnosis.rope.items()}
@@ -81,7 +80,7 @@ def described(o: Observations, model: FittedModel, diagnosis: Diagnosis | None) 
     causes = (*diagnosis.known.values(), *diagnosis.causes.values()) if diagnosis else ()
     for cause in causes or model.laws.values():
         effect = effect_of(cause)
-        given = torch.tensor(effect.weighted(heavier) * cause.values)
+        given = effect.weighted(heavier) * cause.values
         named = dict(zip(cause.value_names, given.tolist(), strict=True))
         changed = effect.apply(whole, given)
         how = None
@@ -128,32 +127,32 @@ def _description(
     o: Observations, setup: Setup, whole: Setup, x: np.ndarray, extras: tuple[Any, ...]
 ) -> RopeDescription:
     p = setup.properties
-    rest = p.length.numpy()
+    rest = p.length
     rod = setup.rod()
     at_nodes = 0.5 * (rest[1:] + rest[:-1])
-    turn = 0.5 * (
-        rest[1:, None] * p.curvature[1:].numpy() + rest[:-1, None] * p.curvature[:-1].numpy()
-    )
-    curvature = (turn + setup.kinks[1:-1].numpy()) / at_nodes[:, None]
-    half = 0.5 * (p.density * p.length).numpy()
+    turn = 0.5 * (rest[1:, None] * p.curvature[1:] + rest[:-1, None] * p.curvature[:-1])
+    curvature = (turn + setup.kinks[1:-1]) / at_nodes[:, None]
+    half = 0.5 * p.density * rest
+    with np.errstate(divide="ignore"):  # infinite where it does not stretch
+        across, along = (1 / rod.flexibility[:, k] for k in (0, 2))
     return RopeDescription(
         length=float(rest.sum()),
         rest_lengths=rest.copy(),
-        EA=(1 / rod.flexibility[:, 2]).numpy(),  # infinite where it does not stretch
-        GA=(1 / rod.flexibility[:, 0]).numpy(),
-        EI=rod.stiffness[1:-1, 0].numpy() * at_nodes / 4,
-        GJ=rod.stiffness[1:-1, 2].numpy() * at_nodes / 4,
+        EA=along,
+        GA=across,
+        EI=rod.stiffness[1:-1, 0] * at_nodes / 4,
+        GJ=rod.stiffness[1:-1, 2] * at_nodes / 4,
         rest_curvature=curvature[:, :2].copy(),
         rest_twist=curvature[:, 2].copy(),
         masses=np.pad(half, (0, 1)) + np.pad(half, (1, 0)),
         diameter=o.diameter,
-        gravity=setup.gravity.detach().numpy().copy(),
+        gravity=setup.gravity.copy(),
         end_kinds=tuple(  # type: ignore[arg-type]
             "free" if k == "free" else ("clamped" if c else "pinned")
             for k, c in zip(o.end_kind, whole.clamped, strict=True)
         ),
-        end_positions=whole.ends.numpy().copy(),
-        end_orientations=whole.clamp.numpy().copy(),
+        end_positions=whole.ends.copy(),
+        end_orientations=whole.clamp.copy(),
         x=x.copy(),
         effects=extras,
         name=o.recording,

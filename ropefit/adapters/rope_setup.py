@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from ropefit.adapters.end_path import end_path
 from ropefit.adapters.motion_of import centrelines, motion_of
@@ -62,24 +61,22 @@ def setup_of(o: Observations, segments: int) -> Setup:
     bend = LIKELY_STIFFNESS * density * size * o.length**3
     setup = bare(
         uniform(length=o.length, segments=segments, bend=bend, density=density),
-        torch.tensor(o.gravity),
-        torch.tensor(o.end_position),
-        torch.tensor(o.end_orientation),
-        torch.tensor(o.view.pose[:3, 3].copy()),
+        o.gravity,
+        o.end_position,
+        o.end_orientation,
+        o.view.pose[:3, 3],
     )
     sensor = setup.sensor._replace(
-        origin=torch.tensor(o.plane_origin)[:, None], normal=torch.tensor(o.plane_normal)[:, None],
-        standoff=torch.tensor(_standoff(o)),
-    )  # fmt: skip
+        origin=o.plane_origin[:, None], normal=o.plane_normal[:, None], standoff=_standoff(o)
+    )
     setup = setup._replace(
-        sensor=sensor, motion=motion_of(o, setup.arc.numpy()),
-        time=None if o.time is None else torch.tensor(o.time),
+        sensor=sensor, motion=motion_of(o, setup.arc), time=o.time,
         end_path=end_path(o.time, o.frames, o.end_position, o.end_orientation, o.length),
     )  # fmt: skip
     setup = with_fittings(setup, o)
     if not o.end_twist_known:  # the clamps bend the rope but let it spin
-        clamp_compliance = torch.zeros(2, 2, dtype=torch.float64)
-        clamp_compliance[:, 1] = torch.inf
+        clamp_compliance = np.zeros((2, 2))
+        clamp_compliance[:, 1] = np.inf
         setup = setup._replace(clamp_compliance=clamp_compliance)
     return setup
 
@@ -88,13 +85,13 @@ def with_fittings(setup: Setup, o: Observations) -> Setup:
     """Return the setup with the rigid pieces that the recording states, and their weights."""
     arc, mass, rigid = setup.arc, setup.mass, setup.rigid
     for piece in o.fittings.values():
-        at, long = (torch.tensor(v, dtype=torch.float64) for v in (piece.arc_length, piece.length))
+        at, long = np.array([piece.arc_length, piece.length])
         share = at_point(arc, at)
         if piece.length:
             inside = over_interval(arc, at, long)
-            rigid = inside if rigid is None else torch.maximum(rigid, inside)
+            rigid = inside if rigid is None else np.maximum(rigid, inside)
             part = inside * setup.properties.length / (inside * setup.properties.length).sum()
-            half = torch.nn.functional.pad(0.5 * part, (1, 1))
+            half = np.pad(0.5 * part, 1)
             share = half[1:] + half[:-1]
         mass = mass + piece.mass * share
     return setup._replace(mass=mass, rigid=rigid)
@@ -134,10 +131,10 @@ def _looks_round(o: Observations, data: Data) -> bool:
     return bool(len(round_) and round_[0, 1] < flat[0, 1])
 
 
-def _standoff(o: Observations) -> float:
+def _standoff(o: Observations) -> np.ndarray:
     """Return [m] how far the points were moved from the visible surface to the axis, on average."""
     before = o.point_before
-    return float(before.mean()) if before is not None and len(before) else 0.0
+    return np.array(before.mean() if before is not None and len(before) else 0.0)
 
 
 def surface_sd(o: Observations) -> float:

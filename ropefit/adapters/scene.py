@@ -1,9 +1,8 @@
-"""From artifacts to the tensors that fits work on."""
+"""From artifacts to the arrays that the paper's losses work on."""
 
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput, WrongUsage
@@ -21,14 +20,13 @@ FLAT = tuple(name for name, loss in OBJECTIVES.items() if _flat(loss))
 
 
 def pinhole(observations: Observations) -> Pinhole:
-    """Return the view as tensors."""
+    """Return the camera of the view."""
     view = observations.view
-    pose = torch.tensor(view.pose)
     return Pinhole(
-        torch.tensor([view.fx, view.fy], dtype=torch.float64),
-        torch.tensor([view.cx, view.cy], dtype=torch.float64),
-        pose[:3, :3].clone(),
-        pose[:3, 3].clone(),
+        np.array([view.fx, view.fy]),
+        np.array([view.cx, view.cy]),
+        view.pose[:3, :3],
+        view.pose[:3, 3],
     )
 
 
@@ -45,33 +43,35 @@ def build_scene(observations: Observations) -> Scene:
     """Return data of all frames, padded to the longest."""
     o = observations
     camera = pinhole(o)
-    centreline = torch.tensor(o.centreline)
-    mask = torch.isfinite(centreline).all(-1)
-    depth = camera.depth(centreline.nan_to_num())
-    # Mean depth of what was seen; the points stand in where no boundary was.
+    mask = np.all(np.isfinite(o.centreline), axis=-1)
+    centreline = np.nan_to_num(o.centreline)
     points, point_mask, segment = _padded(o, o.points, o.point_arc, o.point_start)
-    far = camera.depth(points)
-    mean = torch.where(point_mask, far, 0.0).sum(1) / point_mask.sum(1)
-    mean = torch.where(
-        mask.any(1), torch.where(mask, depth, 0.0).sum(1) / mask.sum(1).clamp_min(1), mean
-    )
+    # Mean depth of what was seen; the points stand in where no boundary was.
+    depth = _mean(camera.depth(centreline), mask)
+    depth = np.where(np.isnan(depth), _mean(camera.depth(points), point_mask), depth)
     return Scene(
-        space=Observed(points, point_mask, segment, centreline.nan_to_num(), mask),
+        space=Observed(points, point_mask, segment, centreline, mask),
         image=Observed(
             *_padded(o, o.pixels, o.pixel_arc, o.pixel_start),
-            torch.tensor(o.centreline_px).nan_to_num(),
-            torch.isfinite(torch.tensor(o.centreline_px)).all(-1),
+            np.nan_to_num(o.centreline_px),
+            np.isfinite(o.centreline_px).all(-1),
         ),
         camera=camera,
-        pixel_size=mean / camera.focal.mean(),
-        lowest=torch.tensor(o.lowest),
-        down=torch.from_numpy(downwards(o.gravity)),
+        pixel_size=depth / camera.focal.mean(),
+        lowest=o.lowest,
+        down=downwards(o.gravity),
     )
+
+
+def _mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return (F,) mean of those of the values (F, N) that count, NaN where none does."""
+    with np.errstate(invalid="ignore"):
+        return np.where(mask, values, 0.0).sum(1) / mask.sum(1)
 
 
 def _padded(
     o: Observations, values: np.ndarray, arc: np.ndarray, start: np.ndarray
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (F, N, D) values, (F, N) mask, (F, N) segment index."""
     counts = np.diff(start)
     frames, most = len(counts), int(counts.max())
@@ -81,7 +81,7 @@ def _padded(
     segments = len(o.node_arc) - 1
     index = np.zeros((frames, most), dtype=np.int64)
     index[mask] = np.clip(np.floor(arc / o.length * segments), 0, segments - 1)
-    return torch.from_numpy(out), torch.from_numpy(mask), torch.from_numpy(index)
+    return out, mask, index
 
 
 def node_at(observations: Observations, control_at: float | None) -> int:

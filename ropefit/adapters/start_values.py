@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Observations
@@ -27,19 +26,19 @@ def started_setup(setup: Setup, start: dict[str, float], o: Observations) -> Set
                 f"start {name} = {start[name]:g} is outside its bounds {low * factor:g}.."
                 f"{high * factor:g}"
             )
-        given = torch.tensor([value], dtype=torch.float64)
+        given = np.array([value])
         setup = setup.after(lambda s, apply=row.apply, v=given: apply(s, v))
     return setup
 
 
-def with_values(setup: Setup, values: Tensor) -> Setup:
+def with_values(setup: Setup, values: np.ndarray) -> Setup:
     """Return the setup with values (4,) in the order of NAMES, the same everywhere."""
     p = setup.properties
     bend, twist, axial, length = values
     p = p._replace(
-        bend=bend.expand_as(p.bend),
-        twist=twist.expand_as(p.twist),
-        axial=axial.expand_as(p.axial),
+        bend=np.broadcast_to(bend, p.bend.shape),
+        twist=np.broadcast_to(twist, p.twist.shape),
+        axial=np.broadcast_to(axial, p.axial.shape),
         length=p.length * (length / p.length.sum()),
     )
     return setup._replace(properties=p)

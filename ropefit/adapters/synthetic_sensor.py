@@ -48,7 +48,7 @@ def _write_ends(
     rng: np.random.Generator,
     writer: RecordingWriter,
 ) -> None:
-    position, orientation = setup.ends.numpy(), setup.clamp.numpy()
+    position, orientation = setup.ends, setup.clamp
     for frame in range(spec.motion.frames):
         for end in (0, 1):
             if not np.isfinite(position[frame, end, 0]):

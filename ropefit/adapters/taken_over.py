@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ropefit.adapters.causes import effect_of
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.frozen import PER_WEIGHT, weight_factor
-from ropefit.adapters.restore import effect_of
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.models.correlated import correlated
@@ -84,13 +82,11 @@ def of_rope(model: Model, found: Diagnosis, o: Observations, setup: Setup) -> li
         )
         covariance = cause.covariance * np.outer(scale, scale) + np.diag((LEAST_SD * usual) ** 2)
         lower, upper = effect.bounds(setup)
-        least = torch.tensor([*lower, *(0.0 for _ in places)], dtype=torch.float64)
-        most = torch.tensor([*upper, *(2 * length for _ in places)], dtype=torch.float64)
+        least = np.array([*lower, *(0.0 for _ in places)])
+        most = np.array([*upper, *(2 * length for _ in places)])
 
-        def apply(
-            setup: Setup, v: Tensor, effect=effect, least: Tensor = least, most: Tensor = most
-        ) -> Setup:
-            return effect.apply(setup, torch.minimum(torch.maximum(v, least), most))
+        def apply(setup: Setup, v: np.ndarray, effect=effect, least=least, most=most) -> Setup:
+            return effect.apply(setup, np.clip(v, least, most))
 
         one = np.ones(len(usual))
         units = (*(q.unit for q in effect.quantities), *("m" for _ in places))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
@@ -53,7 +52,7 @@ def repaired(fitted: Fit) -> States | None:
         if np.isfinite(apart[k]):  # frames may be in any order
             starts.append(others.frames(np.array([k])))
         for start in starts:
-            few = point.setup.frames(torch.tensor([int(t)]))
+            few = point.setup.frames(np.array([t]))
             there = fitted.forward.of_setup(few).at(np.empty(0), start)
             if not there.converged.all():
                 continue

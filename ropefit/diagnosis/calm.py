@@ -74,7 +74,7 @@ def pushes(fitted: Fit) -> list[Push]:
         load[:, 2 * k : 2 * k + 2, node] = across[k]
     columns = by_parts(fitted, point.by_loads(load.shape[1], load.__getitem__), load.shape[1])
     data = s.places(point.solution.x) + s.offset
-    arc = point.setup.arc.detach().numpy()
+    arc = point.setup.arc
     rows, out = np.repeat(s.frame, s.residual.shape[1]), []
     for t in outstanding:
         mine, best = rows == t, None

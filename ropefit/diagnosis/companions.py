@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.beginning import Beginning, settled_start
@@ -75,8 +74,7 @@ def _pairs(
     origin = calm(current)
     setup, misfit = origin.point.setup, misfit_of(origin)
     for hypothesis, values in (choices[0] for choices in proposed):
-        at = torch.from_numpy(values)
-        changed = setup.after(lambda s, h=hypothesis, at=at: h.effect.apply(s, at))
+        changed = setup.after(lambda s, h=hypothesis, at=values: h.effect.apply(s, at))
         for effect in made_possible(changed, setup, names):
             for others in effect.starts(replace(misfit, setup=changed)):
                 yield [(hypothesis, values), (Hypothesis(effect, NO_PLACE), others[0])]

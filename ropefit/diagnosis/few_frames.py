@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from ropefit.inference.least_squares import Fit, attempted
 
@@ -22,7 +21,7 @@ def on_few_frames(fitted: Fit) -> Fit | None:
         return None
     index = np.unique(np.linspace(0, frames - 1, FEW_FRAMES).round().astype(int))
     forward = fitted.forward.of_setup(
-        fitted.forward.base.frames(torch.from_numpy(index)),
+        fitted.forward.base.frames(index),
         fitted.point.solution.frames(index),
         fitted.forward.terms,
     )

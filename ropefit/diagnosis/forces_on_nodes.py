@@ -40,7 +40,7 @@ class ForcesOnNodes:
         self._columns = [columns[rows] for rows in self._rows]
         few = replace(fitted, jacobian=fitted.jacobian[mine], z=fitted.z[mine])
         self._project = Projection(few)
-        share = (point.setup.arc.detach().numpy() / float(point.setup.arc[-1]))[list(nodes)]
+        share = (point.setup.arc / point.setup.arc[-1])[list(nodes)]
         self.places = np.nan_to_num(point.solution.x[np.ix_(used, np.array(nodes))])
         for place, t in zip(self.places, used, strict=True):
             at = np.flatnonzero(s.frame == t)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, occam_factor
 from ropefit.effects.law import Constant, Form, Law
@@ -219,7 +218,7 @@ def _fitted(
     plain, wanted = without.setup_at(begin), law.curve(model.setup_at(mean), x[inside])
 
     def misfit(values: np.ndarray) -> float:
-        y = law.curve(form.apply(plain, torch.from_numpy(values)), x[inside])
+        y = law.curve(form.apply(plain, values), x[inside])
         if law.even:
             return float(np.square(wanted - _factor(law, y, wanted) * y).sum())
         return float(np.var(np.log(y / wanted)))
@@ -228,7 +227,7 @@ def _fitted(
     if scale is None:
         scale = start
     else:
-        y = law.curve(form.apply(plain, torch.from_numpy(start)), x[inside])
+        y = law.curve(form.apply(plain, start), x[inside])
         start = start.copy()
         start[0] *= _factor(law, y, wanted)
     own = Term(

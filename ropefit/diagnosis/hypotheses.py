@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from ropefit.effects import Effect
 from ropefit.models.terms import Term
@@ -72,12 +71,12 @@ class Hypothesis:
     def term_at(self, setup: Setup, values: np.ndarray) -> Term:
         """Return a term of the quantities (k,) only, starting at values (k + p,): the place is
         fixed."""
-        k, fixed = self.size, torch.tensor(values[self.size :])
+        k, fixed = self.size, values[self.size :]
         quantities = self.effect.quantities[:k]
         lower, upper = self.effect.bounds(setup)
 
-        def apply(setup: Setup, v: torch.Tensor) -> Setup:
-            return self.effect.apply(setup, torch.cat([v, fixed]))
+        def apply(setup: Setup, v: np.ndarray) -> Setup:
+            return self.effect.apply(setup, np.concatenate([v, fixed]))
 
         return Term(
             self.name, tuple(q.name for q in quantities), tuple(q.unit for q in quantities), apply,

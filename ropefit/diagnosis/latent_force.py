@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from ropefit.diagnosis.scan import Projection
 from ropefit.inference.least_squares import Fit, by_parts
@@ -59,7 +58,7 @@ def latent_force(fitted: Fit, project: Projection) -> LatentForce:
     """Return the posterior of a force per length, smooth along the rope and slow in time."""
     s, point, setup = fitted.stations, fitted.point, fitted.point.setup
     frames, nodes = point.seen.shape[:2]
-    arc = setup.arc.detach().numpy()
+    arc = setup.arc
     length = arc[-1]
     knots = np.linspace(0, 1, ARC_KNOTS)
     hats = np.maximum(
@@ -74,8 +73,7 @@ def latent_force(fitted: Fit, project: Projection) -> LatentForce:
         parts = point.by_loads(len(load), lambda index: np.repeat(load[None], len(index), axis=0))
         many = TIME_KNOTS
     else:  # what a force does lasts: a steady one
-        steady = torch.from_numpy(load)
-        parts, many = point.parts([_loaded(setup, one) for one in steady]), 1
+        parts, many = point.parts([_loaded(setup, one) for one in load]), 1
     whitened = by_parts(fitted, parts, len(load))
     times = np.linspace(0, 1, many)
     over = np.linspace(0, 1, frames)
@@ -103,7 +101,7 @@ def latent_force(fitted: Fit, project: Projection) -> LatentForce:
     return latent
 
 
-def _loaded(setup: Setup, load: torch.Tensor) -> Change:
+def _loaded(setup: Setup, load: np.ndarray) -> Change:
     return lambda step: setup._replace(load=setup.load + step * load)
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.inference.bins import Stations, collected
@@ -82,7 +81,7 @@ def end_noise(fitted: Fit) -> EndNoise:
     """Return the response of the fitted rope to an error of an end in one frame."""
     point, s = fitted.point, fitted.stations
     frames = len(point.seen)
-    held = [end for end in range(2) if not bool(torch.isnan(point.setup.ends[:, end]).any())]
+    held = [end for end in range(2) if not np.isnan(point.setup.ends[:, end]).any()]
     clamps = [end for end in range(2) if point.setup.clamped[end]]
     places = [(end, axis) for end in held for axis in range(3)]
     turns = [(end, axis) for end in clamps for axis in range(2)]  # about the tangent: twist

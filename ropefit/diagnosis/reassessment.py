@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept
@@ -100,7 +99,7 @@ def _with_their_like(
 def _needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:
     """Return whether a later effect needs a candidate's, as friction needs contact."""
     rest = [part for part in parts_of(current) if part[0] is not candidate.term]
-    values = [torch.from_numpy(term.value(u)) for term, u in rest]
+    values = [term.value(u) for term, u in rest]
     setup = current.forward.with_terms([term for term, _ in rest]).setup(values)
     return not all(c.hypothesis.effect.applies(setup) for c in later)
 

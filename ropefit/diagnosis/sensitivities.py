@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.inference.bins import aligned, collected
@@ -114,7 +113,7 @@ class Sensitivities:
         """Return whether the rope may spin at no cost: it is straight without loads, and its bends
         have no memory."""
         setup, rod = self.setup, self.point.solution.rod
-        straight = float(rod.rest.abs().max()) < STRAIGHT
+        straight = bool(np.abs(rod.rest).max() < STRAIGHT)
         return self.fit.forward.instantaneous and not setup.memory and straight
 
     def _tangents(self, hypothesis: Hypothesis, turned: bool = False) -> Parts:
@@ -142,7 +141,7 @@ class Sensitivities:
 
     def response(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return (F, K, 3) nodes as seen with the effect at values (k + p,), NaN if unsettled."""
-        setup = self.setup.after(lambda s: hypothesis.effect.apply(s, torch.from_numpy(values)))
+        setup = self.setup.after(lambda s: hypothesis.effect.apply(s, values))
         return self.fit.forward.of_setup(setup, self.point.solution).at(np.empty(0)).seen
 
     def _is_load(self, hypothesis: Hypothesis) -> bool:

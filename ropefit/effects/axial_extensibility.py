@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -31,7 +30,7 @@ class AxialExtensibility(Effect):
         ),
     )  # fmt: skip
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return setup._replace(stretch=setup.stretch + values[0])
 
     def sentence(self, values: dict[str, float]) -> str:

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.drawn import Drawn
@@ -26,7 +24,7 @@ SMALLEST = 1e-6  # strain: smaller ones are none
 POINTS = 400  # of a form's curve
 LEAST_LOCKING = 1.001  # strain at which a rope locks, over that in the middle, which it reaches
 
-Tension = Callable[[Tensor, Tensor], Tensor]  # of strains (n,) and a shape (), up to a factor
+Tension = Callable[[np.ndarray, float], np.ndarray]  # of strains (n,) and a shape, up to a factor
 
 
 class AxialLaw(Effect):
@@ -50,11 +48,11 @@ class AxialLaw(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.axial is None and _compliance(setup) > 0
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        at = torch.log(_relative(setup))
-        below = (at - np.log(BENDS[0])).clamp(max=0)
-        above = (at - np.log(BENDS[1])).clamp(min=0)
-        parts = torch.stack([at - np.log(MIDDLE), below, above], dim=-1)
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        at = np.log(_relative(setup))
+        below = np.minimum(at - np.log(BENDS[0]), 0.0)
+        above = np.maximum(at - np.log(BENDS[1]), 0.0)
+        parts = np.stack([at - np.log(MIDDLE), below, above], axis=-1)
         return setup._replace(axial=_increasing(parts @ values))
 
     def law(self, setup: Setup) -> Law:
@@ -87,33 +85,32 @@ def _compliance(setup: Setup) -> float:
 
 
 def _weight(setup: Setup) -> float:
-    return float(setup.weight.detach())
+    return float(setup.weight)
 
 
-def _relative(setup: Setup) -> Tensor:
+def _relative(setup: Setup) -> np.ndarray:
     """Return (A,) the tensions of the law's knots over the weight, within LOWEST and HIGHEST."""
-    return (TENSIONS / _weight(setup)).clamp(LOWEST, HIGHEST)
+    return np.clip(TENSIONS / _weight(setup), LOWEST, HIGHEST)
 
 
-def _increasing(factor: Tensor) -> Tensor:
+def _increasing(factor: np.ndarray) -> np.ndarray:
     """Return logarithms of the factor (A,) with which the strain grows with the tension."""
     least = (LEAST_POWER - 1) * np.log(2.0) / PER_OCTAVE
-    steps = torch.diff(factor)
+    steps = np.diff(factor)
     if bool((steps >= least).all()):
         return factor
     middle = len(factor) // 2
-    summed = torch.nn.functional.pad(steps.clamp(min=least).cumsum(0), (1, 0))
+    summed = np.append(0.0, np.maximum(steps, least).cumsum())
     return factor[middle] + summed - summed[middle]
 
 
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     """Return (n,) tensions [N] at strains x (n,), of the rope's first segment."""
-    soft, tension = _compliance(setup), TENSIONS.numpy()
+    soft = _compliance(setup)
     if setup.axial is None:
         return x / soft
-    axial = setup.axial.detach().numpy()
-    way, at = np.log(soft * tension) + axial, np.log(np.maximum(x, 1e-300))
-    inside = np.interp(at, way, np.log(tension))  # beyond the knots, in proportion
+    way, at = np.log(soft * TENSIONS) + setup.axial, np.log(np.maximum(x, 1e-300))
+    inside = np.interp(at, way, np.log(TENSIONS))  # beyond the knots, in proportion
     beyond = np.minimum(at - way[0], 0.0) + np.maximum(at - way[-1], 0.0)
     return np.where(x > 0, np.exp(inside + beyond), 0.0)
 
@@ -121,7 +118,7 @@ def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
 def _strains(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     """Return the positive strains of the segments between nodes (F, N+1, 3) [m]."""
     length = np.linalg.norm(np.diff(nodes, axis=1), axis=-1)
-    strain = (length / setup.properties.length.detach().numpy() - 1).ravel()
+    strain = (length / setup.properties.length - 1).ravel()
     return strain[np.isfinite(strain) & (strain > SMALLEST)]
 
 
@@ -140,33 +137,32 @@ def _middle(setup: Setup) -> tuple[float, float]:
     return _compliance(setup) * tension, tension
 
 
-def _with_tension(setup: Setup, tension: Tension, shape: Tensor) -> Setup:
+def _with_tension(setup: Setup, tension: Tension, shape: float) -> Setup:
     """Return the setup with a tension that is a function of the strain over that in the middle."""
-    relative, own = torch.log(_relative(setup) / MIDDLE), torch.zeros(1, dtype=torch.float64)
-    strain = torch.linspace(-14.0, 14.0, POINTS, dtype=torch.float64)
-    at = torch.log(tension(torch.exp(strain), shape)) - torch.log(tension(torch.exp(own), shape))
+    relative, strain = np.log(_relative(setup) / MIDDLE), np.linspace(-14.0, 14.0, POINTS)
+    at = np.log(tension(np.exp(strain), shape)) - np.log(tension(np.ones(1), shape))
     at = at + 1e-9 * strain  # where it no longer grows
-    k = torch.searchsorted(at, relative).clamp(1, POINTS - 1)
+    k = np.clip(np.searchsorted(at, relative), 1, POINTS - 1)
     share = (relative - at[k - 1]) / (at[k] - at[k - 1])
-    found = strain[k - 1] + share.clamp(0, 1) * (strain[k] - strain[k - 1])
+    found = strain[k - 1] + np.clip(share, 0.0, 1.0) * (strain[k] - strain[k - 1])
     return setup._replace(axial=_increasing(found - relative))
 
 
-def _power(x: Tensor, n: Tensor) -> Tensor:
+def _power(x: np.ndarray, n: float) -> np.ndarray:
     return x**n
 
 
-def _rising(x: Tensor, at: Tensor) -> Tensor:
+def _rising(x: np.ndarray, at: float) -> np.ndarray:
     return x + x**3 / at**2
 
 
-def _levelling(x: Tensor, at: Tensor) -> Tensor:
-    return torch.tanh(x / at)
+def _levelling(x: np.ndarray, at: float) -> np.ndarray:
+    return np.tanh(x / at)
 
 
-def _locking(x: Tensor, at: Tensor) -> Tensor:
+def _locking(x: np.ndarray, at: float) -> np.ndarray:
     """Return the tension of a strain that tends to `at`."""
-    return torch.where(x < at, -torch.log1p(-(x / at).clamp(max=1 - 1e-9)), 20.0 + x / at)
+    return np.where(x < at, -np.log1p(-np.minimum(x / at, 1 - 1e-9)), 20.0 + x / at)
 
 
 def _forms(setup: Setup) -> tuple[Form, ...]:

@@ -1,8 +1,8 @@
 """What an effect is: one piece of physics or of measurement that a model may include.
 
-An effect changes a `Setup`, in torch, so that every derivative follows by itself. What is special
-about one (how the diagnosis looks for it, what is held out for it, how it is exported) is in its
-own file, too: attributes and methods of `Effect` that it overrides.
+An effect changes a `Setup`. What is special about one (how the diagnosis looks for it, what is held
+out for it, how it is exported) is in its own file, too: attributes and methods of `Effect` that it
+overrides.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.drawn import Drawn
 from ropefit.effects.law import Law
@@ -193,7 +192,7 @@ class Effect(ABC):
         return (setup.damping is None or self.in_motion) and self.applies(setup)
 
     @abstractmethod
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         """Return the setup with the effect, of the sizes and at the place in values (n,)."""
 
     @abstractmethod
@@ -310,4 +309,4 @@ class Effect(ABC):
 
 def duration(setup: Setup) -> float:
     """Return the time [s] from the first frame to the last."""
-    return float((setup.clock.max() - setup.clock.min()).clamp_min(1e-9))
+    return max(float(setup.clock.max() - setup.clock.min()), 1e-9)

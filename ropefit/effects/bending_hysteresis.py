@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.attachments import BendingFriction
 from ropefit.effects.base import Effect, Exported, Quantity
@@ -37,7 +36,7 @@ class BendingHysteresis(Effect):
     def applies(self, setup: Setup) -> bool:
         return revisits(setup)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return with_friction(setup, prandtl(values[0], values[1]))
 
     def law(self, setup: Setup) -> Law:

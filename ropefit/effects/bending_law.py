@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.law import Constant, Form, Law
@@ -21,7 +19,7 @@ MIDDLE = 32.0**0.5  # over the length: EI is M / κ there
 LEAST_SLOPE = 1e-3  # over EI: a moment that no longer grows leaves equilibria undetermined
 STEEPEST = 5.0  # of the slope's logarithm: strands that lock are a hundred times as stiff
 
-Moment = Callable[[Tensor, Tensor], Tensor]  # of curvatures (n,) and a shape (), up to a factor
+Moment = Callable[[np.ndarray, float], np.ndarray]  # of curvatures (n,), a shape; up to a factor
 
 LEAST_TESTED = 1.0  # of the exponent: data that miss a larger departure test nothing
 
@@ -46,16 +44,15 @@ class BendingLaw(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.bending is None
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         knots = _knots(setup)
-        edges = torch.cat([knots[:1] / 2, knots, knots[-1:] * 2])
-        at = torch.log(edges[1:] * edges[:-1]) / 2 + torch.log(_length(setup))
-        at = at.clamp(np.log(LOWEST), np.log(HIGHEST))
+        edges = np.concatenate([knots[:1] / 2, knots, knots[-1:] * 2])
+        at = np.log(edges[1:] * edges[:-1]) / 2 + np.log(_length(setup))
+        at = np.clip(at, np.log(LOWEST), np.log(HIGHEST))
         apart = np.log(INNER[1] / INNER[0])
-        inner = torch.log(torch.tensor(INNER, dtype=torch.float64))
-        hats = torch.clamp(1 - (at[:, None] - inner).abs() / apart, min=0)
-        slope = torch.exp(values[0] * (at - np.log(MIDDLE)) + hats @ values[1:])
-        return _with_slope(setup, slope.clamp_min(LEAST_SLOPE))
+        hats = np.maximum(1 - np.abs(at[:, None] - np.log(INNER)) / apart, 0.0)
+        slope = np.exp(values[0] * (at - np.log(MIDDLE)) + hats @ values[1:])
+        return _with_slope(setup, np.maximum(slope, LEAST_SLOPE))
 
     def law(self, setup: Setup) -> Law:
         return Law(
@@ -79,7 +76,7 @@ class BendingLaw(Effect):
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
-        at = MIDDLE / float(_length(setup))
+        at = MIDDLE / _length(setup)
         note = f"bending_law: bending is linear there; EI is that at a curvature of {at:.3g} 1/m"
         return Exported(beside, note=note)
 
@@ -91,32 +88,31 @@ class BendingLaw(Effect):
         )
 
 
-def _length(setup: Setup) -> Tensor:
-    return setup.properties.length.sum().detach()
+def _length(setup: Setup) -> float:
+    return float(setup.properties.length.sum())
 
 
-def _knots(setup: Setup) -> Tensor:
+def _knots(setup: Setup) -> np.ndarray:
     """Return (B-1,) [1/m] the curvatures where M is exact."""
     low, high = OCTAVES
-    octaves = torch.linspace(low, high, (high - low) * PER_OCTAVE + 1, dtype=torch.float64)
-    return 2**octaves / _length(setup)
+    return 2.0 ** np.linspace(low, high, (high - low) * PER_OCTAVE + 1) / _length(setup)
 
 
-def _with_slope(setup: Setup, slope: Tensor) -> Setup:
+def _with_slope(setup: Setup, slope: np.ndarray) -> Setup:
     """Return the setup with a law of these slopes (B,), up to a factor: M is EI κ in the middle."""
     knots, middle = _knots(setup), MIDDLE / _length(setup)
-    steps = torch.diff(torch.clamp(knots, max=middle), prepend=middle.new_zeros(1))
+    steps = np.diff(np.minimum(knots, middle), prepend=0.0)
     moment = (slope[:-1] * steps).sum()
     return setup._replace(bending=Bending(knots, slope * middle / moment))
 
 
-def _with_moment(setup: Setup, moment: Moment, shape: Tensor) -> Setup:
+def _with_moment(setup: Setup, moment: Moment, shape: float) -> Setup:
     """Return the setup with a moment that is a function of the curvature."""
     knots = _knots(setup)
-    edges = torch.cat([knots.new_zeros(1), knots, knots[-1:] * 1.2])
-    slope = torch.diff(moment(edges, shape)) / torch.diff(edges)
-    middle = MIDDLE / _length(setup)
-    return _with_slope(setup, torch.maximum(slope, LEAST_SLOPE * moment(middle, shape) / middle))
+    edges = np.concatenate([[0.0], knots, knots[-1:] * 1.2])
+    slope = np.diff(moment(edges, shape)) / np.diff(edges)
+    middle = np.full(1, MIDDLE / _length(setup))
+    return _with_slope(setup, np.maximum(slope, LEAST_SLOPE * moment(middle, shape) / middle))
 
 
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
@@ -124,7 +120,7 @@ def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     rigidity = float(setup.properties.bend[0])
     if setup.bending is None:
         return rigidity * x
-    knots, slope = (t.detach().numpy() for t in setup.bending)
+    knots, slope = setup.bending
     edges = np.concatenate([[0.0], knots, [np.inf]])
     parts = np.clip(x[:, None], edges[:-1], edges[1:]) - edges[:-1]
     return rigidity * (parts * slope).sum(1)
@@ -148,26 +144,26 @@ def _curvatures(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     return (turned / (0.5 * (length[:, 1:] + length[:, :-1]))).ravel()
 
 
-def _power(x: Tensor, n: Tensor) -> Tensor:
-    return torch.where(x > 0, x, 1.0) ** n * (x > 0)
+def _power(x: np.ndarray, n: float) -> np.ndarray:
+    return np.where(x > 0, x, 1.0) ** n * (x > 0)
 
 
-def _rising(x: Tensor, at: Tensor) -> Tensor:
+def _rising(x: np.ndarray, at: float) -> np.ndarray:
     return x + x**3 / at**2
 
 
-def _falling(x: Tensor, at: Tensor) -> Tensor:
+def _falling(x: np.ndarray, at: float) -> np.ndarray:
     """Return the moment that is highest at the curvature `at`, and level beyond."""
-    x = torch.minimum(x, at)
+    x = np.minimum(x, at)
     return x - x**3 / (3 * at**2)
 
 
-def _levelling(x: Tensor, at: Tensor) -> Tensor:
-    return torch.tanh(x / at)
+def _levelling(x: np.ndarray, at: float) -> np.ndarray:
+    return np.tanh(x / at)
 
 
 def _forms(setup: Setup) -> tuple[Form, ...]:
-    length = float(_length(setup))
+    length = _length(setup)
     between = np.geomspace(0.5, 100, 24)[:, None] / length
     exponents = np.linspace(0.2, 3.0, 29)[:, None]
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.drawn import Drawn, components
-from ropefit.effects.ends import one_end, turned_clamp, where
+from ropefit.effects.ends import turned_clamp, where
 from ropefit.rod.quaternion import smallest_rotation
 from ropefit.rod.setup import Setup
 
@@ -43,7 +41,7 @@ class ClampedEnd(Effect):
         return False  # a stepped rope has no joint there before
 
     def applies(self, setup: Setup) -> bool:
-        free = bool(torch.isnan(setup.ends[:, self.end]).any())
+        free = bool(np.isnan(setup.ends[:, self.end]).any())
         return not setup.clamped[self.end] and not free
 
     def scan_places(self, setup: Setup) -> np.ndarray:
@@ -64,19 +62,17 @@ class ClampedEnd(Effect):
         load[:, 0, inner] = across / length * (1 if self.end == 0 else -1)
         return load
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        up = torch.tensor([0.0, 0.0, 1.0], dtype=values.dtype)
-        way = values[1:4] / torch.sqrt((values[1:4] * values[1:4]).sum() + 1e-30)
-        wide = torch.zeros(2, 1, dtype=torch.bool)
-        wide[self.end] = True
-        clamp = torch.where(wide, smallest_rotation(up, way), setup.clamp)
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        way = values[1:4] / np.sqrt((values[1:4] * values[1:4]).sum() + 1e-30)
+        clamp, soft = setup.clamp.copy(), np.zeros((2, 2))
+        clamp[:, self.end] = smallest_rotation(np.array([0.0, 0.0, 1.0]), way)
         # The spring bends only: pinned ends let the rope spin.
-        bend = one_end(self.end, 1 / values[0])
-        loose = one_end(self.end, torch.full_like(values[0], torch.inf))
+        with np.errstate(divide="ignore"):  # one without stiffness holds nothing
+            soft[self.end] = 1 / values[0], np.inf
         clamped = tuple(True if e == self.end else c for e, c in enumerate(setup.clamped))
         return setup._replace(
             clamp=clamp,
-            clamp_compliance=setup.clamp_compliance + torch.stack([bend, loose], dim=-1),
+            clamp_compliance=setup.clamp_compliance + soft,
             clamped=clamped,  # type: ignore[arg-type]
         )
 
@@ -106,9 +102,8 @@ class TiltedClamp(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.clamped[self.end]
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        turn = torch.cat([values, torch.zeros_like(values[:1])])
-        return turned_clamp(setup, self.end, turn)
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        return turned_clamp(setup, self.end, np.append(values, 0.0))
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["tilt_1"] ** 2 + values["tilt_2"] ** 2) ** 0.5

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect
 from ropefit.effects.misfit import Misfit
@@ -32,30 +30,32 @@ class Contact(Effect):
     held_out = "stretches"
 
 
-def hardness(setup: Setup) -> Tensor:
+def hardness(setup: Setup) -> np.ndarray:
     """Return the stiffness [N/m] of contact for this rope."""
-    return HARDNESS * setup.weight.detach()
+    return np.array(HARDNESS * setup.weight)
 
 
 def with_contact(
     setup: Setup,
-    gap: Callable[[Tensor], Tensor],
-    share: Tensor,
-    shape: Callable[[Tensor], tuple[Tensor, Tensor]] | None = None,
+    gap: Callable[[np.ndarray], np.ndarray],
+    share: np.ndarray,
+    shape: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> Setup:
     """Return the setup with a frictionless body at gap(x (..., 3)) -> (...,) [m], negative inside.
 
     share (N+1,): how many nodes each node stands for. shape(x): the gap's slope (..., 3), or
-    (3,) everywhere, and its curvature (..., 3, 3) [1/m], or () zero; None: by autograd, slower.
+    (3,) everywhere, and its curvature (..., 3, 3) [1/m], or () zero; None: by differences, slower.
     """
     stiff = hardness(setup)
 
-    def energy(x: Tensor) -> Tensor:
-        return 0.5 * stiff * torch.clamp(-gap(x), min=0.0) ** 2
+    def energy(x: np.ndarray) -> np.ndarray:
+        return 0.5 * stiff * np.maximum(-gap(x), 0.0) ** 2
 
-    def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
-        assert shape is not None
-        gaps, slope, rows = gap(x), torch.zeros_like(x), x.new_zeros((*x.shape, 3))
+    if shape is None:
+        return setup._replace(potentials=(*setup.potentials, Potential(energy, share, stiff)))
+
+    def derivatives(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        gaps, slope, rows = gap(x), np.zeros_like(x), np.zeros((*x.shape, 3))
         deep = gaps < 0  # few nodes are
         if deep.any():
             inside, (normal, curvature) = gaps[deep][:, None], shape(x[deep])
@@ -64,24 +64,21 @@ def with_contact(
             rows[deep] = stiff * (square + inside[..., None] * curvature)
         return slope, rows
 
-    def slope(x: Tensor) -> Tensor:
-        assert shape is not None
-        gaps, out = gap(x), torch.zeros_like(x)
+    def slope(x: np.ndarray) -> np.ndarray:
+        gaps, out = gap(x), np.zeros_like(x)
         deep = gaps < 0
         if deep.any():
             out[deep] = stiff * gaps[deep][:, None] * shape(x[deep])[0]
         return out
 
-    body = Potential(energy, share, stiff)
-    if shape is not None:
-        body = body._replace(derivatives=derivatives, slope=slope)
+    body = Potential(energy, share, stiff, derivatives=derivatives, slope=slope)
     return setup._replace(potentials=(*setup.potentials, body))
 
 
-def with_body(setup: Setup, *row: Tensor) -> Setup:
+def with_body(setup: Setup, *row: np.ndarray | float) -> Setup:
     """Return the setup of a rope in motion with one more body; row: see `Moving.bodies`."""
-    body = torch.cat([torch.atleast_1d(part) for part in row])[None]
-    bodies = body if setup.bodies is None else torch.cat([setup.bodies, body])
+    body = np.hstack(row)[None]
+    bodies = body if setup.bodies is None else np.concatenate([setup.bodies, body])
     return setup._replace(bodies=bodies)
 
 
@@ -94,27 +91,27 @@ def bears_most(depth: np.ndarray, place: np.ndarray) -> tuple[int, np.ndarray] |
     return frame, np.average(place[frame], axis=0, weights=depth[frame])
 
 
-def touching(segments: int) -> Tensor:
+def touching(segments: int) -> np.ndarray:
     """Return (N+1,) shares of the nodes in contact, of which some stand for the others."""
     every = max(1, segments // MOST_CONTACT_NODES)
-    share = torch.zeros(segments + 1, dtype=torch.float64)
-    share[::every] = float(every)
+    share = np.zeros(segments + 1)
+    share[::every] = every
     return share
 
 
-def up_and_normal(setup: Setup, slope_1: Tensor, slope_2: Tensor) -> tuple[Tensor, Tensor]:
+def up_and_normal(setup: Setup, slope_1: float, slope_2: float) -> tuple[np.ndarray, np.ndarray]:
     """Return (3,), (3,) unit vectors against gravity, and normal to a plane of these slopes."""
     first, second = horizontal(setup.gravity)
     up = setup.up
     normal = up - slope_1 * first - slope_2 * second
-    return up, normal / normal.norm()
+    return up, normal / np.linalg.norm(normal)
 
 
 def up_of(setup: Setup) -> np.ndarray:
     """Return (3,) the unit vector against gravity."""
-    return setup.up.numpy()
+    return setup.up
 
 
 def has_free_end(misfit: Misfit) -> bool:
     """Return whether an end is free: a cantilever that lies on something has no smooth path."""
-    return bool(torch.isnan(misfit.setup.ends).any())
+    return bool(np.isnan(misfit.setup.ends).any())

@@ -6,8 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
@@ -44,7 +42,7 @@ class ContactFriction(Effect):
         contacts = any(p.hardness is not None for p in setup.potentials)
         return contacts and len(setup.whole()[0].ends) >= FEWEST
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         nodes = touching(setup.segments)  # all of them: few touch where a rope only dips down
         rough = tuple(
             p if p.hardness is None else p._replace(friction=values[0], rubbing=nodes)
@@ -56,9 +54,9 @@ class ContactFriction(Effect):
         """Return the frames from a clip's first one until the rope touches nothing: how it came to
         lie there was not recorded. None where it hardly touches in the others, or these are few."""
         whole, shown = setup.whole()
-        begins, at = memory.restarts(whole.clock[shown]), torch.from_numpy(np.nan_to_num(x))
+        begins, at = memory.restarts(whole.clock[shown]), np.nan_to_num(x)
         contacts = [p for p in setup.potentials if p.hardness is not None]
-        touches = [(push(p, at) != 0).any(-1).any(-1).numpy() for p in contacts]
+        touches = [(push(p, at) != 0).any((-1, -2)) for p in contacts]
         lies = np.any(touches, axis=0)
         out, held = np.zeros(len(x), dtype=bool), False
         for t in range(len(x)):

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.drawn import Drawn
@@ -25,9 +23,9 @@ class Damping(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.motion is not None
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         assert setup.motion is not None
-        share = node_share(setup, torch.ones_like(setup.properties.length))
+        share = node_share(setup, np.ones_like(setup.properties.length))
         return setup._replace(load=setup.load - values[0] * share[:, None] * setup.motion.velocity)
 
     def sentence(self, values: dict[str, float]) -> str:
@@ -50,7 +48,7 @@ class DampingInMotion(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.damping is not None
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         if setup.damping is None:  # a rope at rest is not damped
             return setup
         d, (air, bend) = setup.damping, values

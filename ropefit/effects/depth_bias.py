@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -18,7 +17,7 @@ class DepthBias(Effect):
     quantities = (Quantity("offset", "m", 0.005, -0.2, 0.2),)
     calibration = Calibration("surface", ("depth",), "surface")
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         sensor = setup.sensor
         return setup._replace(sensor=sensor._replace(depth=sensor.depth + values[0]))
 
@@ -37,7 +36,7 @@ class DepthGain(Effect):
     quantities = (Quantity("gain", "1", 0.01, -0.3, 0.3),)
     calibration = Calibration("depth_gain", ("gain",), "depth_gain", own_sensor=True)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         sensor = setup.sensor
         return setup._replace(sensor=sensor._replace(gain=sensor.gain + values[0]))
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.drawn import Drawn, components
+from ropefit.rod.rod import at_nodes
 from ropefit.rod.setup import Setup
 
 
@@ -23,9 +22,8 @@ class DistributedLoad(Effect):
         for axis in "xyz"
     )
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        half = torch.nn.functional.pad(0.5 * setup.properties.length, (1, 1))
-        share = half[1:] + half[:-1]
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        share = at_nodes(0.5 * setup.properties.length)
         return setup._replace(load=setup.load + share[:, None] * values)
 
     def exported(

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.drawn import Drawn
@@ -21,7 +19,9 @@ LOWEST, HIGHEST = 1 / 64, 2.0
 MIDDLE = (BENDS[0] * BENDS[1]) ** 0.5  # there the drag is that of the linear law
 LONG_PAUSE = 1.5  # times the usual time between frames: no speed is computed over a longer one
 
-Force = Callable[[Tensor, Tensor], Tensor]  # of speeds (n,) and a shape (), up to a factor
+Force = Callable[
+    [np.ndarray, np.ndarray], np.ndarray
+]  # of speeds (n,) and a shape (), up to a factor
 
 
 class DragLaw(Effect):
@@ -43,11 +43,11 @@ class DragLaw(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.damping is not None and setup.drag is None
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        at = torch.log(_relative(setup))
-        below = (at - np.log(BENDS[0])).clamp(max=0)
-        above = (at - np.log(BENDS[1])).clamp(min=0)
-        parts = torch.stack([at - np.log(MIDDLE), below, above], dim=-1)
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        at = np.log(_relative(setup))
+        below = np.minimum(at - np.log(BENDS[0]), 0)
+        above = np.maximum(at - np.log(BENDS[1]), 0)
+        parts = np.stack([at - np.log(MIDDLE), below, above], axis=-1)
         return setup._replace(drag=parts @ values)
 
     def law(self, setup: Setup) -> Law:
@@ -72,12 +72,12 @@ class DragLaw(Effect):
 def _speed_scale(setup: Setup) -> float:
     """Return the speed [m/s] by which those of a swinging rope are measured, √(g L)."""
     length = float(setup.properties.length.sum())
-    return (float(setup.gravity.norm()) * length) ** 0.5
+    return (float(np.linalg.norm(setup.gravity)) * length) ** 0.5
 
 
-def _relative(setup: Setup) -> Tensor:
+def _relative(setup: Setup) -> np.ndarray:
     """Return (11,) the speeds of the law's knots over `_speed_scale`, within LOWEST and HIGHEST."""
-    return (DRAG_SPEEDS / _speed_scale(setup)).clamp(LOWEST, HIGHEST)
+    return np.clip(DRAG_SPEEDS / max(_speed_scale(setup), 1e-9), LOWEST, HIGHEST)
 
 
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
@@ -87,14 +87,14 @@ def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     if setup.drag is None:
         return linear
     octaves = np.log2(np.maximum(x, 1e-9))
-    factor = np.interp(octaves, np.log2(DRAG_SPEEDS.numpy()), setup.drag.detach().numpy())
+    factor = np.interp(octaves, np.log2(DRAG_SPEEDS), setup.drag)
     return linear * np.exp(factor)
 
 
 def _speeds(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     """Return the speeds [m/s] of the nodes (F, N+1, 3) [m] between neighbouring frames, of those at
     which drag need not be linear."""
-    step = np.diff(setup.clock.numpy())
+    step = np.diff(setup.clock)
     near = (step > 0) & (step < LONG_PAUSE * np.median(step))
     moved = np.linalg.norm(np.diff(nodes, axis=0), axis=-1)[near] / step[near, None]
     return moved[np.isfinite(moved) & (moved > LOWEST * _speed_scale(setup))]
@@ -108,18 +108,18 @@ def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
     )
 
 
-def _with_force(setup: Setup, force: Force, shape: Tensor) -> Setup:
+def _with_force(setup: Setup, force: Force, shape: np.ndarray) -> Setup:
     """Return the setup with a drag that is a function of the speed over `_speed_scale`."""
-    at, middle = _relative(setup), torch.tensor(MIDDLE, dtype=torch.float64)
+    at, middle = _relative(setup), np.array(MIDDLE)
     factor = force(at, shape) / at / (force(middle, shape) / middle)
-    return setup._replace(drag=torch.log(factor))
+    return setup._replace(drag=np.log(factor))
 
 
-def _power(x: Tensor, n: Tensor) -> Tensor:
+def _power(x: np.ndarray, n: np.ndarray) -> np.ndarray:
     return x**n
 
 
-def _mixed(x: Tensor, at: Tensor) -> Tensor:
+def _mixed(x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return x + x**2 / at
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn, components
@@ -23,9 +21,9 @@ class EndOffset(Effect):
     calibration = Calibration("end", ("x", "y", "z"), "end_position")
 
     def applies(self, setup: Setup) -> bool:
-        return not bool(torch.isnan(setup.ends[:, self.end]).any())
+        return not bool(np.isnan(setup.ends[:, self.end]).any())
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return setup._replace(ends=setup.ends + one_end(self.end, values))
 
     def sentence(self, values: dict[str, float]) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -21,12 +19,11 @@ class EndTwist(Effect):
     quantities = (Quantity("angle", "rad", 0.5),)
 
     def applies(self, setup: Setup) -> bool:
-        held = bool(torch.isfinite(setup.clamp_compliance[:, 1]).all())
+        held = bool(np.isfinite(setup.clamp_compliance[:, 1]).all())
         return self.end == 1 and all(setup.clamped) and held
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        zero = torch.zeros_like(values[:1])
-        return turned_clamp(setup, self.end, torch.cat([zero, zero, values]))
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        return turned_clamp(setup, self.end, np.append([0.0, 0.0], values))
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the rope is twisted by {values['angle'] * 57.2958:.3g}° more than recorded"

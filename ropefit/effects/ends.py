@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
 
-def one_end(end: int, value: Tensor) -> Tensor:
+def one_end(end: int, value: np.ndarray) -> np.ndarray:
     """Return (2, ...) with value (...) at one end and zero at the other."""
-    zero = torch.zeros_like(value)
-    return torch.stack([value, zero] if end == 0 else [zero, value])
+    zero = np.zeros_like(value)
+    return np.stack([value, zero] if end == 0 else [zero, value])
 
 
-def turned_clamp(setup: Setup, end: int, turn: Tensor) -> Setup:
+def turned_clamp(setup: Setup, end: int, turn: np.ndarray) -> Setup:
     """Return the setup with one end's clamp turned by turn (3,) [rad] about its own axes."""
-    wide = torch.zeros(2, 1, dtype=torch.bool)
-    wide[end] = True
-    turned = multiply(setup.clamp, from_rotation_vector(turn).expand_as(setup.clamp))
-    return setup._replace(clamp=torch.where(wide, turned, setup.clamp))
+    clamp = setup.clamp.copy()
+    clamp[:, end] = multiply(clamp[:, end], from_rotation_vector(turn))
+    return setup._replace(clamp=clamp)
 
 
 def where(end: int) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import torch
 
 from ropefit.effects.force_in_space import Field, lumped
 from ropefit.effects.misfit import Misfit
@@ -36,15 +35,14 @@ def best_shapes(
     shapes (Q, n): tried first; field(shapes (q, n)): the fields of unit size with these shapes;
     widths (n,): by how much shapes are varied to refine them; alike(a, b): whether two are one.
     """
-    share = lumped(misfit.setup.arc).detach().numpy()
+    share = lumped(misfit.setup.arc)
     nodes = np.flatnonzero(share)
     forces = misfit.forces(tuple(nodes.tolist()))
-    places = torch.from_numpy(forces.places)
 
     def scored(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         parts = []
         for part in np.array_split(some, len(some) // AT_ONCE + 1):
-            push = field(part).force_at(places).numpy() * share[nodes, None]
+            push = field(part).force_at(forces.places) * share[nodes, None]
             parts.append(forces.gains(push, most))
         gains, multiples = (np.concatenate(v) for v in zip(*parts, strict=True))
         return gains, multiples

@@ -6,8 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.drawn import Drawn
@@ -39,12 +37,12 @@ class FollowerForce(Effect):
     def applies(self, setup: Setup) -> bool:
         return twist_held(setup) and not setup.remembers
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         arc = setup.arc
         share = at_point(arc, values[3])
         middle = 0.5 * (arc[1:] + arc[:-1])
-        weight = at_point(middle, torch.maximum(values[3], middle[0].detach()))
-        follower = Follower(share.detach(), weight.detach(), values[:3].detach())
+        weight = at_point(middle, np.maximum(values[3], middle[0]))
+        follower = Follower(share, weight, values[:3])
         return setup._replace(followers=(*setup.followers, follower))
 
     def exported(

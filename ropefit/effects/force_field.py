@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Quantity
 from ropefit.effects.drawn import Drawn, components
@@ -24,7 +22,7 @@ FIRST_SHAPES = ((0.0, 5.0), (0.0, 15.0), (2.0, 0.0))  # tried: powers and decays
 STARTS, APART = 2, 0.15  # of the length: centres that are nearer are one
 LARGEST = 100.0  # usual strengths
 SHORTEST = 0.03  # of the length: over which a force falls by e; a shorter one is a contact
-POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(10))
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(10)
 
 
 @dataclass(frozen=True)
@@ -32,39 +30,39 @@ class Radial(Field):
     """The energy of a force per length F(r) = strength (r0/r)^power exp((r0 - r) decay) away from
     `centre` (3,) [m], r0 = `reference` [m]; level within the distance `closest` [m]."""
 
-    strength: Tensor
-    power: Tensor
-    decay: Tensor
-    centre: Tensor
-    reference: Tensor
-    closest: Tensor
+    strength: np.ndarray
+    power: np.ndarray
+    decay: np.ndarray
+    centre: np.ndarray
+    reference: float
+    closest: float
 
-    def force(self, r: Tensor) -> Tensor:
+    def force(self, r: np.ndarray) -> np.ndarray:
         """Return the force per length [N/m] at distances r (...) [m]."""
-        r = r.clamp_min(self.closest)
-        falling = (self.reference / r) ** self.power * torch.exp((self.reference - r) * self.decay)
+        r = np.maximum(r, self.closest)
+        falling = (self.reference / r) ** self.power * np.exp((self.reference - r) * self.decay)
         return self.strength * falling
 
-    def __call__(self, x: Tensor) -> Tensor:
+    def __call__(self, x: np.ndarray) -> np.ndarray:
         # Zero at the reference distance.
-        r = (x - self.centre).norm(dim=-1).clamp_min(self.closest)
-        half = 0.5 * torch.log(r / self.reference)[..., None]
-        at = self.reference * torch.exp(half * (POINTS + 1))
+        r = np.maximum(np.linalg.norm(x - self.centre, axis=-1), self.closest)
+        half = 0.5 * np.log(r / self.reference)[..., None]
+        at = self.reference * np.exp(half * (POINTS + 1))
         return -(half * self.force(at) * at * WEIGHTS).sum(-1)
 
-    def force_at(self, x: Tensor) -> Tensor:
+    def force_at(self, x: np.ndarray) -> np.ndarray:
         arm = x - self.centre
-        r = arm.norm(dim=-1).clamp_min(self.closest)
+        r = np.maximum(np.linalg.norm(arm, axis=-1), self.closest)
         return (self.force(r) / r)[..., None] * arm
 
-    def derivatives(self, x: Tensor) -> tuple[Tensor, Tensor]:
+    def derivatives(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         arm = x - self.centre
-        far = arm.norm(dim=-1)
-        r = far.clamp_min(self.closest)
+        far = np.linalg.norm(arm, axis=-1)
+        r = np.maximum(far, self.closest)
         way, force = arm / r[..., None], self.force(r)
         along = force * (self.power / r + self.decay) * (far > self.closest)  # -dF/dr
         square = way[..., :, None] * way[..., None, :]
-        across = torch.eye(3, dtype=x.dtype) - square
+        across = np.eye(3) - square
         rows = along[..., None, None] * square - (force / r)[..., None, None] * across
         return -force[..., None] * way, rows
 
@@ -88,9 +86,8 @@ class ForceField(ForceInSpace):
         steepest = 1 / (SHORTEST * float(setup.properties.length.sum()))
         return [-most, *lower[1:]], [most, upper[1], steepest, *upper[3:]]
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        own = setup.properties.length
-        length = own.sum().detach()
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        length = float(setup.properties.length.sum())
         centre = middle_of(setup) + values[3:]
         reference, closest = REFERENCE * length, CLOSEST * length
         field = Radial(values[0], values[1], values[2], centre, reference, closest)
@@ -100,7 +97,7 @@ class ForceField(ForceInSpace):
         """Return the two points and laws of a force that explains most of the misfit, to first
         order."""
         setup = misfit.setup
-        length, middle = float(setup.properties.length.sum()), middle_of(setup).numpy()
+        length, middle = float(setup.properties.length.sum()), middle_of(setup)
         good = misfit.nodes[np.isfinite(misfit.nodes).all((1, 2))]
         low, high = (f(good, axis=(0, 1)) for f in (np.min, np.max))
         edges = np.linspace(low - AROUND * length, high + AROUND * length, GRID)
@@ -111,10 +108,9 @@ class ForceField(ForceInSpace):
 
         def field(shapes: np.ndarray) -> Radial:
             limited = np.clip(shapes, lower[1:], upper[1:])
-            power, decay, *place = torch.from_numpy(limited).T[..., None, None]
-            centre = torch.stack(place, dim=-1) + torch.from_numpy(middle)
-            one, at = torch.ones((), dtype=centre.dtype), torch.tensor(reference)
-            return Radial(one, power, decay, centre, at, torch.tensor(closest))
+            power, decay, *place = limited.T[..., None, None]
+            centre = np.stack(place, axis=-1) + middle
+            return Radial(np.ones(()), power, decay, centre, reference, closest)
 
         def alike(a: np.ndarray, b: np.ndarray) -> bool:
             return bool(np.linalg.norm(a[2:] - b[2:]) < APART * length)
@@ -157,14 +153,14 @@ def _field_of(setup: Setup) -> Radial | None:
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     """Return (n,) forces per length [N/m] at distances x (n,) [m]."""
     field = _field_of(setup)
-    return np.zeros_like(x) if field is None else field.force(torch.from_numpy(x)).numpy()
+    return np.zeros_like(x) if field is None else field.force(x)
 
 
 def _distances(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     """Return the distances [m] of the nodes (F, N+1, 3) [m] from the centre."""
     field = _field_of(setup)
     assert field is not None
-    return np.linalg.norm(nodes - field.centre.numpy(), axis=-1).ravel()
+    return np.linalg.norm(nodes - field.centre, axis=-1).ravel()
 
 
 def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
@@ -180,17 +176,18 @@ def _forms(effect: ForceField, setup: Setup) -> tuple[Form, ...]:
     if field is None:
         return ()
     length = float(setup.properties.length.sum())
-    centre = (field.centre - middle_of(setup)).numpy()
+    centre = field.centre - middle_of(setup)
     lower, upper = effect.bounds(setup)
     usual = [q.size(setup) for q in effect.quantities]
 
     def form(name: str, shape: int, tries: np.ndarray, constants) -> Form:
         kept = np.array([0, shape, 3, 4, 5])
 
-        def apply(s: Setup, v: Tensor) -> Setup:
-            return effect.apply(s, torch.zeros(6, dtype=v.dtype).index_add(0, index, v))
+        def apply(s: Setup, v: np.ndarray) -> Setup:
+            values = np.zeros(6)
+            values[kept] = v
+            return effect.apply(s, values)
 
-        index = torch.from_numpy(kept)
         start = np.array([[float(field.strength), value, *centre] for value in tries])
         return Form(
             name, tuple(effect.names[k] for k in kept),

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from ropefit.effects.base import Effect, Exported
 from ropefit.rod.setup import Potential, Setup
@@ -16,15 +15,15 @@ LUMPS = 16  # parts of the rope: forces change little over one
 class Field:
     """An energy per length that is a function of place in space."""
 
-    def force_at(self, x: Tensor) -> Tensor:
+    def force_at(self, x: np.ndarray) -> np.ndarray:
         """Return the force per length (..., 3) [N/m] at x (..., 3) [m]."""
         raise NotImplementedError
 
-    def derivatives(self, x: Tensor) -> tuple[Tensor, Tensor]:
+    def derivatives(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the energy's slope (..., 3) and curvature (..., 3, 3) in closed form."""
         raise NotImplementedError
 
-    def __call__(self, x: Tensor) -> Tensor:
+    def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return the energy per length (...) [J/m] at x (..., 3) [m]."""
         raise NotImplementedError
 
@@ -59,11 +58,12 @@ def has_field(setup: Setup) -> bool:
     return any(isinstance(p.energy, Field) for p in setup.potentials)
 
 
-def lumped(arc: Tensor) -> Tensor:
+def lumped(arc: np.ndarray) -> np.ndarray:
     """Return (N+1,) [m] how much of the rope, with nodes at arc (N+1,) [m], the field acts on at
     each node: at LUMPS + 1 of them, by the trapezoidal rule. Every further one would be three
     supports more in every factorisation."""
-    nodes = torch.linspace(0, len(arc) - 1, min(LUMPS, len(arc) - 1) + 1).round().long()
-    half = 0.5 * arc[nodes].diff()
-    share = torch.nn.functional.pad(half, (1, 0)) + torch.nn.functional.pad(half, (0, 1))
-    return torch.zeros_like(arc).index_add(0, nodes, share)
+    nodes = np.linspace(0, len(arc) - 1, min(LUMPS, len(arc) - 1) + 1).round().astype(int)
+    half, share = 0.5 * np.diff(arc[nodes]), np.zeros_like(arc)
+    share[nodes[1:]] += half
+    share[nodes[:-1]] += half
+    return share

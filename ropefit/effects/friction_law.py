@@ -7,13 +7,10 @@ after a reversal alike; where the direction of bending turns it departs from Dah
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.rod.memory import Branch
@@ -23,31 +20,31 @@ from ropefit.rod.setup import Setup
 # two frames, how far they had gone is not known, and what has faded across is not all of it.
 INEXACT = (0.03, 0.08)
 RANGES = np.geomspace(0.2, 5.0, 25)  # that are tried, over the fitted one
-NEVER = torch.tensor(math.inf, dtype=torch.float64)
+NEVER = np.array(np.inf)
 
 
 class Element(NamedTuple):
     """bend () [N m²] its rigidity, slip () [1/m] where it slips, or over which it builds up
     gradually."""
 
-    bend: Tensor
-    slip: Tensor
+    bend: np.ndarray
+    slip: np.ndarray
     gradual: bool
 
 
-def prandtl(moment: Tensor, reach: Tensor) -> Element:
+def prandtl(moment: np.ndarray, reach: np.ndarray) -> Element:
     """Return the element of M = moment min(dk / reach, 1)."""
     return Element(moment / reach, reach, gradual=False)
 
 
-def dahl(moment: Tensor, reach: Tensor) -> Element:
+def dahl(moment: np.ndarray, reach: np.ndarray) -> Element:
     """Return the element of M = moment (1 - exp(-dk / reach))."""
     return Element(moment / reach, reach, gradual=True)
 
 
 def with_friction(setup: Setup, element: Element) -> Setup:
     """Return the setup with an element that is unloaded in the first frame."""
-    bend = element.bend.expand_as(setup.properties.bend)
+    bend = np.broadcast_to(element.bend, setup.properties.bend.shape)
     branch = Branch(bend, element.slip, NEVER, fresh=False, gradual=element.gradual)
     return setup._replace(memory=(*setup.memory, branch))
 
@@ -66,7 +63,7 @@ def friction_law(setup: Setup, usual: np.ndarray) -> Law:
 
 def _elements(setup: Setup) -> list[Branch]:
     """Return the elements of friction: what yields from the rest shape, or relaxes, is none."""
-    return [b for b in setup.memory if not b.fresh and bool(torch.isinf(b.time))]
+    return [b for b in setup.memory if not b.fresh and bool(np.isinf(b.time))]
 
 
 def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
@@ -105,7 +102,9 @@ def _forms(usual: np.ndarray, known: np.ndarray) -> tuple[Form, ...]:
     tries = known * np.stack([np.ones_like(RANGES), RANGES], axis=1)
 
     def form(
-        name: str, element: Callable[[Tensor, Tensor], Element], inexact: tuple[float, float]
+        name: str,
+        element: Callable[[np.ndarray, np.ndarray], Element],
+        inexact: tuple[float, float],
     ) -> Form:
         def constants(_: Setup, v: np.ndarray) -> list[Constant]:
             return [

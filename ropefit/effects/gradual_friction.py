@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Effect
 from ropefit.effects.bending_hysteresis import BendingHysteresis
@@ -24,7 +23,7 @@ class GradualFriction(BendingHysteresis):
     scanned = False
     builds_up = "Dahl"
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return with_friction(setup, dahl(values[0], values[1]))
 
     def starts_beside(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -14,7 +12,7 @@ from ropefit.rod.setup import Setup
 
 FAR_MISFIT = 0.02  # of the length, rms: a misfit beyond it may come from axes that were confused
 CONFUSED = 0.5  # rad: a smaller tilt the scan finds by itself
-SMOOTHING = 1e-24  # rad²: keeps the square root differentiable at zero
+SMOOTHING = 1e-24  # rad²: keeps the quotient by the angle finite at zero
 
 
 class GravityMisalignment(Effect):
@@ -30,7 +28,7 @@ class GravityMisalignment(Effect):
     calibration = Calibration("gravity", ("x", "y"), "gravity", degrees=True)
     implausible = np.inf
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return setup._replace(gravity=turned(setup.gravity, values))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
@@ -40,9 +38,9 @@ class GravityMisalignment(Effect):
         Its fit has distorted the errors of the ends, too: ends, gravity and data are those stated.
         """
         setup = misfit.stated
-        length, gravity = float(setup.properties.length.sum()), setup.gravity.detach().numpy()
+        length, gravity = float(setup.properties.length.sum()), setup.gravity
         rms = np.sqrt((misfit.moves**2).sum(1).mean()) if len(misfit.frame) else 0.0
-        ends = setup.whole()[0].ends.detach().numpy()
+        ends = setup.whole()[0].ends
         frame, slot = np.nonzero(misfit.counts)
         nothing = self.name in misfit.terms or np.isnan(ends).any() or not len(frame)
         if nothing or rms < FAR_MISFIT * length:
@@ -54,7 +52,7 @@ class GravityMisalignment(Effect):
         down, stated = (v / np.linalg.norm(v) for v in (sag.mean(0), gravity))
         axis = np.cross(stated, down)
         size, angle = np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), stated @ down)
-        first, second = (a.numpy() for a in horizontal(setup.gravity))
+        first, second = horizontal(setup.gravity)
         axis = axis / size if size > 1e-6 else first
         if not angle > CONFUSED:
             return []
@@ -66,8 +64,8 @@ class GravityMisalignment(Effect):
         return f"gravity points {_degrees(size)}° away from its recorded direction{confused}"
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        angles = torch.tensor([values["angle_1"], values["angle_2"]], dtype=torch.float64)
-        return Drawn("gravity", vector=turned(torch.tensor(gravity), angles).numpy())
+        angles = np.array([values["angle_1"], values["angle_2"]])
+        return Drawn("gravity", vector=turned(gravity, angles))
 
 
 def _degrees(angle: float) -> str:
@@ -76,11 +74,11 @@ def _degrees(angle: float) -> str:
     return f"{degrees:.0f}" if degrees >= 10 else f"{degrees:.2g}"
 
 
-def turned(gravity: Tensor, angles: Tensor) -> Tensor:
+def turned(gravity: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Return gravity (3,) turned by the rotation vector of angles (2,) [rad] about the horizontal
     axes (Rodrigues)."""
     first, second = horizontal(gravity)
     vector = angles[0] * first + angles[1] * second
-    angle = torch.sqrt((vector * vector).sum() + SMOOTHING)
-    across = torch.linalg.cross(vector, gravity)
-    return gravity * torch.cos(angle) + across * torch.sin(angle) / angle
+    angle = np.sqrt((vector * vector).sum() + SMOOTHING)
+    across = np.cross(vector, gravity)
+    return gravity * np.cos(angle) + across * np.sin(angle) / angle

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Quantity
 from ropefit.effects.drawn import Drawn, components
@@ -41,9 +39,9 @@ class HalfSpace(ForceInSpace):
         highest = [*largest(setup, MOST_LOAD), length, SHARPEST / length]
         return [-v for v in highest], highest
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         least = LEAST_SHARPNESS / float(setup.properties.length.sum())
-        sharpness = torch.where(values[4].abs() < least, least, values[4])
+        sharpness = np.where(abs(values[4]) < least, least, values[4])
         return with_profile(setup, values[:3], Step(values[3], sharpness))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:

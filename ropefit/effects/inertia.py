@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
+from ropefit.rod.rod import at_nodes
 from ropefit.rod.setup import Setup
 
 
@@ -30,7 +29,7 @@ class Inertia(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.motion is not None
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         assert setup.motion is not None
         mass = node_share(setup, setup.properties.density) + setup.mass
         return setup._replace(
@@ -55,7 +54,6 @@ class Inertia(Effect):
         return Drawn("swing")
 
 
-def node_share(setup: Setup, per_length: Tensor) -> Tensor:
+def node_share(setup: Setup, per_length: np.ndarray) -> np.ndarray:
     """Return (N+1,) the nodes' shares of something per length (N,), half a segment's to each."""
-    half = torch.nn.functional.pad(0.5 * per_length * setup.properties.length, (1, 1))
-    return half[1:] + half[:-1]
+    return at_nodes(0.5 * per_length * setup.properties.length)

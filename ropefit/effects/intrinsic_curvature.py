@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity, SpecialCase
 from ropefit.effects.drawn import Drawn
@@ -47,10 +45,10 @@ class IntrinsicCurvature(Effect):
         length = float(setup.properties.length.sum())
         return np.vstack([super().scan_places(setup), [0.5 * length, WHOLE * length]])
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         p = setup.properties
         inside = over_interval(setup.arc, values[2], values[3])
-        turn = torch.stack([values[0], values[1], torch.zeros_like(values[0])])
+        turn = np.append(values[:2], 0.0)
         return setup._replace(properties=p._replace(curvature=p.curvature + inside[:, None] * turn))
 
     def sentence(self, values: dict[str, float]) -> str:
@@ -78,9 +76,8 @@ class FreeCurvature(IntrinsicCurvature):
     def applies(self, setup: Setup) -> bool:
         return not twist_held(setup)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        zero = torch.zeros_like(values[:1])
-        return super().apply(setup, torch.cat([values[:1], zero, values[1:]]))
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        return super().apply(setup, np.insert(values, 1, 0.0))
 
     def sentence(self, values: dict[str, float]) -> str:
         return super().sentence({"curvature_1": values["curvature"], **values})

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -53,9 +51,9 @@ class Kink(Effect):
         """Hold the width near the usual one, unless the data tell it."""
         return np.array([*(math.inf for _ in self.names[:-2]), WIDTH_SD, math.inf])
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        share = around_point(setup.arc, values[3], torch.exp(values[2]))
-        turn = torch.stack([values[0], values[1], torch.zeros_like(values[0])])
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        share = around_point(setup.arc, values[3], np.exp(values[2]))
+        turn = np.append(values[:2], 0.0)
         return setup._replace(kinks=setup.kinks + share[:, None] * turn)
 
     def sentence(self, values: dict[str, float]) -> str:
@@ -77,9 +75,8 @@ class FreeKink(Kink):
     def applies(self, setup: Setup) -> bool:
         return not twist_held(setup)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        zero = torch.zeros_like(values[:1])
-        return super().apply(setup, torch.cat([values[:1], zero, values[1:]]))
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        return super().apply(setup, np.insert(values, 1, 0.0))
 
     def sentence(self, values: dict[str, float]) -> str:
         return super().sentence({"angle_1": values["angle"], **values})

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.rod.setup import Setup
 
@@ -43,7 +42,7 @@ class Form(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     tries: np.ndarray
-    apply: Callable[[Setup, Tensor], Setup]
+    apply: Callable[[Setup, np.ndarray], Setup]
     constants: Callable[[Setup, np.ndarray], list[Constant]]
     scale: np.ndarray | None = None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -23,7 +22,7 @@ class LengthError(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.damping is not None
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         p = setup.properties
         return setup._replace(properties=p._replace(length=p.length * (1 + values[0])))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -17,7 +16,7 @@ class LostOutOfPlane(Effect):
     kind = "measurement"
     quantities = (Quantity("share", "1", 0.5, 0.0, 1.0),)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         sensor = setup.sensor
         return setup._replace(sensor=sensor._replace(flat=sensor.flat + values[0]))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity, SpecialCase
 from ropefit.effects.drawn import Drawn
@@ -52,10 +51,10 @@ class MassSection(Effect):
         heavier = -mass / (high - low) * (end - begin) * (weight / length) / left
         return np.array([heavier, (begin + end) / 2, end - begin])
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         p = setup.properties
         inside = over_interval(setup.arc, values[1], values[2])
-        extra = values[0] * inside / (inside * p.length.detach()).sum()
+        extra = values[0] * inside / (inside * p.length).sum()
         return setup._replace(properties=p._replace(density=p.density + extra))
 
     def sentence(self, values: dict[str, float]) -> str:

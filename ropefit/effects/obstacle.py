@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
@@ -50,29 +48,29 @@ class Obstacle(Contact):
         Quantity("heading", "rad", 0.3, -3.2, 3.2),
     )
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         first, second = horizontal(setup.gravity)
-        axis = torch.cos(values[4]) * first + torch.sin(values[4]) * second
+        axis = np.cos(values[4]) * first + np.sin(values[4]) * second
         origin = middle_of(setup) + values[:3]
         radius = values[3]
 
         if setup.damping is not None:  # in motion: part of every step
-            return with_body(setup, origin, axis, radius, torch.tensor(BAR, dtype=torch.float64))
+            return with_body(setup, origin, axis, radius, BAR)
 
-        plane = torch.eye(3, dtype=torch.float64) - axis[:, None] * axis  # across the bar
+        plane = np.eye(3) - axis[:, None] * axis  # across the bar
 
-        def distance(x: Tensor) -> tuple[Tensor, Tensor]:
+        def distance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             across = (x - origin) @ plane
-            return across, torch.sqrt((across * across).sum(-1) + TINY)
+            return across, np.sqrt((across * across).sum(-1) + TINY)
 
-        def shape(x: Tensor) -> tuple[Tensor, Tensor]:
+        def shape(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             across, far = distance(x)
             normal = across / far[..., None]
             square = normal[..., :, None] * normal[..., None, :]
             return normal, (plane - square) / far[..., None, None]
 
         # A bar touches few nodes: every one of them may be among these.
-        every = torch.ones(setup.segments + 1, dtype=torch.float64)
+        every = np.ones(setup.segments + 1)
         return with_contact(setup, lambda x: distance(x)[1] - radius, every, shape)
 
     def start_sd(self, setup: Setup) -> np.ndarray:
@@ -105,7 +103,7 @@ class Obstacle(Contact):
         if not found:
             return []
         setup, heading = misfit.setup, heading_across(misfit.setup)
-        places = np.array([push.place for push in found]) - middle_of(setup).numpy()
+        places = np.array([push.place for push in found]) - middle_of(setup)
         away = np.array([_across(setup, heading, push.force) for push in found])
         away /= np.linalg.norm(away, axis=1, keepdims=True)
         weight = np.array([push.gain for push in found])
@@ -120,7 +118,7 @@ class Obstacle(Contact):
 
     def _starts_where_lifted(self, misfit: Misfit) -> list[np.ndarray]:
         """Propose the place in space where the data of bad frames lie above the fitted rope."""
-        up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
+        up, origin = up_of(misfit.setup), middle_of(misfit.setup)
         data, lift = misfit.places + misfit.moves, np.zeros(len(misfit.frame))
         for t in np.flatnonzero(misfit.excess > EXCESS_SD):
             mine = misfit.frame == t
@@ -155,7 +153,7 @@ class Obstacle(Contact):
 
     def borne(self, values: np.ndarray, misfit: Misfit) -> tuple[np.ndarray, np.ndarray] | None:
         heading, radius = values[4], values[3]
-        place = misfit.nodes - middle_of(misfit.setup).numpy()
+        place = misfit.nodes - middle_of(misfit.setup)
         axis = _axis(misfit.setup, heading)
         arm = place - values[:3]
         arm = arm - (arm @ axis)[..., None] * axis
@@ -171,7 +169,7 @@ class Obstacle(Contact):
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
         axis = _axis(setup, values["heading"])
-        middle = middle_of(setup).numpy() + np.array([values[k] for k in "xyz"])
+        middle = middle_of(setup) + np.array([values[k] for k in "xyz"])
         half = EXPORTED_LENGTH / 2 * axis
         start, stop = records.vector(middle - half), records.vector(middle + half)
         return Exported((*beside, records.Cylinder(start, stop, values["radius"])))
@@ -184,7 +182,7 @@ class Obstacle(Contact):
         )
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        first, second = (axis.numpy() for axis in horizontal(torch.tensor(gravity)))
+        first, second = horizontal(gravity)
         axis = np.cos(values["heading"]) * first + np.sin(values["heading"]) * second
         radius = values["radius"]
         label = f"bar, radius {1e3 * radius:.2g} mm"
@@ -199,15 +197,15 @@ def _across(setup: Setup, heading: float, vector: np.ndarray) -> np.ndarray:
 
 def _axis(setup: Setup, heading: float) -> np.ndarray:
     """Return (3,) the horizontal axis of some heading."""
-    first, second = (axis.numpy() for axis in horizontal(setup.gravity))
+    first, second = horizontal(setup.gravity)
     return np.cos(heading) * first + np.sin(heading) * second
 
 
 def heading_across(setup: Setup) -> float:
     """Return the heading [rad] of a horizontal axis across the line of the ends."""
     up = up_of(setup)
-    first, second = (v.numpy() for v in horizontal(setup.gravity))
-    span = np.nan_to_num(setup.ends[:, 0].numpy() - setup.ends[:, 1].numpy()).mean(0)
+    first, second = horizontal(setup.gravity)
+    span = np.nan_to_num(setup.ends[:, 0] - setup.ends[:, 1]).mean(0)
     across = np.cross(span, up)
     turn = float(np.arctan2(across @ second, across @ first))
     return (turn + np.pi / 2) % np.pi - np.pi / 2  # an axis has no direction

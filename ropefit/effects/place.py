@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod.setup import Setup
 
@@ -12,7 +10,7 @@ SCAN_POINTS = 25  # places of a point effect along the rope
 QUARTERS = (0, 25, 50, 75, 100)  # % of the length: where what varies along a whole rope is reported
 SCAN_WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
 
-SPREAD = (torch.arange(16, dtype=torch.float64) + 0.5) / 16 - 0.5  # of a width: where it is summed
+SPREAD = (np.arange(16) + 0.5) / 16 - 0.5  # of a width: where it is summed
 
 
 def points_along(setup: Setup) -> np.ndarray:
@@ -38,44 +36,38 @@ def _tried(setup: Setup, places: np.ndarray) -> np.ndarray:
     return places if setup.damping is None else places[::2]
 
 
-def at_point(arc: Tensor, place: Tensor) -> Tensor:
+def at_point(arc: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Return (K,) shares of the nodes, at arc (K,) [m], in a point at `place` [m]; the sum is 1."""
-    length = (arc[1:] - arc[:-1]).detach()
-    place = torch.minimum(torch.clamp(place, min=0.0), arc[-1].detach())
-    index = int(torch.searchsorted(arc.detach(), place.detach(), right=True).clamp(1, len(arc) - 1))
-    share = (place - arc[index - 1].detach()) / length[index - 1]
-    out = torch.zeros_like(arc)
-    left, right = torch.zeros_like(arc), torch.zeros_like(arc)
-    left[index - 1], right[index] = 1.0, 1.0
-    return out + (1 - share) * left + share * right
+    place = np.clip(place, 0.0, arc[-1])
+    index = int(np.clip(np.searchsorted(arc, place, side="right"), 1, len(arc) - 1))
+    share = (place - arc[index - 1]) / (arc[index] - arc[index - 1])
+    out = np.zeros_like(arc)
+    out[index - 1], out[index] = 1 - share, share
+    return out
 
 
-def around_point(arc: Tensor, place: Tensor, width: Tensor) -> Tensor:
+def around_point(arc: np.ndarray, place: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Return (K,) shares of the nodes in something spread evenly over `width` [m] about a place.
 
     Cubic interpolation: the shares have the moments of the spread up to the third, so that neither
     the place between two nodes nor a width below a segment is lost. The sum is 1.
     """
-    arc = arc.detach()
-    at = torch.clamp(place + width * SPREAD, min=0.0)
-    at = torch.minimum(at, arc[-1])
-    low = (torch.searchsorted(arc, at.detach(), right=True) - 2).clamp(0, len(arc) - 4)
-    index = low[:, None] + torch.arange(4)
+    at = np.clip(place + width * SPREAD, 0.0, arc[-1])
+    low = np.clip(np.searchsorted(arc, at, side="right") - 2, 0, len(arc) - 4)
+    index = low[:, None] + np.arange(4)
     node = arc[index]  # (S, 4)
-    other = ~torch.eye(4, dtype=torch.bool)
-    steps = (at[:, None, None] - node[:, None, :]) / torch.where(
-        other, node[:, :, None] - node[:, None, :], 1.0
-    )
-    share = torch.where(other, steps, 1.0).prod(-1) / len(at)
-    return torch.zeros_like(arc).index_add(0, index.reshape(-1), share.reshape(-1))
+    other = ~np.eye(4, dtype=bool)
+    apart = np.where(other, node[:, :, None] - node[:, None, :], 1.0)
+    steps = (at[:, None, None] - node[:, None, :]) / apart
+    share = np.where(other, steps, 1.0).prod(-1) / len(at)
+    return np.bincount(index.ravel(), share.ravel(), len(arc))
 
 
-def over_interval(arc: Tensor, centre: Tensor, width: Tensor) -> Tensor:
+def over_interval(arc: np.ndarray, centre: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Return (N,) the fraction of each segment that lies within width/2 of the centre [m]."""
-    arc = arc.detach()
-    low = torch.maximum(arc[:-1], centre - width / 2)
-    high = torch.minimum(arc[1:], centre + width / 2)
-    return torch.clamp(high - low, min=0.0) / (arc[1:] - arc[:-1])
+    low = np.maximum(arc[:-1], centre - width / 2)
+    high = np.minimum(arc[1:], centre + width / 2)
+    return np.maximum(high - low, 0.0) / np.diff(arc)
 
 
 def nearest_node(setup: Setup, place: float, nodes: int) -> int:
@@ -83,27 +75,26 @@ def nearest_node(setup: Setup, place: float, nodes: int) -> int:
     return round(place / float(setup.properties.length.sum()) * (nodes - 1))
 
 
-def horizontal(gravity: Tensor) -> tuple[Tensor, Tensor]:
+def horizontal(gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return two horizontal unit vectors, which follow gravity (3,) smoothly while it is tilted."""
-    g = gravity.detach()
-    size = g.norm()
-    down = g / size if size > 0 else torch.tensor([0.0, 0.0, -1.0], dtype=g.dtype)
-    axis = torch.zeros(3, dtype=g.dtype)
-    axis[(int(down.abs().argmax()) + 1) % 3] = 1.0
-    first = torch.linalg.cross(down, axis)
-    first = first / first.norm()
-    return first, torch.linalg.cross(down, first)
+    size = np.linalg.norm(gravity)
+    down = gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
+    axis = np.zeros(3)
+    axis[(int(np.abs(down).argmax()) + 1) % 3] = 1.0
+    first = np.cross(down, axis)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(down, first)
 
 
-def middle_of(setup: Setup) -> Tensor:
+def middle_of(setup: Setup) -> np.ndarray:
     """Return (3,) the mean of the held ends over all frames: an origin near the rope."""
-    ends = setup.whole()[0].ends.detach().reshape(-1, 3)
-    return ends[~torch.isnan(ends).any(-1)].mean(0)
+    ends = setup.whole()[0].ends.reshape(-1, 3)
+    return ends[~np.isnan(ends).any(-1)].mean(0)
 
 
-def between_quarters(setup: Setup) -> Tensor:
+def between_quarters(setup: Setup) -> np.ndarray:
     """Return (N, 5) how much every segment has of what is reported at each of `QUARTERS`."""
     length = setup.properties.length
     share = (setup.arc[1:] - 0.5 * length) / length.sum()
-    places = 0.01 * torch.tensor(QUARTERS, dtype=torch.float64)
-    return torch.clamp(1 - (share[:, None] - places).abs() / (places[1] - places[0]), min=0)
+    places = 0.01 * np.array(QUARTERS)
+    return np.maximum(1 - np.abs(share[:, None] - places) / (places[1] - places[0]), 0.0)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import torch
-from torch import Tensor
+from scipy.special import expit
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.field_search import SHARES, best_shapes
@@ -36,15 +35,15 @@ TURNED = 0.2  # rad: by how much directions are varied to refine them
 class Profile(Protocol):
     """A force over its size at d = 0 as a function of the distance d [m] along it."""
 
-    def force(self, d: Tensor) -> Tensor:
+    def force(self, d: np.ndarray) -> np.ndarray:
         """Return the force."""
         ...
 
-    def slope(self, d: Tensor) -> Tensor:
+    def slope(self, d: np.ndarray) -> np.ndarray:
         """Return its derivative [1/m]."""
         ...
 
-    def energy(self, d: Tensor) -> Tensor:
+    def energy(self, d: np.ndarray) -> np.ndarray:
         """Return [m] minus its integral from some distance."""
         ...
 
@@ -53,16 +52,16 @@ class Profile(Protocol):
 class Falling:
     """exp(-decay d - bend d²); its integral by quadrature, in closed form where bend is zero."""
 
-    decay: Tensor
-    bend: Tensor
+    decay: np.ndarray
+    bend: np.ndarray
 
-    def force(self, d: Tensor) -> Tensor:
-        return torch.exp(-self.decay * d - self.bend * d**2)
+    def force(self, d: np.ndarray) -> np.ndarray:
+        return np.exp(-self.decay * d - self.bend * d**2)
 
-    def slope(self, d: Tensor) -> Tensor:
+    def slope(self, d: np.ndarray) -> np.ndarray:
         return -(self.decay + 2 * self.bend * d) * self.force(d)
 
-    def energy(self, d: Tensor) -> Tensor:
+    def energy(self, d: np.ndarray) -> np.ndarray:
         half = 0.5 * d[..., None]
         return -(half * self.force(half * (POINTS + 1)) * WEIGHTS).sum(-1)
 
@@ -72,21 +71,21 @@ class Power:
     """(1 + d / wall)^-n: `wall` [m] behind the origin (negative: ahead of it); level within
     `closest` [m] of it."""
 
-    wall: Tensor
-    n: Tensor
+    wall: np.ndarray
+    n: np.ndarray
     closest: float
 
-    def force(self, d: Tensor) -> Tensor:
-        return (1 + d / self.wall).clamp_min(self._least()) ** -self.n
+    def force(self, d: np.ndarray) -> np.ndarray:
+        return np.maximum(1 + d / self.wall, self._least()) ** -self.n
 
-    def slope(self, d: Tensor) -> Tensor:
+    def slope(self, d: np.ndarray) -> np.ndarray:
         share = 1 + d / self.wall
         least = self._least()
-        return -self.n * self.force(d) / (self.wall * share.clamp_min(least)) * (share > least)
+        return -self.n * self.force(d) / (self.wall * np.maximum(share, least)) * (share > least)
 
-    def energy(self, d: Tensor) -> Tensor:
-        half = 0.5 * torch.log1p((d / self.wall).clamp_min(self._least() - 1))
-        at = self.wall * torch.expm1(half[..., None] * (POINTS + 1))
+    def energy(self, d: np.ndarray) -> np.ndarray:
+        half = 0.5 * np.log1p(np.maximum(d / self.wall, self._least() - 1))
+        at = self.wall * np.expm1(half[..., None] * (POINTS + 1))
         return -(half[..., None] * self.force(at) * (self.wall + at) * WEIGHTS).sum(-1)
 
     def _least(self) -> float:
@@ -98,23 +97,23 @@ class Step:
     """1 / (1 + exp(sharpness (d - edge))): full behind the edge [m], nothing beyond; where the
     sharpness [1/m] is negative, full beyond it."""
 
-    edge: Tensor
-    sharpness: Tensor
+    edge: np.ndarray
+    sharpness: np.ndarray
 
-    def force(self, d: Tensor) -> Tensor:
-        return torch.sigmoid((self.edge - d) * self.sharpness)
+    def force(self, d: np.ndarray) -> np.ndarray:
+        return expit((self.edge - d) * self.sharpness)
 
-    def slope(self, d: Tensor) -> Tensor:
+    def slope(self, d: np.ndarray) -> np.ndarray:
         share = self.force(d)
         return -share * (1 - share) * self.sharpness
 
-    def energy(self, d: Tensor) -> Tensor:
-        rise = torch.nn.functional.softplus((self.edge - d) * self.sharpness)
+    def energy(self, d: np.ndarray) -> np.ndarray:
+        rise = np.logaddexp(0.0, (self.edge - d) * self.sharpness)
         return (rise - LN_2) / self.sharpness
 
 
 LN_2 = float(np.log(2.0))
-POINTS, WEIGHTS = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(24))
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 @dataclass(frozen=True)
@@ -122,22 +121,22 @@ class Planar(Field):
     """The energy of a force per length along `way` (3,), of a size [N/m] at the point `middle` (3,)
     [m], that changes with the distance along that direction as a profile says."""
 
-    way: Tensor
-    size: Tensor
-    middle: Tensor
+    way: np.ndarray
+    size: float
+    middle: np.ndarray
     profile: Profile
 
-    def distance(self, x: Tensor) -> Tensor:
+    def distance(self, x: np.ndarray) -> np.ndarray:
         """Return distances (...) [m] of places x (..., 3)."""
         return ((x - self.middle) * self.way).sum(-1)
 
-    def __call__(self, x: Tensor) -> Tensor:
+    def __call__(self, x: np.ndarray) -> np.ndarray:
         return self.size * self.profile.energy(self.distance(x))
 
-    def force_at(self, x: Tensor) -> Tensor:
+    def force_at(self, x: np.ndarray) -> np.ndarray:
         return (self.size * self.profile.force(self.distance(x)))[..., None] * self.way
 
-    def derivatives(self, x: Tensor) -> tuple[Tensor, Tensor]:
+    def derivatives(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d = self.distance(x)
         slope = -self.force_at(x)
         rows = -self.size * self.profile.slope(d)[..., None, None]
@@ -150,16 +149,16 @@ def _planar_of(setup: Setup) -> Planar | None:
     return next((e for e in energies if isinstance(e, Planar)), None)
 
 
-def origin_of(setup: Setup) -> Tensor:
+def origin_of(setup: Setup) -> np.ndarray:
     """Return (3,) [m] a place in the middle of where a rope hangs, below the middle of its ends."""
-    down = setup.gravity.detach() / setup.gravity.detach().norm().clamp_min(1e-12)
-    return middle_of(setup) + HANGS * setup.properties.length.sum().detach() * down
+    down = setup.gravity / max(np.linalg.norm(setup.gravity), 1e-12)
+    return middle_of(setup) + HANGS * setup.properties.length.sum() * down
 
 
-def with_profile(setup: Setup, load: Tensor, profile: Profile) -> Setup:
+def with_profile(setup: Setup, load: np.ndarray, profile: Profile) -> Setup:
     """Return the setup with a force per length `load` (3,) [N/m], times a profile along it."""
-    size = load.norm()
-    way = load / size.clamp_min(1e-300)
+    size = float(np.linalg.norm(load))
+    way = load / max(size, 1e-300)
     field = Planar(way, size, origin_of(setup), profile)
     return with_field(setup, field)
 
@@ -172,7 +171,7 @@ def largest(setup: Setup, usual: float = LARGEST) -> list[float]:
 def planar_starts(
     misfit: Misfit,
     profiles: Callable[[np.ndarray], np.ndarray],
-    profile: Callable[[Tensor, Tensor], Profile],
+    profile: Callable[[np.ndarray, np.ndarray], Profile],
     widths: tuple[float, float],
     limits: np.ndarray,
     odd: np.ndarray,
@@ -185,18 +184,17 @@ def planar_starts(
     """
     setup = misfit.setup
     origin = origin_of(setup)
-    arm = misfit.places - origin.numpy()
+    arm = misfit.places - origin
     ways = directions()
     tried = [
         np.insert(one, [0, 0, 0], way, axis=1) for way in ways for one in [profiles(arm @ way)]
     ]
 
     def field(shapes: np.ndarray) -> Planar:
-        way = torch.from_numpy(shapes[:, :3] / np.linalg.norm(shapes[:, :3], axis=1)[:, None])
+        way = shapes[:, :3] / np.linalg.norm(shapes[:, :3], axis=1)[:, None]
         values = np.clip(shapes[:, 3:], -limits[3:], limits[3:])
-        first, second = torch.from_numpy(values).T[..., None, None]
-        one = torch.ones((), dtype=way.dtype)
-        return Planar(way[:, None, None], one, origin, profile(first, second))
+        first, second = values.T[..., None, None]
+        return Planar(way[:, None, None], 1.0, origin, profile(first, second))
 
     def alike(a: np.ndarray, b: np.ndarray) -> bool:
         return bool(a[:3] @ b[:3] > np.cos(APART) * np.linalg.norm(a[:3]) * np.linalg.norm(b[:3]))
@@ -225,14 +223,14 @@ def _curve(setup: Setup, x: np.ndarray) -> np.ndarray:
     field = _planar_of(setup)
     if field is None:
         return np.zeros_like(x)
-    return (field.size * field.profile.force(torch.from_numpy(x))).detach().numpy()
+    return field.size * field.profile.force(x)
 
 
 def _distances(setup: Setup, nodes: np.ndarray) -> np.ndarray:
     """Return the distances [m] of the nodes (F, N+1, 3) [m] along the force."""
     field = _planar_of(setup)
     assert field is not None
-    return field.distance(torch.from_numpy(nodes)).numpy().ravel()
+    return field.distance(nodes).ravel()
 
 
 def _sentence(x: np.ndarray, y: np.ndarray, units: tuple[str, str]) -> str:
@@ -258,14 +256,14 @@ def _forms(effect: Effect, setup: Setup) -> tuple[Form, ...]:
     if field is None:
         return ()
     length = float(setup.properties.length.sum())
-    way = field.way.detach()
-    across = torch.linalg.svd(way[None])[2][1:]
+    way = field.way
+    across = np.linalg.svd(way[None])[2][1:]
     usual = effect.quantities[0].size(setup)
 
     def form(name, names, units, lower, upper, tries, profile, constants) -> Form:
-        def apply(s: Setup, v: Tensor) -> Setup:
+        def apply(s: Setup, v: np.ndarray) -> Setup:
             turned = way + v[-2:] @ across
-            return with_profile(s, v[0] * turned / turned.norm(), profile(v[1:-2]))
+            return with_profile(s, v[0] * turned / np.linalg.norm(turned), profile(v[1:-2]))
 
         start = np.array([[usual, *value, 0.0, 0.0] for value in tries])
         scale = [usual, *(0.2 * np.ptp(np.abs(tries), axis=0) + 1e-9), 0.1, 0.1]
@@ -288,8 +286,7 @@ def _forms(effect: Effect, setup: Setup) -> tuple[Form, ...]:
     def step(s: Setup, v: np.ndarray) -> list[Constant]:
         return [Constant("F0", float(v[0]), -3.0), Constant("x1", float(v[1]), 1.0, False)]
 
-    zero = torch.zeros((), dtype=torch.float64)
-    sharp = torch.tensor(1 / (EDGE * length), dtype=torch.float64)
+    zero, sharp = np.zeros(()), np.array(1 / (EDGE * length))
     decays = np.geomspace(0.5, 30, 12) / length
     places = np.concatenate([-WALLS, WALLS]) * length
     walls = [(place, n) for place in places for n in POWERS]

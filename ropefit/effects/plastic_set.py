@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -35,9 +31,9 @@ class PlasticSet(Effect):
     def applies(self, setup: Setup) -> bool:
         return revisits(setup)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         p, share = setup.properties, values[0]
-        never = torch.tensor(math.inf, dtype=torch.float64)
+        never = np.array(np.inf)
         # The rod's elastic part is reduced; the sum is the rigidity of a rope that has not yielded.
         branch = Branch(share * p.bend, values[1], never, fresh=True)
         return setup._replace(

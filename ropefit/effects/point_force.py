@@ -6,8 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
 from ropefit.effects.drawn import Drawn
@@ -18,7 +16,7 @@ from ropefit.rod.setup import Setup
 
 def hanging_mass(setup: Setup, values: np.ndarray) -> np.ndarray | None:
     """Return mass and place of a weight as large as the force along gravity; None if it lifts."""
-    gravity = float(setup.gravity.norm())
+    gravity = float(np.linalg.norm(setup.gravity))
     return np.array([values[0] / gravity, values[3]]) if gravity and values[0] > 0 else None
 
 
@@ -35,7 +33,7 @@ class PointForce(Effect):
     )
     special_cases = (SpecialCase(PointMass, ("across_1", "across_2"), hanging_mass),)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         share = at_point(setup.arc, values[3])
         force = values[:3] @ axes_of(setup)
         return setup._replace(load=setup.load + share[:, None] * force)
@@ -55,15 +53,15 @@ class PointForce(Effect):
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
         force = np.array([values[q.name] for q in self.quantities])
-        return Drawn("arrow", vector=force @ axes_along(torch.tensor(gravity)).numpy())
+        return Drawn("arrow", vector=force @ axes_along(gravity))
 
 
-def axes_of(setup: Setup) -> Tensor:
+def axes_of(setup: Setup) -> np.ndarray:
     """Return (3, 3) the directions along gravity and along the two horizontal axes."""
     return axes_along(setup.gravity)
 
 
-def axes_along(gravity: Tensor) -> Tensor:
+def axes_along(gravity: np.ndarray) -> np.ndarray:
     """Return (3, 3) the directions along gravity (3,) and along the two horizontal axes."""
     first, second = horizontal(gravity)
-    return torch.stack([torch.linalg.cross(first, second), first, second])
+    return np.stack([np.cross(first, second), first, second])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
@@ -26,7 +25,7 @@ class PointMass(Effect):
         "rope without and give that run as --nominal"
     )
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         share = at_point(setup.arc, values[1])
         return setup._replace(mass=setup.mass + values[0] * share)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -28,10 +26,10 @@ class RestShape(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.damping is not None and twist_held(setup)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         p = setup.properties
         across = between_quarters(setup) @ values.reshape(2, len(QUARTERS)).T
-        turn = torch.nn.functional.pad(across, (0, 1))
+        turn = np.pad(across, [(0, 0), (0, 1)])
         return setup._replace(properties=p._replace(curvature=p.curvature + turn))
 
     def sentence(self, values: dict[str, float]) -> str:

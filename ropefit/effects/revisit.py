@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import torch
+import numpy as np
+from scipy.spatial.distance import cdist
 
 from ropefit.rod.quaternion import director
 from ropefit.rod.setup import Setup
@@ -22,24 +23,22 @@ def revisits(setup: Setup) -> bool:
         return False
     length = float(whole.properties.length.sum())
     up = whole.up
-    held = ~torch.isnan(whole.ends[0]).any(-1)
+    held = ~np.isnan(whole.ends[0]).any(-1)
     parts = []
     if bool(held.all()):
         chord = whole.ends[:, 0] - whole.ends[:, 1]
         rise = chord @ up
         flat = chord - rise[:, None] * up
-        across = flat if any(whole.clamped) else flat.norm(dim=-1, keepdim=True)
+        across = flat if any(whole.clamped) else np.linalg.norm(flat, axis=-1, keepdims=True)
         parts += [rise[:, None], across]
     for end in range(2):
         if whole.clamped[end]:
             parts.append(0.5 * length * director(whole.clamp[:, end]))
     if not parts:
         return False
-    pose = torch.cat(parts, dim=-1)
-    apart = torch.cdist(pose, pose)
-    count = len(pose)
-    farthest = torch.zeros_like(apart)  # of the poses between two, from the first of them
-    for first in range(count):
-        farthest[first, first:] = apart[first, first:].cummax(0).values
+    pose = np.concatenate(parts, axis=-1)
+    apart = cdist(pose, pose)
+    # Of the poses between two, from the first of them.
+    farthest = np.maximum.accumulate(np.triu(apart), axis=1)
     back = (farthest > EXCURSION_SHARE * length) & (apart < CLOSE_SHARE * farthest)
-    return bool(torch.triu(back, diagonal=2).any())
+    return bool(np.triu(back, 2).any())

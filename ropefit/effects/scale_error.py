@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -18,7 +17,7 @@ class ScaleError(Effect):
     quantities = (Quantity("scale", "1", 0.01, -0.3, 0.3),)
     calibration = Calibration("scale", ("scale",), "scale")
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         sensor, v = setup.sensor, values[0]
         # About the origin of the coordinates, not about the sensor.
         sensor = sensor._replace(gain=sensor.gain + v, shift=sensor.shift + v * sensor.place)

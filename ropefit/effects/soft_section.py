@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -26,7 +25,7 @@ class SoftSection(Effect):
         ),
     )  # fmt: skip
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return change_stiffness(setup, -values[0], values[1], values[2])
 
     def sentence(self, values: dict[str, float]) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -12,14 +12,16 @@ from ropefit.effects.place import over_interval
 from ropefit.rod.setup import Setup
 
 
-def change_stiffness(setup: Setup, log_factor: Tensor, centre: Tensor, width: Tensor) -> Setup:
+def change_stiffness(
+    setup: Setup, log_factor: np.ndarray, centre: np.ndarray, width: np.ndarray
+) -> Setup:
     """Multiply EI and GJ by exp(log_factor) over an interval.
 
     A segment partly inside has its compliance mixed by length.
     """
     p = setup.properties
     inside = over_interval(setup.arc, centre, width)
-    softer = 1 + inside * (torch.exp(-log_factor) - 1)
+    softer = 1 + inside * (np.exp(-log_factor) - 1)
     return setup._replace(properties=p._replace(bend=p.bend / softer, twist=p.twist / softer))
 
 
@@ -36,14 +38,13 @@ class StiffSection(Effect):
         ),
     )  # fmt: skip
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return change_stiffness(setup, values[0], values[1], values[2])
 
     def sentence(self, values: dict[str, float]) -> str:
-        factor = float(torch.exp(torch.tensor(values["log_factor"])))
         return (
-            f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are {factor:.3g} "
-            "times as stiff as the rest"
+            f"{values['width']:.2f} m of rope about {values['centre']:.3f} m are "
+            f"{math.exp(values['log_factor']):.3g} times as stiff as the rest"
         )
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:

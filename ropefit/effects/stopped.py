@@ -37,7 +37,7 @@ def lowest_level(misfit: Misfit) -> float | None:
     the fitted rope is not stopped by it."""
     if not len(misfit.frame):
         return None
-    up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
+    up, origin = up_of(misfit.setup), middle_of(misfit.setup)
     floor = float(((misfit.places + misfit.moves - origin) @ up).min())
 
     def gap(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +51,7 @@ def bars_below(misfit: Misfit, axis: np.ndarray) -> list[tuple[np.ndarray, float
     along `axis` (3,) that no data enter and that stop the fitted rope; the best of each radius."""
     if not len(misfit.frame):
         return []
-    up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
+    up, origin = up_of(misfit.setup), middle_of(misfit.setup)
     side = np.cross(up, axis)
     data, length = misfit.places + misfit.moves - origin, float(misfit.setup.arc[-1])
     across, height = data @ side, data @ up

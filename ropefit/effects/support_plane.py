@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity
@@ -44,17 +42,16 @@ class SupportPlane(Contact):
         Quantity("slope_2", "1", 0.02, -STEEPEST, STEEPEST),
     )
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         up, normal = up_and_normal(setup, values[1], values[2])
         origin = middle_of(setup) + values[0] * up
         if setup.damping is not None:  # in motion: part of every step
-            none = torch.zeros(1, dtype=torch.float64)
-            return with_body(setup, origin, normal, none, none + PLANE)
+            return with_body(setup, origin, normal, 0.0, PLANE)
 
-        def gap(x: Tensor) -> Tensor:
-            return ((x - origin) * normal).sum(-1)
+        def gap(x: np.ndarray) -> np.ndarray:
+            return (x - origin) @ normal
 
-        flat = torch.zeros((), dtype=torch.float64)
+        flat = np.zeros(())
         return with_contact(setup, gap, touching(setup.segments), lambda x: (normal, flat))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
@@ -64,7 +61,7 @@ class SupportPlane(Contact):
         if misfit.setup.damping is not None:
             level = lowest_level(misfit)
             return [] if level is None else [[np.array([level, 0.0, 0.0])]]
-        up, origin = up_of(misfit.setup), middle_of(misfit.setup).numpy()
+        up, origin = up_of(misfit.setup), middle_of(misfit.setup)
         model = np.einsum("fka,a->fk", misfit.nodes - origin, up)
         height = (misfit.places + misfit.moves - origin) @ up
         noise = float(np.sqrt(misfit.variance / 2)) + NO_SPREAD
@@ -84,25 +81,24 @@ class SupportPlane(Contact):
         if borne is None or isinstance(leader, SupportPlane) or misfit.setup.damping is not None:
             return []
         (place, normal), up = borne, up_of(misfit.setup)
-        slopes = [-float(normal @ axis.numpy()) for axis in horizontal(misfit.setup.gravity)]
+        slopes = [-float(normal @ axis) for axis in horizontal(misfit.setup.gravity)]
         rise = max(float(normal @ up), 1e-9)
         tangent = np.array([float(place @ normal), *slopes]) / rise
         level = np.array([float(place @ up), 0.0, 0.0])
         return [[tangent, level] if np.abs(tangent[1:]).max() < STEEPEST else [level]]
 
     def borne(self, values: np.ndarray, misfit: Misfit) -> tuple[np.ndarray, np.ndarray] | None:
-        height, slopes = values[0], torch.from_numpy(np.array(values[1:]))
-        up, normal = (v.numpy() for v in up_and_normal(misfit.setup, *slopes))
-        place = misfit.nodes - middle_of(misfit.setup).numpy()
-        depth = np.nan_to_num(np.maximum(-((place - height * up) @ normal), 0.0))
+        up, normal = up_and_normal(misfit.setup, values[1], values[2])
+        place = misfit.nodes - middle_of(misfit.setup)
+        depth = np.nan_to_num(np.maximum(-((place - values[0] * up) @ normal), 0.0))
         found = bears_most(depth, place)
         return None if found is None else (found[1], normal)
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
-        up, origin = up_of(setup), middle_of(setup).numpy()
-        first, second = (axis.numpy() for axis in horizontal(setup.gravity))
+        up, origin = up_of(setup), middle_of(setup)
+        first, second = horizontal(setup.gravity)
         normal = up - values["slope_1"] * first - values["slope_2"] * second
         point = origin + values["height"] * up
         return Exported((*beside, records.Plane(records.vector(point), records.vector(normal))))
@@ -114,7 +110,7 @@ class SupportPlane(Contact):
         )
 
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
-        first, second = (axis.numpy() for axis in horizontal(torch.tensor(gravity)))
+        first, second = horizontal(gravity)
         up = -gravity / np.linalg.norm(gravity)
         normal = up - values["slope_1"] * first - values["slope_2"] * second
         return Drawn("plane", normal, values["height"] * up, label="plane")

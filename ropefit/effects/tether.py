@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit import attachments as records
 from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
@@ -18,7 +16,7 @@ from ropefit.rod.setup import Potential, Setup
 
 def steady_pull(setup: Setup, values: np.ndarray) -> np.ndarray:
     """Return force and place of a tether that pulls the same wherever the rope is."""
-    return np.array([*(axes_of(setup).numpy() @ values[1:4]), values[4]])
+    return np.array([*(axes_of(setup) @ values[1:4]), values[4]])
 
 
 class Tether(Effect):
@@ -37,30 +35,30 @@ class Tether(Effect):
 
     special_cases = (SpecialCase(PointForce, ("stiffness",), steady_pull),)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         share = at_point(setup.arc, values[4])
         middle = middle_of(setup)
         stiffness, pull = values[0], values[1:4]
         if setup.damping is not None:  # in motion: part of every step
-            springs = torch.zeros_like(share) if setup.springs is None else setup.springs
+            springs = np.zeros_like(share) if setup.springs is None else setup.springs
             steady = share[:, None] * (pull + stiffness * middle)
             return setup._replace(springs=springs + share * stiffness, load=setup.load + steady)
 
-        def energy(x: Tensor) -> Tensor:
+        def energy(x: np.ndarray) -> np.ndarray:
             arm = x - middle
-            return 0.5 * stiffness * (arm * arm).sum(-1) - (arm * pull).sum(-1)
+            return 0.5 * stiffness * (arm * arm).sum(-1) - arm @ pull
 
-        def derivatives(x: Tensor) -> tuple[Tensor, Tensor]:
-            rows = stiffness * torch.eye(3, dtype=x.dtype)
-            return stiffness * (x - middle) - pull, rows.expand(*x.shape[:-1], 3, 3)
+        def derivatives(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            rows = np.broadcast_to(stiffness * np.eye(3), (*x.shape, 3))
+            return stiffness * (x - middle) - pull, rows
 
         spring = Potential(energy, share, derivatives=derivatives)
         return setup._replace(potentials=(*setup.potentials, spring))
 
     def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Return the force k (anchor - x) on the place, per unit of k and of k anchor."""
-        share = at_point(setup.arc.detach(), torch.tensor(place[0])).numpy()
-        arm = np.einsum("k,fka->fa", share, x) - middle_of(setup).numpy()
+        share = at_point(setup.arc, place[0])
+        arm = np.einsum("k,fka->fa", share, x) - middle_of(setup)
         load = np.zeros((len(x), 4, x.shape[1], 3))
         load[:, 0] = -share[None, :, None] * arm[:, None, :]
         for a in range(3):
@@ -73,7 +71,7 @@ class Tether(Effect):
         if values["stiffness"] <= 0:
             return Exported(beside, note="tether could not be turned into the simulator's terms")
         pull = np.array([values[f"pull_{axis}"] for axis in "xyz"])
-        anchor = middle_of(setup).numpy() + pull / values["stiffness"]
+        anchor = middle_of(setup) + pull / values["stiffness"]
         node = nearest_node(setup, values["arc_length"], nodes)
         spring = records.Tether(node, records.vector(anchor), values["stiffness"], 0.0)
         return Exported((*beside, spring))

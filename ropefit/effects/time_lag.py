@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Calibration, Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -41,7 +40,7 @@ class TimeLag(Effect):
         most = LARGEST if setup.end_path is None else max(LARGEST, setup.end_path.step)
         return [-most], [most]
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         if setup.end_path is None:  # poses that are held still have no lag
             return setup
         shift, turn = setup.end_path.moved(values[0])
@@ -55,7 +54,7 @@ class TimeLag(Effect):
         """Return (F,) bool: frames whose true pose of the ends lies outside the path recorded."""
         if setup.end_path is None:
             return np.zeros(len(x), dtype=bool)
-        return setup.end_path.outside(USUAL_SHARE * setup.end_path.step).numpy()
+        return setup.end_path.outside(USUAL_SHARE * setup.end_path.step)
 
     def sentence(self, values: dict[str, float]) -> str:
         return f"the ends are recorded {_late(values['lag'], 'too ')}"

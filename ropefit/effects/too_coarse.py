@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -33,7 +31,7 @@ class TooCoarse(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.segments % COARSENING == 0 and setup.segments >= FEWEST_SEGMENTS
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         drift = setup.sensor.drift + values[0] * coarse_error(setup)
         return setup._replace(sensor=setup.sensor._replace(drift=drift))
 
@@ -47,42 +45,37 @@ class TooCoarse(Effect):
         return Drawn("mesh")
 
 
-def coarse_error(setup: Setup) -> Tensor:
+def coarse_error(setup: Setup) -> np.ndarray:
     """Return (F, N+1, 3) [m] nodes of the coarse rod, interpolated, minus those of the fine one."""
     p = setup.properties
-    few = Properties(
-        *(
-            value.detach().reshape(-1, COARSENING, *value.shape[1:]).mean(1)
-            for value in p
-        )
-    )  # fmt: skip
-    few = few._replace(length=p.length.detach().reshape(-1, COARSENING).sum(1))
+    few = Properties(*(v.reshape(-1, COARSENING, *v.shape[1:]).mean(1) for v in p))
+    few = few._replace(length=p.length.reshape(-1, COARSENING).sum(1))
     nodes = setup.segments // COARSENING + 1
     coarse = setup._replace(
         properties=few,
-        load=torch.zeros(nodes, 3, dtype=torch.float64),
-        mass=torch.zeros(nodes, dtype=torch.float64),
-        kinks=torch.zeros(nodes, 3, dtype=torch.float64),
-        stretch=setup.stretch.detach().reshape(-1, COARSENING).mean(1),
+        load=np.zeros((nodes, 3)),
+        mass=np.zeros(nodes),
+        kinks=np.zeros((nodes, 3)),
+        stretch=setup.stretch.reshape(-1, COARSENING).mean(1),
         potentials=(),
     )
-    held = Conditions(setup.ends.detach(), setup.clamp.detach())
+    held = Conditions(setup.ends, setup.clamp)
     fine = solve(setup._replace(potentials=()).rod(), held).x
-    rough = torch.from_numpy(solve(coarse.rod(), held).x)
-    at = torch.arange(setup.segments + 1) / COARSENING
-    low = at.floor().clamp(max=nodes - 2).long()
+    rough = solve(coarse.rod(), held).x
+    at = np.arange(setup.segments + 1) / COARSENING
+    low = np.minimum(at.astype(int), nodes - 2)
     share = (at - low)[:, None]
     # A cubic through the coarse nodes, as the data are compared with a smooth curve.
-    wide = torch.cat(
+    wide = np.concatenate(
         [
             3 * rough[:, :1] - 3 * rough[:, 1:2] + rough[:, 2:3],
             rough,
             3 * rough[:, -1:] - 3 * rough[:, -2:-1] + rough[:, -3:-2],
         ],
-        dim=1,
+        axis=1,
     )
     a, b, c, d = (wide[:, low + k] for k in range(4))
     curve = b + 0.5 * share * (
         c - a + share * (2 * a - 5 * b + 4 * c - d + share * (3 * (b - c) + d - a))
     )
-    return curve - torch.from_numpy(fine)
+    return curve - fine

@@ -6,24 +6,19 @@ import math
 from functools import cache
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
 from ropefit.rod.setup import Setup
-from ropefit.rod.strains import straight_rest
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solve import solve
 from ropefit.solvers.equilibrium.start import frames_along
-from ropefit.solvers.xpbd.chain import Chain
-from ropefit.solvers.xpbd.compiled import simulate_compiled
-from ropefit.solvers.xpbd.jacobi import Jacobi
-from ropefit.solvers.xpbd.reference import Eta, Settings, State
+from ropefit.solvers.xpbd.loops import constants, run
+from ropefit.solvers.xpbd.settings import Settings
 
 NODES = 20  # of the chain that represents the solver's own
 MOST_KEPT = 4  # results in the cache
-_latest: dict[tuple, tuple[Tensor, Tensor]] = {}
+_latest: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 
 
 class UnderConverged(Effect):
@@ -49,9 +44,9 @@ class UnderConverged(Effect):
     tries = (0.3, 0.7, 1.5)
 
     def applies(self, setup: Setup) -> bool:
-        return not bool(torch.isnan(setup.ends).any())
+        return not bool(np.isnan(setup.ends).any())
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         amount, drop, reach = values
         still, fallen = _cached(setup, float(drop), float(reach))
         sensor = setup.sensor._replace(
@@ -76,16 +71,16 @@ def iterations(reach: float) -> float:
     return (reach * (NODES - 1)) ** 2
 
 
-def _cached(setup: Setup, drop: float, reach: float) -> tuple[Tensor, Tensor]:
+def _cached(setup: Setup, drop: float, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Return (F, N + 1, 3) [m] where the iterations leave the nodes, without the drop and with it.
 
     Most of what a fit varies makes no difference here: the latest results are cached.
     """
     rod = setup._replace(potentials=()).rod()
-    held = Conditions(setup.ends.detach(), setup.clamp.detach())
+    held = Conditions(setup.ends, setup.clamp)
     # Neither the catenary nor the iterations know a bending stiffness.
     arrays = (rod.length, rod.flexibility, rod.load, held.ends, held.clamp, setup.gravity)
-    key = (drop, reach, setup.clamped, *(a.detach().numpy().tobytes() for a in arrays))
+    key = (drop, reach, setup.clamped, *(a.tobytes() for a in arrays))
     result = _latest.get(key)
     if result is None:
         start = _sampled(solve(rod, held, limit=0, continuation=False).x)
@@ -97,53 +92,53 @@ def _cached(setup: Setup, drop: float, reach: float) -> tuple[Tensor, Tensor]:
     return result
 
 
-def _sampled(x: np.ndarray) -> Tensor:
+def _sampled(x: np.ndarray) -> np.ndarray:
     """Return (F, NODES, 3) places on a rope's nodes (F, N+1, 3)."""
     at = np.linspace(0, x.shape[1] - 1, NODES)
     low = np.minimum(at.astype(int), x.shape[1] - 2)
-    return torch.from_numpy(x[:, low] + (at - low)[:, None] * (x[:, low + 1] - x[:, low]))
+    return x[:, low] + (at - low)[:, None] * (x[:, low + 1] - x[:, low])
 
 
-def _stopped(setup: Setup, x: Tensor, drop: float, count: float) -> tuple[Tensor, Tensor]:
-    """Return (F, NODES, 3) [m] particles after `count` iterations from x, without the drop and
-    with it."""
-    clamp = setup.clamp.detach()
-    q = frames_along(x, clamp[:, 0], clamp[:, 1])
-    start = State(x.expand(2, *x.shape), q.expand(2, *q.shape))
-    held, turned = torch.zeros(NODES, dtype=torch.bool), torch.zeros(NODES - 1, dtype=torch.bool)
-    held[[0, -1]], turned[[0, -1]] = True, torch.tensor(setup.clamped)
-    chain = Chain.build(held, turned)
-    rest = straight_rest(float(setup.properties.length.detach().sum()), NODES)
-    down = -setup.up
-    one = torch.ones(1, 1, 1, dtype=torch.float64)
-    falls = torch.tensor([0.0, drop], dtype=torch.float64)[:, None, None, None]
-    eta = Eta(falls, one, one, one, one, one)
+def _stopped(
+    setup: Setup, places: np.ndarray, drop: float, count: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (F, NODES, 3) [m] particles after `count` iterations from their places, without the
+    drop and with it."""
+    frames, down = len(places), -setup.up
+    q = frames_along(places, setup.clamp[:, 0], setup.clamp[:, 1])
+    x, q = (np.concatenate([item, item]) for item in (places, q))
+    held, turned = np.ones(NODES), np.ones(NODES - 1)
+    held[[0, -1]], turned[[0, -1]] = 0.0, 1.0 - np.array(setup.clamped)
+    length = np.full(NODES - 1, setup.properties.length.sum() / (NODES - 1))
+    straight = np.tile([1.0, 0.0, 0.0, 0.0], (NODES - 2, 1))
+    falls = np.repeat([0.0, drop], frames)[:, None] * np.ones(NODES)
+    eta = np.ones((2 * frames, 5))
     whole = max(math.floor(count), 1)
 
-    def after(start: State, number: int, fall: bool) -> State:
+    def after(
+        x: np.ndarray, q: np.ndarray, number: int, falls: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the state `number` iterations later; dt makes the particles fall by drop."""
         settings = Settings(steps=1, iterations=number, dt=math.sqrt(2.0))
-        own = eta if fall else eta._replace(gravity=torch.zeros_like(falls))
-        return simulate_compiled(start, rest, chain, own, Jacobi(), down, settings)
+        known = constants(length, straight, held, turned, "jacobi", down, settings)
+        return run(x, q, falls, eta, known)
 
-    with torch.no_grad():
-        low = after(start, whole, True)
-        both = low.x + (count - whole) * (after(low, 1, False).x - low.x)
-    return both[0], both[1]
+    low, q = after(x, q, whole, falls)
+    both = low + (count - whole) * (after(low, q, 1, np.zeros_like(falls))[0] - low)
+    return both[:frames], both[frames:]
 
 
-def _along(few: Tensor, segments: int) -> Tensor:
+def _along(few: np.ndarray, segments: int) -> np.ndarray:
     """Return (F, segments + 1, 3) on a cubic through values (F, NODES, 3)."""
-    return torch.matmul(_cubic(segments), few)
+    return _cubic(segments) @ few
 
 
 @cache
-def _cubic(segments: int) -> Tensor:
+def _cubic(segments: int) -> np.ndarray:
     """Return (segments + 1, NODES) the weights of the values."""
-    few = torch.eye(NODES, dtype=torch.float64)
-    at = torch.linspace(0, NODES - 1, segments + 1, dtype=torch.float64)
-    low = at.floor().clamp(max=NODES - 2).long()
+    few, at = np.eye(NODES), np.linspace(0, NODES - 1, segments + 1)
+    low = np.minimum(at.astype(int), NODES - 2)
     t = (at - low)[:, None]
-    wide = torch.cat([2 * few[:1] - few[1:2], few, 2 * few[-1:] - few[-2:-1]])
+    wide = np.concatenate([2 * few[:1] - few[1:2], few, 2 * few[-1:] - few[-2:-1]])
     a, b, c, d = (wide[low + k] for k in range(4))
     return b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)))

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -34,8 +30,8 @@ class ViscoelasticCreep(Effect):
     def applies(self, setup: Setup) -> bool:
         return setup.time is not None and revisits(setup)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
-        never = torch.tensor(math.inf, dtype=torch.float64)
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
+        never = np.array(np.inf)
         branch = Branch(values[0] * setup.properties.bend, never, values[1], fresh=False)
         return setup._replace(memory=(*setup.memory, branch))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Quantity, SpecialCase
 from ropefit.effects.distributed_load import DistributedLoad
@@ -41,7 +40,7 @@ class WallField(ForceInSpace):
         highest = [*largest(setup), STEEPEST / length, STEEPEST / length**2]
         return [-v for v in highest], highest
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return with_profile(setup, values[:3], Falling(values[3], values[4]))
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:

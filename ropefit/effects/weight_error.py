@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects.base import Effect, Quantity
 from ropefit.effects.drawn import Drawn
@@ -18,7 +17,7 @@ class WeightError(Effect):
     kind = "measurement"
     quantities = (Quantity("excess", "1", 0.1, -0.9, 9.0),)
 
-    def apply(self, setup: Setup, values: Tensor) -> Setup:
+    def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return setup._replace(gravity=setup.gravity * (1 + values[0]))
 
     def sentence(self, values: dict[str, float]) -> str:

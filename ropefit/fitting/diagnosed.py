@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
 
 from ropefit.adapters.diagnosis_content import Layout, content
 from ropefit.adapters.frames import spread_evenly
@@ -109,7 +108,7 @@ def at_rest(
             dropped += _dropped(o.frames[used[edge]], UNSTABLE, context.say)
             firm = np.flatnonzero(~edge)
             used, problem = used[firm], problem.frames(firm)
-            setup = setup.frames(torch.from_numpy(firm))
+            setup = setup.frames(firm)
             nominal = nominal_at_rest(setup, [*terms, *errors], problem)
         if result is None or edge.any():
             result = engine.search(nominal, settings.seed, context.progress, rules)
@@ -171,5 +170,5 @@ def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:
     every = np.arange(len(setup.ends))
     between = spread_evenly(every, np.zeros_like(every), PATH_FRAMES * most)
     passed = np.union1d(used, between)
-    through = setup.frames(torch.from_numpy(passed))._replace(past=None)
-    return through.frames(torch.from_numpy(np.searchsorted(passed, used)))
+    through = setup.frames(passed)._replace(past=None)
+    return through.frames(np.searchsorted(passed, used))

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
 from ropefit.adapters.equilibrium_model import Part, describe_group, fitted_model
 from ropefit.adapters.frames import calmest, group_frames, held_out, spread_evenly
@@ -61,7 +60,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
         mine = np.flatnonzero(group == number)
         inside = np.isin(mine, train)
         part, law = _fit_group(
-            started.frames(torch.from_numpy(mine)), data.frames(mine), inside, free, o, settings,
+            started.frames(mine), data.frames(mine), inside, free, o, settings,
             _share_of(context, number, int(group.max()) + 1),
         )  # fmt: skip
         groups[f"group_{number}"] = describe_group(part, o.frames[mine], o)
@@ -156,7 +155,7 @@ def _fit_group(
 ) -> tuple[Part, Candidate | None]:
     """Fit on the training frames (mask `inside`), then settle all of the group's frames; the law,
     if one is asked for."""
-    few, seen = setup.frames(torch.from_numpy(np.flatnonzero(inside))), data.frames(inside)
+    few, seen = setup.frames(inside), data.frames(inside)
     found, law = nominal_fit(few, seen, free, o, settings.evaluations, progress), None
     if settings.law:
         from ropefit.fitting.free_law import law_named, with_law

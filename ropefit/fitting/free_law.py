@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ropefit.adapters.causes import effect_of
 from ropefit.adapters.diagnosis_content import sizes_of
 from ropefit.adapters.law_content import law_of
-from ropefit.adapters.restore import effect_of
 from ropefit.adapters.rope_setup import STATIONS
 from ropefit.artifacts import FittedModel, Observations
 from ropefit.artifacts.causes import Cause

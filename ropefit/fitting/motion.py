@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
+from ropefit.adapters.causes import with_causes
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.motion_model import motion_model
 from ropefit.adapters.motion_of import clips_of, times_of
 from ropefit.adapters.motion_setup import SEGMENTS, Span, span_of
 from ropefit.adapters.parameter_group import outcome_of_fit
 from ropefit.adapters.priors import priors_of
-from ropefit.adapters.restore import with_causes
 from ropefit.adapters.rope_setup import STATIONS
 from ropefit.adapters.units import stated_units
 from ropefit.artifacts import Diagnosis, FittedModel, Observations
@@ -153,7 +152,7 @@ def diagnosed_motion(
             values = [found.calibration[calibration_name(term, axis)].value for axis in term.names]
         else:
             values = [found.rope[term.name].value / stated[term.name].factor]
-        setup = term.apply(setup, torch.tensor(values, dtype=torch.float64))
+        setup = term.apply(setup, np.array(values))
     known = _forward(o, replace(span, setup=with_causes(setup, found)), [], clips)
     return span, known.corrected(np.empty(0)).at(np.empty(0))
 
@@ -185,7 +184,7 @@ def model_of(
 def long_clips(o: Observations, span: Span) -> list[np.ndarray]:
     """Return indices of the frames of each clip, in all of which the grips are seen. Raises
     BadInput."""
-    ends, clamp = span.setup.ends.numpy(), span.setup.clamp.numpy()
+    ends, clamp = span.setup.ends, span.setup.clamp
     driven = [ends[:, k] for k in range(2) if o.end_kind[k] != "free"]
     driven += [clamp[:, k] for k in range(2) if span.setup.clamped[k]]
     seen = np.all([np.isfinite(pose).all(1) for pose in driven], axis=0)
@@ -229,7 +228,7 @@ def free_names(settings: IdentifySettings, o: Observations, setup: Setup) -> lis
                 raise WrongUsage(f"unknown parameter {name}; one of {offered(IN_MOTION)}")
         return sorted(set(asked), key=IN_MOTION.index)
     names = ["EI", "bend_damping", "air_damping"]
-    if all(setup.clamped) and bool(torch.isfinite(setup.clamp_compliance).all()):
+    if all(setup.clamped) and np.isfinite(setup.clamp_compliance).all():
         names.insert(1, "GJ")
     return names + (["length"] if o.length_source == "estimated" else [])
 

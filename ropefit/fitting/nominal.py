@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.adapters.equilibrium_model import calibration_name
 from ropefit.adapters.frozen import covariance_of, frozen_values
@@ -65,7 +63,7 @@ def nominal_terms(
     curve = {name: values.pop(name) for name in rest_curve.NAMES if name in values}
     setup = started_setup(setup, values, o)
     names = ["EI"]
-    if all(setup.clamped) and bool(torch.isfinite(setup.clamp_compliance).all()):
+    if all(setup.clamped) and np.isfinite(setup.clamp_compliance).all():
         names.append("GJ")
     if o.length_source == "estimated":
         names.append("length")
@@ -90,12 +88,10 @@ def nominal_terms(
     return [*terms, *bends.values()], setup
 
 
-def _uneven(setup: Setup, v: Tensor) -> Setup:
+def _uneven(setup: Setup, v: np.ndarray) -> Setup:
     """Return a rope whose rigidity has these logarithms (5,) of factors at the quarters."""
     p = setup.properties
-    return setup._replace(
-        properties=p._replace(bend=p.bend * torch.exp(between_quarters(setup) @ v))
-    )
+    return setup._replace(properties=p._replace(bend=p.bend * np.exp(between_quarters(setup) @ v)))
 
 
 def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:

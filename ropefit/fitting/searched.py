@@ -21,8 +21,9 @@ from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import objective
 from ropefit.models.equilibrium import Equilibrium
-from ropefit.models.equilibrium_rope import NAMES, EquilibriumRope, rope_values
+from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.parameters import PARAMETERS
+from ropefit.models.rope_values import NAMES, rope_values
 from ropefit.runs.protocol import Context
 
 
@@ -57,7 +58,8 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
     group = group_frames(o, settings.groups)
     out = held_out(len(group), settings.holdout)
     train = spread_evenly(np.flatnonzero(~out), group, settings.most_frames)
-    full = Task(rope, build_scene(o), objective(settings.loss), space, torch.from_numpy(group))
+    scene, loss = build_scene(o).tensors(), objective(settings.loss)
+    full = Task(rope, scene, loss, space, torch.from_numpy(group))
     task = full.frames(torch.from_numpy(train))
     search = run_search(task, settings, context)
     if (search.status == bfgs.DIVERGED).any():
@@ -70,7 +72,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
     groups, points = describe(task, values, search, o, group, stated_units(o)), []
     for number in range(task.groups):
         index = np.flatnonzero(group == number)
-        found = with_values(setup.frames(torch.as_tensor(index)), torch.from_numpy(values[number]))
+        found = with_values(setup.frames(index), values[number])
         points.append((index, Equilibrium(found, []).at(np.empty(0))))
     return model_of(
         o, settings.loss, settings.how, node, setup, data_in_space(o), points, groups, out, train,

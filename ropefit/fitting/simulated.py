@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
+from ropefit.adapters.causes import changed_by, effect_of
 from ropefit.adapters.end_path import end_path
 from ropefit.adapters.motion_of import SLOWEST
-from ropefit.adapters.restore import changed_by, effect_of
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.start_values import started_setup
 from ropefit.adapters.units import stated_units
@@ -62,15 +61,15 @@ def moving_rope(
         raise BadInput(f"a rope in motion needs frames at most {SLOWEST:g} s apart")
     setup = _posed(span.setup, ends, clamp)
     path = end_path(time, np.arange(len(time)), ends, clamp, o.length)
-    setup = setup._replace(time=torch.from_numpy(time), end_path=path)
+    setup = setup._replace(time=time, end_path=path)
     values, stated = _values(model, found), stated_units(o)
     free = next(iter(model.groups.values())).free_names
     for term in terms_of(o, replace(span, setup=setup), free):
         if not term.nuisance:
-            value = torch.tensor([values[term.name] / stated[term.name].factor])
+            value = np.array([values[term.name] / stated[term.name].factor])
             setup = term.apply(setup, value)
     setup = changed_by(setup, physical(model, found))
-    still = setup.frames(torch.zeros(1, dtype=torch.long))
+    still = setup.frames(np.zeros(1, dtype=int))
     still = still._replace(damping=None, drag=None, end_path=None, time=None, past=None)
     point = Equilibrium(still, []).at(np.empty(0))
     if not point.solution.converged.all():
@@ -107,13 +106,12 @@ def _posed(setup: Setup, ends: np.ndarray, clamp: np.ndarray) -> Setup:
     """Return the rope of a setup's first frame with ends (F, 2, 3) [m] and clamps (F, 2, 4), held
     as it is. Raises BadInput where they do not say how."""
     for end in range(2):
-        held = bool(torch.isfinite(setup.ends[:, end]).all())
+        held = bool(np.isfinite(setup.ends[:, end]).all())
         if held != bool(np.isfinite(ends[:, end]).all()):
             raise BadInput(f"motion.end{end}: the run's rope is {'held' if held else 'free'} there")
         if setup.clamped[end] and not np.isfinite(clamp[:, end]).all():
             raise BadInput(f"motion.end{end}: the run's rope is clamped there: give its tangents")
     setup = setup._replace(time=None, motion=None, end_path=None)
-    setup = setup.frames(torch.zeros(len(ends), dtype=torch.long))
-    turned = torch.tensor(setup.clamped)[:, None]
-    orientation = torch.where(turned, torch.tensor(clamp), torch.nan)
-    return setup._replace(ends=torch.tensor(ends), clamp=orientation, past=None)
+    setup = setup.frames(np.zeros(len(ends), dtype=int))
+    orientation = np.where(np.array(setup.clamped)[:, None], clamp, np.nan)
+    return setup._replace(ends=ends, clamp=orientation, past=None)

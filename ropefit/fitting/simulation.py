@@ -16,7 +16,6 @@ import numpy as np
 from ropefit.adapters.motion_of import centrelines, times_of
 from ropefit.adapters.rope_setup import STATIONS, data_in_space
 from ropefit.adapters.settings import DiagnoseSettings
-from ropefit.adapters.xpbd_model import restored_xpbd
 from ropefit.artifacts import FittedModel, Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.artifacts.diagnosis import Simulation
@@ -44,6 +43,8 @@ def of_weights(
     Its model predicts the shapes. What they lack is looked for beside a rod fitted to them: the
     iterations are no balance of forces, so no rigidity, weight or force has a derivative there.
     """
+    from ropefit.adapters.xpbd_model import restored_xpbd
+
     point = restored_xpbd(o, model.nominal).at(np.empty(0))
     if not point.converged.all():
         frame = o.frames[np.argmin(point.converged)]

@@ -20,11 +20,11 @@ from ropefit.inference.evaluate import agreement
 from ropefit.inference.identify import Task
 from ropefit.inference.search_space import Space
 from ropefit.losses.objectives import objective
+from ropefit.models.algorithm import Algorithm
 from ropefit.models.weights import RANGES, WEIGHTS
 from ropefit.models.xpbd import Xpbd
-from ropefit.models.xpbd_rope import Algorithm
 from ropefit.runs.protocol import Context
-from ropefit.solvers.xpbd.reference import Settings
+from ropefit.solvers.xpbd.settings import Settings
 
 STATED = {name: Stated(1.0, "1", weight.meaning) for name, weight in WEIGHTS.items()}
 DRIFT_ALLOWED = 1e-3  # of the length: a solver that still moves more than this has not converged
@@ -48,7 +48,7 @@ def compute(
         )
     values = task.space.to_values(search.u).detach().numpy()
     context.progress(0.95, "simulating all frames")
-    states = _states(settings, first, full, values)
+    states = _states(observations, settings, first, values[group])
     context.progress(0.97, "uncertainty")
     groups = describe(task, values, search, observations, group, STATED)
     rms = states["rms"]
@@ -81,7 +81,7 @@ def _started(o: Observations, settings: IdentifySettings) -> Xpbd:
             f"{settings.control_at} m is not seen; choose a visible place or drop the frame"
         )
     start = [settings.start.get(name, RANGES[name].start) for name in algorithm.names]
-    return xpbd_of(o, algorithm, torch.tensor(start, dtype=torch.float64))
+    return xpbd_of(o, algorithm, np.array(start))
 
 
 def _task(o: Observations, settings: IdentifySettings, first: Xpbd) -> Task:
@@ -89,25 +89,26 @@ def _task(o: Observations, settings: IdentifySettings, first: Xpbd) -> Task:
     names = first.algorithm.names
     space = Space.of(names, settings.free or list(names), settings.start, RANGES)
     group = torch.from_numpy(group_frames(o, settings.groups))
-    return Task(first.rope_at(first.base), build_scene(o), objective(settings.loss), space, group)
+    rope = first.rope_at(first.base)
+    return Task(rope, build_scene(o).tensors(), objective(settings.loss), space, group)
 
 
 def _states(
-    settings: IdentifySettings, first: Xpbd, full: Task, values: np.ndarray
+    o: Observations, settings: IdentifySettings, first: Xpbd, weights: np.ndarray
 ) -> dict[str, Any]:
-    """Return the part of the model on the states of all frames, with values (groups, n). Raises
+    """Return the part of the model on the states of all frames, with weights (F, n). Raises
     NotConverged."""
-    none, weights = np.empty(0), torch.from_numpy(values)[full.group]
+    none = np.empty(0)
     fitted = first.of_setup(first.base._replace(weights=weights))
     point = fitted.at(none)
     if not point.converged.all():
         raise NotConverged(
             f"the {settings.solver} solver diverges in some frames; use more --steps"
         )
-    x, rope = torch.from_numpy(point.solution.x), fitted.rope_at(fitted.base)
+    x, rope, scene = point.solution.x, fitted.rope_at(fitted.base), build_scene(o)
     before = first.at(none).solution.x
     progress = rope.convergence(weights, x)
-    now, then = agreement(x, full.scene), agreement(torch.from_numpy(before), full.scene)
+    now, then = agreement(x, scene), agreement(before, scene)
     return {
         "solver": settings.solver,
         "loss": settings.loss,
@@ -115,7 +116,7 @@ def _states(
         "control_node": rope.control_node,
         "fixed_nodes": list(rope.held_nodes),
         "two_sided": settings.two_sided,
-        "x": point.solution.x,
+        "x": x,
         "q": point.solution.q,
         "x_initial": before,
         "residual": now.residual,

@@ -43,7 +43,7 @@ class Gripper:
 
     def state(self, u: Tensor, rows: Tensor) -> State:
         """Return ropes of frames `rows` (b,) for unknowns u (..., b, 3 or 6)."""
-        rope = self.rope.frames(rows)
+        rope = self.rope.frames(rows.numpy())
         frame = None
         if self.turns:
             frame = multiply(from_rotation_vector(u[..., 3:]), rope.start.q[:, 0])

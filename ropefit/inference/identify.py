@@ -47,7 +47,7 @@ class Task:
 
     def frames(self, index: Tensor) -> Task:
         return Task(
-            self.rope.frames(index),
+            self.rope.frames(index.numpy()),
             self.scene.frames(index),
             self.objective,
             self.space,
@@ -62,7 +62,7 @@ class Task:
         members = [torch.nonzero(self.group == int(row) // STARTS)[:, 0] for row in rows]
         owner = torch.repeat_interleave(torch.tensor([len(item) for item in members]))
         index = torch.cat(members)
-        state = self.rope.frames(index).settle(self.space.to_values(u)[owner])
+        state = self.rope.frames(index.numpy()).settle(self.space.to_values(u)[owner])
         per_frame = self.frame_losses(state.x, self.scene.frames(index))
         return torch.zeros(len(rows), dtype=u.dtype).index_add(0, owner, per_frame)
 
@@ -71,7 +71,7 @@ class Task:
         device = self.rope.device
         if device is None:
             return self.objective.loss(x, scene)
-        return self.objective.loss(x.to(device), scene.to(device)).cpu()
+        return self.objective.loss(x.to(device), scene.tensors(device)).cpu()
 
 
 def gradient_search(

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import torch
 
 from ropefit.inference.intervals import (
     Estimates,
@@ -111,7 +110,7 @@ def _without(forward: Model, k: int, held: float) -> Model:
     base = forward.base
     for term in forward.terms:
         if place == k:
-            base = term.apply(base, torch.from_numpy(term.value(np.array([held]))))
+            base = term.apply(base, term.value(np.array([held])))
         else:
             terms.append(term)
         place += term.size

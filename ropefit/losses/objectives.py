@@ -7,11 +7,11 @@ length, a constant of each frame), so that every loss is in metres and `+ L_LO` 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
-import torch
-from torch import Tensor
+import numpy as np
+from array_api_compat import array_namespace
 
 from ropefit.losses.primary import (
     Observed,
@@ -22,26 +22,29 @@ from ropefit.losses.primary import (
     segment_to_particle,
 )
 from ropefit.plugins import LOSSES, named
+from ropefit.rod.either import Array
+
+if TYPE_CHECKING:
+    import torch
 
 
 class Pinhole(NamedTuple):
-    """Camera as tensors: focal (2,) and centre (2,) [px], rotation (3, 3) and origin (3,) of its
-    pose."""
+    """Camera: focal (2,) and centre (2,) [px], rotation (3, 3) and origin (3,) of its pose."""
 
-    focal: Tensor
-    centre: Tensor
-    rotation: Tensor
-    origin: Tensor
+    focal: Array
+    centre: Array
+    rotation: Array
+    origin: Array
 
-    def project(self, x: Tensor) -> Tensor:
+    def project(self, x: Array) -> Array:
         """Return (..., 2) pixels of points x (..., 3) [m]; points behind the camera are put far
         outside."""
         local = (x - self.origin) @ self.rotation
-        depth = local[..., 2:]
-        depth = torch.where(depth.abs() < 1e-6, 1e-6, depth)
-        return local[..., :2] / depth.abs() * self.focal + self.centre
+        depth = abs(local[..., 2:])
+        depth = array_namespace(x).where(depth < 1e-6, 1e-6, depth)
+        return local[..., :2] / depth * self.focal + self.centre
 
-    def depth(self, x: Tensor) -> Tensor:
+    def depth(self, x: Array) -> Array:
         """Return (...) distance along the optical axis [m]."""
         return ((x - self.origin) @ self.rotation)[..., 2]
 
@@ -55,11 +58,11 @@ class Scene(NamedTuple):
     space: Observed
     image: Observed
     camera: Pinhole
-    pixel_size: Tensor
-    lowest: Tensor
-    down: Tensor
+    pixel_size: Array
+    lowest: Array
+    down: Array
 
-    def frames(self, index: Tensor) -> Scene:
+    def frames(self, index: Array) -> Scene:
         """Return the same for some frames only."""
         return Scene(
             Observed(*(item[index] for item in self.space)),
@@ -70,17 +73,20 @@ class Scene(NamedTuple):
             self.down,
         )
 
-    def to(self, device: torch.device) -> Scene:
-        """Return the same on a device."""
+    def tensors(self, device: torch.device | None = None) -> Scene:
+        """Return the same as tensors, on a device."""
+        import torch
+
+        def put(items: Iterable[Array]) -> Iterator[torch.Tensor]:
+            return (torch.tensor(np.asarray(item), device=device) for item in items)
+
+        space, image, camera, *rest = self
         return Scene(
-            Observed(*(item.to(device) for item in self.space)),
-            Observed(*(item.to(device) for item in self.image)),
-            Pinhole(*(item.to(device) for item in self.camera)),
-            *(item.to(device) for item in (self.pixel_size, self.lowest, self.down)),
+            Observed(*put(space)), Observed(*put(image)), Pinhole(*put(camera)), *put(rest)
         )
 
 
-Primary = Callable[[Tensor, Observed], Residual]
+Primary = Callable[[Array, Observed], Residual]
 
 
 class Objective(NamedTuple):
@@ -91,7 +97,7 @@ class Objective(NamedTuple):
     image: bool
     lowest: bool
 
-    def residuals(self, x: Tensor, scene: Scene) -> list[Residual]:
+    def residuals(self, x: Array, scene: Scene) -> list[Residual]:
         """Return residual vectors [m] of ropes x (..., F, K, 3)."""
         if self.image:
             pixels = self.primary(scene.camera.project(x), scene.image)
@@ -103,9 +109,9 @@ class Objective(NamedTuple):
             terms.append(lowest_point(x, scene.lowest, scene.down))
         return terms
 
-    def loss(self, x: Tensor, scene: Scene) -> Tensor:
+    def loss(self, x: Array, scene: Scene) -> Array:
         """Return (..., F) loss [m] of each frame."""
-        return torch.stack([term.loss() for term in self.residuals(x, scene)]).sum(0)
+        return sum(term.loss() for term in self.residuals(x, scene))
 
 
 OBJECTIVES: dict[str, Objective] = {

@@ -1,18 +1,21 @@
 """The paper's four primary losses (section III-C), each as residual vectors whose norms are summed.
 
 They work alike in 3D (D = 3, metres) and in the image plane (D = 2). x is (..., F, K, D): any
-batch of candidates, F frames, K particles; the data are (F, N, D), padded, with a mask.
+batch of candidates, F frames, K particles; the data are (F, N, D), padded, with a mask. Arrays of
+numpy and tensors are treated alike.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
-import torch
+from array_api_compat import array_namespace, is_torch_array
 from jaxtyping import Float, Int
-from torch import Tensor
 
-Ropes = Float[Tensor, "*batch frames nodes dim"]
+from ropefit.rod.either import Array, broadcast_to, like
+
+Ropes = Float[Any, "*batch frames nodes dim"]
 
 
 class Observed(NamedTuple):
@@ -22,61 +25,64 @@ class Observed(NamedTuple):
     boundaries (F, K, D), the start and end points c_i of the segments; boundary_mask (F, K).
     """
 
-    points: Tensor
-    mask: Tensor
-    segment: Tensor
-    boundaries: Tensor
-    boundary_mask: Tensor
+    points: Array
+    mask: Array
+    segment: Array
+    boundaries: Array
+    boundary_mask: Array
 
 
 class Residual(NamedTuple):
     """Vectors (..., F, M, D) from the simulation to the data and which of them count (F, M)."""
 
-    vectors: Tensor
-    mask: Tensor
+    vectors: Array
+    mask: Array
 
-    def loss(self) -> Tensor:
+    def loss(self) -> Array:
         """Return (..., F) sum of the norms; the derivative of a norm at zero is taken as zero."""
+        xp = array_namespace(self.vectors)
         square = (self.vectors * self.vectors).sum(-1)
         positive = square > 0
-        norm = torch.sqrt(torch.where(positive, square, 1.0))
-        return torch.where(positive & self.mask, norm, 0.0).sum(-1)
+        norm = xp.sqrt(xp.where(positive, square, 1.0))
+        return xp.where(positive & self.mask, norm, 0.0).sum(-1)
 
 
-def _to_segment(points: Tensor, start: Tensor, end: Tensor) -> Tensor:
+def _to_segment(points: Array, start: Array, end: Array) -> Array:
     """Return (..., D) vectors from the nearest point of the line segment start-end to each
     point."""
-    edge = end - start
-    square = (edge * edge).sum(-1, keepdim=True)
-    along = ((points - start) * edge).sum(-1, keepdim=True) / square.clamp_min(1e-300)
-    return points - (start + along.clamp(0, 1) * edge)
+    xp, edge = array_namespace(start), end - start
+    square = (edge * edge).sum(-1)[..., None]
+    along = ((points - start) * edge).sum(-1)[..., None] / xp.maximum(square, 1e-300)
+    return points - (start + xp.clip(along, 0.0, 1.0) * edge)
 
 
-def _of_segment(points: Tensor, x: Tensor, index: Tensor) -> Tensor:
+def _of_segment(points: Array, x: Array, index: Array) -> Array:
     """Return the same as `_to_segment` for segment `index` (..., F, N) of the polylines x (..., F,
     K, D)."""
-    index = index[..., None].expand(*index.shape, x.shape[-1])
-    start = torch.gather(x, -2, index)
-    end = torch.gather(x, -2, index + 1)
-    return _to_segment(points, start, end)
+    return _to_segment(points, at_nodes(x, index), at_nodes(x, index + 1))
+
+
+def at_nodes(
+    x: Ropes, index: Int[Any, "*batch frames points"]
+) -> Float[Any, "*batch frames points dim"]:
+    """Return (..., F, M, D) the nodes `index` (..., F, M) of ropes x (..., F, K, D)."""
+    wide = broadcast_to(index[..., None], (*index.shape, x.shape[-1]))
+    return array_namespace(x).take_along_axis(x, wide, axis=-2)
 
 
 def nearest_segment(
-    points: Float[Tensor, "frames points dim"], x: Ropes
-) -> Int[Tensor, "*batch frames points"]:
+    points: Float[Any, "frames points dim"], x: Ropes
+) -> Int[Any, "*batch frames points"]:
     """Return (..., F, N) index of the segment of x (..., F, K, D) nearest to each point (F, N,
     D)."""
-    with torch.no_grad():
-        best = torch.full(
-            (*x.shape[:-2], points.shape[-2]), torch.inf, dtype=x.dtype, device=x.device
-        )
-        index = torch.zeros_like(best, dtype=torch.int64)
-        for k in range(x.shape[-2] - 1):
-            gap = _to_segment(points, x[..., k, None, :], x[..., k + 1, None, :])
-            square = (gap * gap).sum(-1)
-            closer = square < best
-            best = torch.where(closer, square, best)
-            index = torch.where(closer, k, index)
+    xp, x = array_namespace(x), x.detach() if is_torch_array(x) else x
+    best, index = like(math.inf, x), 0
+    for k in range(x.shape[-2] - 1):
+        gap = _to_segment(points, x[..., k, None, :], x[..., k + 1, None, :])
+        square = (gap * gap).sum(-1)
+        closer = square < best
+        best = xp.where(closer, square, best)
+        index = xp.where(closer, k, index)
     return index
 
 
@@ -93,18 +99,16 @@ def segment_to_particle(x: Ropes, data: Observed) -> Residual:
 def segment_to_line(x: Ropes, data: Observed) -> Residual:
     """Return L_SL: from each data point to the simulated segment that its own segment corresponds
     to."""
-    index = data.segment.expand(*x.shape[:-2], data.segment.shape[-1])
+    index = broadcast_to(data.segment, (*x.shape[:-2], data.segment.shape[-1]))
     return Residual(_of_segment(data.points, x, index), data.mask)
 
 
-def lowest_point(
-    x: Ropes, lowest: Float[Tensor, "frames 3"], down: Float[Tensor, " 3"]
-) -> Residual:
+def lowest_point(x: Ropes, lowest: Float[Any, "frames 3"], down: Float[Any, " 3"]) -> Residual:
     """Return L_LO: from the simulation's lowest point to the data's, lowest (F, 3), along down
     (3,).
 
     A polyline is lowest at one of its particles.
     """
-    node = (x @ down).argmax(-1)[..., None, None].expand(*x.shape[:-2], 1, x.shape[-1])
-    vectors = lowest[:, None, :] - torch.gather(x, -2, node)
-    return Residual(vectors, torch.ones_like(lowest[:, :1], dtype=torch.bool))
+    vectors = lowest[:, None, :] - at_nodes(x, (x @ down).argmax(-1)[..., None])
+    xp = array_namespace(lowest)
+    return Residual(vectors, xp.ones_like(lowest[:, :1], dtype=xp.bool))

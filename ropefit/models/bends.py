@@ -6,7 +6,6 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-import torch
 
 from ropefit.rod.bending import springs
 from ropefit.rod.quaternion import conjugate_product
@@ -28,10 +27,10 @@ def darboux(solution: Solution) -> np.ndarray:
 
 
 def _darboux(rod: Rod, held: Conditions, states: States) -> np.ndarray:
-    q, clamp = torch.from_numpy(states.q), torch.nan_to_num(held.clamp)
-    around = torch.cat([clamp[:, :1], q, clamp[:, 1:]], dim=1)
-    p = conjugate_product(around[:, :-1], around[:, 1:]).numpy()
-    rest, stiffness = (t.reshape(-1, *t.shape[-2:]).numpy() for t in (rod.rest, rod.stiffness))
+    clamp = np.nan_to_num(held.clamp)
+    around = np.concatenate([clamp[:, :1], states.q, clamp[:, 1:]], axis=1)
+    p = conjugate_product(around[:, :-1], around[:, 1:])
+    rest, stiffness = (t.reshape(-1, *t.shape[-2:]) for t in (rod.rest, rod.stiffness))
     real = np.sqrt(np.maximum(1 - (rest**2).sum(-1), 0.0))
     nearer = p[..., 0] * real + (p[..., 1:] * rest).sum(-1)
     sign = np.where(nearer < 0, -1.0, 1.0)
@@ -42,7 +41,7 @@ def elements_of(setup: Setup, rod: Rod, frames: int) -> FrictionElements | None:
     """Return the setup's law of bending on a rod, in every frame; None for a linear one."""
     if setup.bending is None:
         return None
-    drag, centre, slip = (t.detach().numpy() for t in springs(setup.bending, rod))
+    drag, centre, slip = springs(setup.bending, rod)
     rows = frames, drag.shape[1], drag.shape[2]
     # In C order, as compiled code takes them: in another they would be copied once more.
     return FrictionElements.slipping(
@@ -61,7 +60,7 @@ def joined(one: FrictionElements | None, other: FrictionElements | None) -> Fric
 
 def axial_law_of(setup: Setup) -> np.ndarray | None:
     """Return (A,) the setup's law of axial strain; None for a linear one."""
-    return None if setup.axial is None else setup.axial.detach().numpy()
+    return setup.axial
 
 
 def conditions_of(setup: Setup, rod: Rod | None = None) -> Conditions:
@@ -92,20 +91,20 @@ def spun(rod: Rod, held: Conditions, start: States, toward: np.ndarray) -> State
 
 def merged(parts: list[Solution]) -> Solution:
     """Return solutions of one frame each as one: a support is there in all where it is in any."""
-    rods = Rod(*(torch.cat(f) for f in zip(*(s.rod.each(1) for s in parts), strict=True)))
+    rods = Rod(*(np.concatenate(f) for f in zip(*(s.rod.each(1) for s in parts), strict=True)))
     held = [s.conditions for s in parts]
     friction_elements = FrictionElements(
         *(np.concatenate(f) for f in zip(*(c.friction_elements for c in held), strict=True))
     )
-    ends, clamp = (torch.cat([getattr(c, n) for c in held]) for n in ("ends", "clamp"))
+    ends, clamp = (np.concatenate([getattr(c, n) for c in held]) for n in ("ends", "clamp"))
     far = held[0].far_supports
     keys = [_numbered(c.node) for c in held]
     every = sorted(set().union(*keys))
     place = {key: k for k, key in enumerate(every)}
     frames, many = len(parts), len(every)
-    direction = torch.zeros(frames, many, 3, dtype=torch.float64)
-    offset = torch.zeros(frames, many, dtype=torch.float64)
-    compliance = torch.ones(frames, many, dtype=torch.float64)
+    direction = np.zeros((frames, many, 3))
+    offset = np.zeros((frames, many))
+    compliance = np.ones((frames, many))
     active = np.zeros((frames, many), dtype=bool)
     reaction = np.zeros((frames, far + many))
     for t, (c, own) in enumerate(zip(held, keys, strict=True)):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
@@ -45,7 +44,7 @@ def correlated(name: str, terms: list[Term], covariance: np.ndarray) -> Correlat
     root = sd[:, None] * axes * np.sqrt(np.maximum(values, 0.0) + JITTER)
     last = np.cumsum([term.size for term in terms])
 
-    def apply(setup: Setup, v: Tensor) -> Setup:
+    def apply(setup: Setup, v: np.ndarray) -> Setup:
         for term, end in zip(terms, last, strict=True):
             setup = term.apply(setup, v[end - term.size : end])
         return setup

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
-import torch
 from scipy.interpolate import CubicSpline
 
 from ropefit.models import mesh
@@ -21,6 +20,7 @@ from ropefit.rod.fields import MOVING_ROD, names
 from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
+from ropefit.runs.threads import threads
 from ropefit.solvers.dynamics.derivatives import Directions, tangent
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import Trajectory, solve
@@ -68,7 +68,7 @@ class MotionPoint(Point):
         """Yield the frames of each clip, and `respond` there: of all clips together it is large."""
         if not changes:
             return
-        x, now = torch.from_numpy(self.solution.x), self.setup
+        x, now = self.solution.x, self.setup
         rods, ends, clamps, sensor = [], [], [], []
         for changed in changes:
             a, b = changed(-RESPONSE), changed(RESPONSE)
@@ -96,7 +96,7 @@ class MotionPoint(Point):
                 moved += own[clip] if own.ndim == 3 else own
             return clip, out
 
-        many = torch.get_num_threads()
+        many = threads()
         for k in range(0, len(self.runs), many):
             yield from _each(part, range(k, min(k + many, len(self.runs))))
 
@@ -141,7 +141,7 @@ class Dynamics(Model):
             x[reached], q[reached] = found.x[0, frames_of], found.q[0, frames_of]
             force[reached] = found.force[0, frames_of]
             status[reached], iterations[clip] = 0, found.iterations[0, :: went.fine]
-        seen = setup.sensor(torch.from_numpy(x)).numpy().copy()
+        seen = setup.sensor(x).copy()
         if self.mesh_error is not None:
             seen += self.mesh_error
         held = Conditions(setup.ends, setup.clamp)
@@ -163,7 +163,7 @@ class Dynamics(Model):
         fine = replace(
             plain, base=base, every=mesh.FINER * self.every, finer=mesh.FINER * self.finer
         )
-        error, many = np.zeros((len(self.time), self.base.segments + 1, 3)), torch.get_num_threads()
+        error, many = np.zeros((len(self.time), self.base.segments + 1, 3)), threads()
         for k in range(0, len(self.clips), many):  # of all clips together it is large
             few = self.clips[k : k + many]
             coarse, finest = (replace(one, clips=few).at(u).seen for one in (plain, fine))
@@ -202,17 +202,16 @@ class Dynamics(Model):
         return fold
 
     def _first(self, setup: Setup, rope: Moving) -> FirstStates:
-        both = torch.from_numpy(np.array([clip[:2] for clip in self.clips]))
-        time = torch.from_numpy(self.time[both.numpy()])
-        drive = Drive(time, setup.ends[both], setup.clamp[both])
+        both = np.array([clip[:2] for clip in self.clips])
+        drive = Drive(self.time[both], setup.ends[both], setup.clamp[both])
         return first_states(rope, drive, self.observed[both], self.every, float(self.base.weight))
 
     def _run(self, setup: Setup, rope: Moving, clip: np.ndarray, first: Start) -> Run:
         """Simulate one clip, with more steps if it needs them."""
-        index = torch.from_numpy(clip)
-        time = torch.from_numpy(self.time[clip])[None]
-        drive = Drive(time, setup.ends[index][None], setup.clamp[index][None])
-        least = math.ceil(float(time.diff().median()) / LONGEST_STEP - SAME_STEP)
+        time = self.time[clip]
+        drive = Drive(time[None], setup.ends[clip][None], setup.clamp[clip][None])
+        step = np.quantile(np.diff(time), 0.5, method="lower")
+        least = math.ceil(step / LONGEST_STEP - SAME_STEP)
         for fine in (self.finer * max(least, 1) * more for more in FINER):
             refined = refine(drive, fine)
             found = solve(rope, refined, first)
@@ -222,8 +221,8 @@ class Dynamics(Model):
 
 
 def _each(work: Callable[[int], Done], clips: range) -> list[Done]:
-    """Work on each clip, as many at once as torch has threads: compiled code releases the lock."""
-    with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+    """Work on each clip, as many at once as there are threads: compiled code releases the lock."""
+    with ThreadPoolExecutor(threads()) as pool:
         return list(pool.map(work, clips))
 
 
@@ -236,7 +235,7 @@ def rope_of(setup: Setup) -> Moving:
     )  # fmt: skip
 
 
-def fields_of(rope: Moving) -> dict[str, torch.Tensor]:
+def fields_of(rope: Moving) -> dict[str, np.ndarray]:
     """Return the rope's fields by name, those of `MOVING_ROD`."""
     every = rope.rod._asdict() | rope._asdict()
     return {name: every[name] for name in names(MOVING_ROD)}
@@ -246,12 +245,11 @@ def refine(drive: Drive, fine: int) -> Drive:
     """Return the drive of one clip with `fine` steps for each of its own."""
     if fine == 1:
         return drive
-    time = drive.time[0].numpy()
-    ends = finer(time, drive.ends[0].numpy(), fine)
-    clamp = finer(time, drive.clamp[0].numpy(), fine)
+    time = drive.time[0]
+    ends = finer(time, drive.ends[0], fine)
+    clamp = finer(time, drive.clamp[0], fine)
     clamp /= np.linalg.norm(clamp, axis=-1, keepdims=True)
-    times = torch.from_numpy(_between(time, fine))[None]
-    return Drive(times, torch.from_numpy(ends)[None], torch.from_numpy(clamp)[None])
+    return Drive(_between(time, fine)[None], ends[None], clamp[None])
 
 
 def finer(time: np.ndarray, values: np.ndarray, fine: int, axis: int = 0) -> np.ndarray:

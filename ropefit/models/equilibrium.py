@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-import torch
 
 from ropefit.models.bends import conditions_of
 from ropefit.models.history import WalkedPoint, walk
@@ -75,7 +74,7 @@ class Equilibrium(Model):
         else:
             arrays = {f"solution.{name}": getattr(solution, name) for name in ARRAYS}
             if _settled_loads(point.setup):  # what stands for them comes out of settling
-                arrays["load"] = solution.rod.load.detach().numpy()
+                arrays["load"] = solution.rod.load
                 # The laws are the setup's.
                 held = replace(solution.conditions, friction_elements=None, axial=None)
                 arrays |= as_arrays(held, "conditions.")
@@ -93,7 +92,7 @@ class Equilibrium(Model):
             rod = _rod_of(setup)
             laws = held = conditions_of(setup, rod)
             if _settled_loads(setup):
-                load = torch.from_numpy(arrays["load"].copy())
+                load = arrays["load"].copy()
                 rod = (rod.each(len(load)) if load.ndim == 3 else rod)._replace(load=load)
                 held = from_arrays(Conditions, "conditions.", arrays)
                 held = replace(held, friction_elements=laws.friction_elements, axial=laws.axial)
@@ -120,7 +119,7 @@ def _rod_of(setup: Setup) -> Rod:
 
 
 def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
-    seen = setup.sensor(torch.from_numpy(solution.x)).numpy().copy()
+    seen = setup.sensor(solution.x).copy()
     seen[~solution.converged] = np.nan
     return Point(u, setup, solution, seen)
 
@@ -133,7 +132,7 @@ def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
 
     def settle(load: np.ndarray, near: States | None) -> Solution:
         own = rod.each(len(setup.ends))
-        with_load = own._replace(load=own.load + torch.from_numpy(load)) if load.size else own
+        with_load = own._replace(load=own.load + load) if load.size else own
         return _under_dead_loads(setup, with_load, near, deepest)
 
     return following(settle, setup.followers, start)

@@ -1,27 +1,32 @@
-"""The rope in equilibrium, with the face of the paper's rope: values in, states out, any loss."""
+"""The rope in equilibrium, with the face of the paper's rope: values in, states out, any loss.
+
+The setup is of numpy; in torch it becomes what its values and moves make of it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ropefit.models.bends import axial_law_of, elements_of, joined
+from ropefit.models.rope_values import NAMES
+from ropefit.rod.either import plain
 from ropefit.rod.rod import Properties, Rod
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import SensorModel, Setup
 from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
-from ropefit.solvers.equilibrium.implicit import following, settled
+from ropefit.solvers.equilibrium.differentiable import settled
+from ropefit.solvers.equilibrium.implicit import following
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.equilibrium.solve import solve
 from ropefit.solvers.xpbd.reference import State
-
-NAMES = ("EI", "GJ", "EA", "length")
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class EquilibriumRope:
     every: int
     control_node: int
     tied: bool = False
-    recorded: Tensor | None = None
+    recorded: np.ndarray | None = None
     near: Solution | None = None
     plain: Properties | None = None
     device: torch.device | None = None
@@ -60,22 +65,35 @@ class EquilibriumRope:
         """Return where the recording has the control point, and the first frame, for searches that
         move them. What lies between is zero."""
         frames, nodes = len(self.setup.ends), self.setup.segments // self.every + 1
-        ends = self.setup.ends if self.recorded is None else self.recorded
+        ends = self._tensors.ends
+        if self.recorded is not None:
+            ends = torch.from_numpy(self.recorded)
         x = torch.zeros(frames, nodes, 3, dtype=torch.float64)
         x[:, 0], x[:, -1] = ends[:, 0], ends[:, 1]
         q = torch.zeros(frames, nodes - 1, 4, dtype=torch.float64)
-        q[:, 0] = self.setup.clamp[:, 0]
+        q[:, 0] = self._tensors.clamp[:, 0]
         return State(x, q)
 
-    def frames(self, index: Tensor) -> EquilibriumRope:
+    def frames(self, index: np.ndarray) -> EquilibriumRope:
         """Return the same rope in some of its frames."""
         setup = self.setup.frames(index)
         recorded = None if self.recorded is None else self.recorded[index]
-        near = None if self.near is None else self.near.frames(index.numpy())
-        past = (
-            None if self.friction_elements is None else self.friction_elements.frames(index.numpy())
-        )
+        near = None if self.near is None else self.near.frames(index)
+        past = None if self.friction_elements is None else self.friction_elements.frames(index)
         return replace(self, setup=setup, recorded=recorded, near=near, friction_elements=past)
+
+    @cached_property
+    def _tensors(self) -> Any:
+        """Return the setup with tensors for what makes its rod, its ends and its sensor."""
+        s = self.setup
+        fields = ("gravity", "load", "mass", "moment", "clamp_compliance", "kinks", "stretch",
+                  "ends", "clamp", "rigid")  # fmt: skip
+        given = {name: getattr(s, name) for name in fields}
+        return s._replace(
+            properties=Properties(*map(_tensor, s.properties)),
+            sensor=SensorModel(*map(_tensor, s.sensor)),
+            **{name: None if value is None else _tensor(value) for name, value in given.items()},
+        )
 
     def holding_its_frame(self, values: Tensor) -> EquilibriumRope:
         """Return the rope whose end 0, if it is not clamped, holds the frame that it has of itself
@@ -84,8 +102,8 @@ class EquilibriumRope:
             return self
         with torch.no_grad():
             first = self.settle(values).q[:, 0]
-        clamp = self.setup.clamp.clone()
-        clamp[:, 0] = first
+        clamp = self.setup.clamp.copy()
+        clamp[:, 0] = first.numpy()
         held = self.setup._replace(clamp=clamp, clamped=(True, self.setup.clamped[1]))
         return replace(self, setup=held)
 
@@ -97,7 +115,7 @@ class EquilibriumRope:
 
         move (..., F, 3) [m] of the control point; frame (..., F, 4) of the first end's clamp.
         """
-        s = self.setup
+        s = self._tensors
         shapes = [values.shape[:-1], s.ends.shape[:1]]
         shapes += [item.shape[:-1] for item in (move, frame) if item is not None]
         shape = np.broadcast_shapes(*shapes)
@@ -121,10 +139,10 @@ class EquilibriumRope:
                 for name in Properties._fields
             }
         )
-        plain = self.plain or s.properties
-        ratio = flat[:, :1] / plain.bend
-        length = s.properties.length * (flat[:, 3:] / plain.length.sum())
-        twist = s.properties.twist * (ratio if self.tied else flat[:, 1:2] / plain.twist)
+        own = s.properties if self.plain is None else Properties(*map(_tensor, self.plain))
+        ratio = flat[:, :1] / own.bend
+        length = s.properties.length * (flat[:, 3:] / own.length.sum())
+        twist = s.properties.twist * (ratio if self.tied else flat[:, 1:2] / own.twist)
         rows = rows._replace(
             bend=s.properties.bend * ratio,
             twist=twist,
@@ -136,8 +154,10 @@ class EquilibriumRope:
         rod, start = s._replace(properties=rows, load=load).rod(), None
         of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
         past = None if self.friction_elements is None else self.friction_elements.frames(of)
-        law = elements_of(s, rod, len(flat))
-        held = Conditions(ends, clamp, friction_elements=joined(past, law), axial=axial_law_of(s))
+        law = elements_of(self.setup, Rod(*map(plain, rod)), len(flat))
+        held = Conditions(
+            ends, clamp, friction_elements=joined(past, law), axial=axial_law_of(self.setup)
+        )
         if self.near is not None:
             start = self.near.frames(of)
         x, q = self._states(rod, held, start)
@@ -160,15 +180,15 @@ class EquilibriumRope:
         ):  # by the compiled path only, like all below
             device = None
         if potentials:  # contact and tethers: by the compiled path only
-            return settled(solve_with_potentials(rod, held, potentials, start))
+            return settled(solve_with_potentials(rod, held, potentials, start), rod, held)
         if followers:  # so are forces that turn with the rope
 
             def under(load: np.ndarray, near: States | None) -> Solution:
-                own = rod.each(len(held.ends))
-                more = own._replace(load=own.load + torch.from_numpy(load)) if load.size else own
+                own = Rod(*map(plain, rod)).each(len(held.ends))
+                more = own._replace(load=own.load + load) if load.size else own
                 return solve(more, held, near)
 
-            return settled(following(under, followers, start))
+            return settled(following(under, followers, start), rod, held)
 
         def found(start: States | None) -> Solution:
             if device is None:
@@ -180,13 +200,9 @@ class EquilibriumRope:
         if start is not None and again.any():
             solution.put(again, found(None), again)
         if device is None:
-            return settled(solution)
-        return State(*(t.cpu() for t in settled_batched(solution, device)))
+            return settled(solution, rod, held)
+        return State(*(t.cpu() for t in settled_batched(solution, rod, held, device)))
 
 
-def rope_values(setup: Setup) -> dict[str, float]:
-    """Return the values of NAMES in SI of a setup; EA is infinite where the rope does not
-    stretch."""
-    p = setup.properties
-    values = (p.bend[0], p.twist[0], p.axial[0], p.length.sum())
-    return {name: float(value) for name, value in zip(NAMES, values, strict=True)}
+def _tensor(value: np.ndarray | float) -> Tensor:
+    return torch.from_numpy(np.array(value, dtype=np.float64))

@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod.bodies import change_pushed_out, pushed_out
 from ropefit.rod.fields import ROD, names
@@ -36,7 +34,7 @@ class FirstStates:
     equilibria of each clip, and the first step with every speed that was tried."""
 
     start: Start
-    bodies: Tensor
+    bodies: np.ndarray
     equilibria: tuple[Solution, Solution]
     steps: list[Trajectory]
     time_step: np.ndarray
@@ -56,9 +54,9 @@ class FirstStates:
             )
             for t, s in enumerate(self.equilibria)
         )
-        if bool(self.bodies.any()):
+        if self.bodies.any():
             x0, x1 = (
-                change_pushed_out(self.bodies, torch.from_numpy(s.x), rod["bodies"], dx)
+                change_pushed_out(self.bodies, s.x, rod["bodies"], dx)
                 for s, dx in zip(self.equilibria, (x0, x1), strict=True)
             )
         dt = self.time_step[:, None, None, None]
@@ -79,7 +77,7 @@ def first_states(
     """
     clips, inner = len(observed), np.arange(1, observed.shape[2] - 1)
     node = np.repeat(inner * every, 3)
-    across = torch.eye(3, dtype=torch.float64).repeat(len(inner), 1).expand(clips, -1, 3)
+    across = np.broadcast_to(np.tile(np.eye(3), (len(inner), 1)), (clips, len(node), 3))
     states, last = [], None
     for t in (0, 1):
         seen = np.isfinite(observed[:, t, inner]).all(-1)
@@ -88,20 +86,20 @@ def first_states(
             drive.clamp[:, t],
             node,
             across,
-            torch.from_numpy(np.nan_to_num(observed[:, t, inner]).reshape(clips, -1)),
-            torch.full((clips, len(node)), SPRING / weight, dtype=torch.float64),
+            np.nan_to_num(observed[:, t, inner]).reshape(clips, -1),
+            np.full((clips, len(node)), SPRING / weight),
             np.repeat(seen, 3, axis=1),
         )
         last = settle(rope.rod, pulled, last)
         states.append(last)
-    bodies, q0 = rope.bodies.detach(), torch.from_numpy(states[0].q)
-    x0, x1 = (pushed_out(bodies, torch.from_numpy(state.x)) for state in states)
+    bodies, q0 = rope.bodies, states[0].q
+    x0, x1 = (pushed_out(bodies, state.x) for state in states)
     step = drive.time[:, 1] - drive.time[:, 0]
     v, tried = (x1 - x0) / step[:, None, None], []
     for _ in range(CORRECTIONS):
         tried.append(solve(rope, drive, Start(x0, q0, v)))
-        v = v + torch.nan_to_num(x1 - torch.from_numpy(tried[-1].x[:, 1])) / step[:, None, None]
-    return FirstStates(Start(x0, q0, v), bodies, (states[0], states[1]), tried, step.numpy())
+        v = v + np.nan_to_num(x1 - tried[-1].x[:, 1]) / step[:, None, None]
+    return FirstStates(Start(x0, q0, v), bodies, (states[0], states[1]), tried, step)
 
 
 def begun_smoothly(

@@ -27,9 +27,9 @@ class GrippedRope:
     """
 
     inner: EquilibriumRope
-    outer: Tensor
-    mixed: Tensor
-    of: Tensor
+    outer: np.ndarray
+    mixed: np.ndarray
+    of: np.ndarray
 
     step: ClassVar[float] = EquilibriumRope.step
     advice: ClassVar[str] = EquilibriumRope.advice
@@ -46,18 +46,18 @@ class GrippedRope:
     def finest(self) -> GrippedRope:
         """Return the rope that reports its ends and every node of its rod."""
         nodes = self.mixed.shape[1]
-        every = torch.arange(nodes - 1).sub(1).clamp(0, nodes - 4)
-        return replace(self, mixed=torch.eye(nodes, dtype=torch.float64), of=every)
+        every = np.clip(np.arange(nodes - 1) - 1, 0, nodes - 4)
+        return replace(self, mixed=np.eye(nodes), of=every)
 
     @property
     def start(self) -> State:
         """Return where the recording has the rope's ends, and the first frame."""
         first = self.inner.start
-        state = self._reported(first, self.outer)
+        state = self._reported(first, torch.from_numpy(self.outer))
         state.q[:, 0] = first.q[:, 0]
         return state
 
-    def frames(self, index: Tensor) -> GrippedRope:
+    def frames(self, index: np.ndarray) -> GrippedRope:
         """Return the same rope in some of its frames."""
         return replace(self, inner=self.inner.frames(index), outer=self.outer[index])
 
@@ -68,9 +68,10 @@ class GrippedRope:
 
         move (..., F, 3) [m] of the rope's end; frame (..., F, 4) of the clamp there.
         """
-        end, outer = (0 if self.inner.control_node == 0 else 1), self.outer
+        end, outer = (0 if self.inner.control_node == 0 else 1), torch.from_numpy(self.outer)
         if frame is not None:
-            back = conjugate_product(self.inner.setup.clamp[:, end], UNTURNED)
+            clamp = torch.from_numpy(self.inner.setup.clamp[:, end])
+            back = conjugate_product(clamp, UNTURNED)
             arm = rotate(multiply(frame, back), outer[:, end])
             shift = arm - outer[:, end]
             other = outer[:, 1 - end].expand_as(arm)
@@ -82,10 +83,10 @@ class GrippedRope:
         first = state.x[..., :1, :] - outer[..., :1, :]
         last = state.x[..., -1:, :] - outer[..., 1:, :]
         whole = torch.cat([first, state.x, last], dim=-2)
-        return State(self.mixed @ whole, state.q[..., self.of, :])
+        return State(torch.from_numpy(self.mixed) @ whole, state.q[..., self.of, :])
 
 
-def gripped(nodes: np.ndarray, arc: np.ndarray) -> Tensor:
+def gripped(nodes: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """Return (K, N+3) what is reported at arc lengths (K,) [m], of the rope's end, the rod's nodes
     at (N+1,) [m], and the other end: a spline between the nodes, straight lines beyond them."""
     count = len(nodes)
@@ -96,4 +97,4 @@ def gripped(nodes: np.ndarray, arc: np.ndarray) -> Tensor:
         share = np.abs(arc[outside] - nodes[end]) / abs(arc[end] - nodes[end])
         out[outside, end] = share
         out[outside, end + (1 if end == 0 else -1)] = 1 - share
-    return torch.from_numpy(out)
+    return out

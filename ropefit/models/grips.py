@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.ends import turned_clamp
 from ropefit.models.priors import DEGREE, nuisance, turn_clamp
@@ -48,11 +46,11 @@ def grips(setup: Setup, degrees: float, twist: float | None = None) -> list[Term
     return terms
 
 
-def _turn_far_clamp(setup: Setup, v: Tensor) -> Setup:
-    return turned_clamp(setup, 1, torch.cat([v.new_zeros(2), v]))
+def _turn_far_clamp(setup: Setup, v: np.ndarray) -> Setup:
+    return turned_clamp(setup, 1, np.concatenate([np.zeros(2), v]))
 
 
 def _grip(end: int) -> Apply:
-    at = torch.zeros(2, 2, dtype=torch.float64)
+    at = np.zeros((2, 2))
     at[end, 0] = 1.0
     return lambda setup, v: setup._replace(clamp_compliance=setup.clamp_compliance + v[0] * at)

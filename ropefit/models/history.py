@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import torch
 
 from ropefit.models.bends import (
     axial_law_of,
@@ -115,7 +114,7 @@ class WalkedPoint(Point):
                 self.laws, law_slopes, t, step.first, step.before, change, p[:, 1:3]
             )
             # As a change of the rest shape: that is how the solver takes a change of moments.
-            stiff = step.solution.rod.stiffness.reshape(nodes, 3)[:, :2].numpy()
+            stiff = step.solution.rod.stiffness.reshape(nodes, 3)[:, :2]
             force = answer.force + law_moments(slopes, p[None, :, 1:3])[0]
             rest[t, :, :, :2] -= force / np.where(stiff > 0, stiff, np.inf)
             own = Directions(*(None if d is None else d[t : t + 1] if len(d) > 1 else d
@@ -166,9 +165,9 @@ def walk(
     does not settle leaves those after it, to the end of its clip, without a known past: they are
     not settled either, and NaN in `seen`.
     """
-    whole, shown = setup.whole()
-    picked, rod = shown.numpy(), whole.rod()
-    law, elastic = laws_of(whole), elements_of(whole, rod, 1)
+    whole, picked = setup.whole()
+    rod, law = whole.rod(), laws_of(whole)
+    elastic = elements_of(whole, rod, 1)
     spins = float(rod.stiffness[..., 0, 2]) == 0.0 == float(rod.stiffness[..., -1, 2])
     rough = [p for p in whole.potentials if p.friction is not None]
     if not rough and not law.drag.any():  # branches of no size, whose derivative is wanted
@@ -190,7 +189,7 @@ def walk(
         one = rod if rod.load.ndim == 2 else rod._replace(load=rod.load[t])
         if first:
             lost = False
-            state = memory.unloaded(one.rest[:, :2].numpy(), len(law.fresh))
+            state = memory.unloaded(one.rest[:, :2], len(law.fresh))
             grips = [loose(whole.segments + 1) for _ in rough]
         past = FrictionElements(
             *(item[None] for item in memory.friction_elements(law, t, first, state))
@@ -215,11 +214,11 @@ def walk(
         steps.append(Step(solution, state, grips, first))
         lost = not solution.converged[0]
         if not lost:
-            last, x = solution, torch.from_numpy(solution.x[0])
+            last, x = solution, solution.x[0]
             state = memory.after(law, t, first, state, vectors(solution)[0])
             grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
     solution = merged([steps[t].solution for t in picked])
-    seen = setup.sensor(torch.from_numpy(solution.x)).numpy().copy()
+    seen = setup.sensor(solution.x).copy()
     seen[~solution.converged] = np.nan
     path = stacked([step.solution for step in steps])
     return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, path, parts)
@@ -249,22 +248,22 @@ def _walked(
     """Return the point of frames that settled without regard to their past, with what branches of
     no size remember of it."""
     whole, shown = setup.whole()
-    picked, steps = shown.numpy(), []
+    steps: list[Step] = []
     state = State(np.empty(0), np.empty(0))
     for t, first in enumerate(begins):
         one = every.frames(np.array([t]))
         if first:
-            state = memory.unloaded(one.rod.rest.reshape(-1, 3)[:, :2].numpy(), len(law.fresh))
+            state = memory.unloaded(one.rod.rest.reshape(-1, 3)[:, :2], len(law.fresh))
         if spins:
             one = replace(one, q=rolled(one.q, vectors(one), state.vector[None]))
         steps.append(Step(one, state, [], bool(first)))
         state = memory.after(law, t, bool(first), state, vectors(one)[0])
     every = every.copy()
     every.q[:] = np.concatenate([step.solution.q for step in steps])
-    solution = every.frames(picked)
-    seen = setup.sensor(torch.from_numpy(solution.x)).numpy().copy()
+    solution = every.frames(shown)
+    seen = setup.sensor(solution.x).copy()
     parts = np.ones(len(begins), dtype=int)
-    return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, every.states, parts)
+    return WalkedPoint(u, setup, solution, seen, whole, shown, law, steps, every.states, parts)
 
 
 def _settle_one(

@@ -7,8 +7,6 @@ drag what has just touched down over centimetres, so that the way between is fol
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod import memory
 from ropefit.rod.friction import push
@@ -24,14 +22,13 @@ def increments_of(whole: Setup, rough: list[Potential], x: np.ndarray) -> np.nda
     One, but where nodes touch down. rough: contacts with friction; x (H, N+1, 3) [m]: where the
     rope would be without any.
     """
-    at, frames = torch.from_numpy(x), len(x)
-    down = np.zeros(frames, dtype=bool)
+    down = np.zeros(len(x), dtype=bool)
     for contact in rough:
-        touches = (push(contact, at) != 0).any(-1).numpy()
+        touches = (push(contact, x) != 0).any(-1)
         down[1:] |= (touches[1:] & ~touches[:-1]).any(axis=1)
     length = float(whole.properties.length.sum())
-    way = whole.ends.diff(dim=0, prepend=whole.ends[:1]).norm(dim=-1)
-    far = np.nan_to_num(way.numpy()).max(axis=1) / (STRIDE * length)
+    way = np.linalg.norm(np.diff(whole.ends, axis=0, prepend=whole.ends[:1]), axis=-1)
+    far = np.nan_to_num(way).max(axis=1) / (STRIDE * length)
     down &= ~memory.restarts(whole.clock)
     return np.where(down, np.clip(np.ceil(far), 1, MOST_INCREMENTS), 1).astype(int)
 
@@ -42,11 +39,11 @@ def in_increments(whole: Setup, parts: np.ndarray) -> Setup:
         return whole
     place = np.concatenate([t - 1 + np.arange(1, n + 1) / n for t, n in enumerate(parts)])
     place = np.maximum(place, 0.0)
-    after = torch.from_numpy(np.ceil(place - 1e-9).astype(int))
-    before = (after - 1).clamp_min(0)
-    share = torch.from_numpy(1.0 - (after.numpy() - place))
+    after = np.ceil(place - 1e-9).astype(int)
+    before = np.maximum(after - 1, 0)
+    share = 1.0 - (after - place)
 
-    def between(values: Tensor) -> Tensor:
+    def between(values: np.ndarray) -> np.ndarray:
         part = share.reshape(-1, *[1] * (values.ndim - 1))
         return values[before] + part * (values[after] - values[before])
 
@@ -59,10 +56,10 @@ def in_increments(whole: Setup, parts: np.ndarray) -> Setup:
     )  # fmt: skip
 
 
-def _turned(one: Tensor, other: Tensor, share: Tensor) -> Tensor:
+def _turned(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Return the unit quaternions (H, 2, 4) a share (H,) of the way from one to the other; NaN
     where nothing is held."""
-    sign = torch.where((one * other).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+    sign = np.where((one * other).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     part = share[:, None, None]
     mean = (1 - part) * sign * one + part * other
-    return torch.where(part == 1, other, mean / mean.norm(dim=-1, keepdim=True))
+    return np.where(part == 1, other, mean / np.linalg.norm(mean, axis=-1, keepdims=True))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod.rod import Properties
 from ropefit.rod.setup import Setup
@@ -42,14 +40,14 @@ def mesh_error(coarse: np.ndarray, fine: np.ndarray) -> np.ndarray:
     return np.nan_to_num(EXTRAPOLATED * (fine[:, ::FINER] - coarse))
 
 
-def _segments(value: Tensor) -> Tensor:
+def _segments(value: np.ndarray) -> np.ndarray:
     """Return values of the segments (N, ...) for those of the finer mesh."""
-    return value.repeat_interleave(FINER, dim=0)
+    return value.repeat(FINER, axis=0)
 
 
-def _nodes(value: Tensor) -> Tensor:
+def _nodes(value: np.ndarray) -> np.ndarray:
     """Return what acts on nodes (..., N+1, 3) for those of the finer mesh."""
     *frames, nodes, axes = value.shape
-    out = torch.zeros(*frames, FINER * (nodes - 1) + 1, axes, dtype=value.dtype)
+    out = np.zeros((*frames, FINER * (nodes - 1) + 1, axes))
     out[..., ::FINER, :] = value
     return out

@@ -14,8 +14,6 @@ from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.models.response import Change, Point
 from ropefit.models.terms import Term, applied, value_at
@@ -113,7 +111,7 @@ class Model(ABC):
         inf for none."""
         return np.concatenate([t.broad for t in self.terms] or [np.empty(0)])
 
-    def setup(self, values: list[Tensor]) -> Setup:
+    def setup(self, values: list[np.ndarray]) -> Setup:
         """Return the setup with values (n,) in SI of every term."""
         setup = self.base
         for term, value in zip(self.terms, values, strict=True):
@@ -123,7 +121,7 @@ class Model(ABC):
     def setup_at(self, u: np.ndarray) -> Setup:
         """Return the setup at search variables u (P,)."""
         parts = zip(self.terms, self.split(u), strict=True)
-        return self.setup([torch.from_numpy(term.value(part)) for term, part in parts])
+        return self.setup([term.value(part) for term, part in parts])
 
     def jacobian(self, point: Point) -> np.ndarray:
         """Return (P, F, K, 3) derivatives of `seen` in the search variables."""
@@ -147,7 +145,7 @@ class Model(ABC):
         base = setup = base._replace(past=None)
         made = []
         for term, part in zip(self.terms, parts, strict=True):
-            value = torch.from_numpy(term.value(part))
+            value = term.value(part)
             made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
             setup = made[-1].after
         return base, made

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.models import rest_curve
 from ropefit.models.terms import Apply, Term
@@ -72,42 +71,42 @@ class Parameter:
         return 1 / gravity, self.unit_per_weight, f"{self.meaning} over the weight per length"
 
 
-def set_bend(setup: Setup, v: Tensor) -> Setup:
+def set_bend(setup: Setup, v: np.ndarray) -> Setup:
     """Set EI [N m²], the same everywhere; the twist rigidity follows at its ratio."""
     p = setup.properties
     ratio = v[0] / p.bend
     return setup._replace(properties=p._replace(bend=p.bend * ratio, twist=p.twist * ratio))
 
 
-def set_twist(setup: Setup, v: Tensor) -> Setup:
+def set_twist(setup: Setup, v: np.ndarray) -> Setup:
     """Set GJ [N m²], the same everywhere."""
     p = setup.properties
-    return setup._replace(properties=p._replace(twist=v[0].expand(p.twist.shape)))
+    return setup._replace(properties=p._replace(twist=np.full(p.twist.shape, v[0])))
 
 
-def set_axial(setup: Setup, v: Tensor) -> Setup:
+def set_axial(setup: Setup, v: np.ndarray) -> Setup:
     """Set EA [N], the same everywhere."""
     p = setup.properties
-    return setup._replace(properties=p._replace(axial=v[0].expand(p.axial.shape)))
+    return setup._replace(properties=p._replace(axial=np.full(p.axial.shape, v[0])))
 
 
-def set_length(setup: Setup, v: Tensor) -> Setup:
+def set_length(setup: Setup, v: np.ndarray) -> Setup:
     """Set the rest length [m] of the whole rope."""
     p = setup.properties
     return setup._replace(properties=p._replace(length=p.length * (v[0] / p.length.sum())))
 
 
-def set_bend_damping(setup: Setup, v: Tensor) -> Setup:
+def set_bend_damping(setup: Setup, v: np.ndarray) -> Setup:
     """Set the damping of bending and of twist [N m² s], the same everywhere."""
     assert setup.damping is not None
-    same = v[0].expand(setup.properties.length.shape)
+    same = np.full(setup.properties.length.shape, v[0])
     return setup._replace(damping=setup.damping._replace(bend=same, twist=same))
 
 
-def set_air_damping(setup: Setup, v: Tensor) -> Setup:
+def set_air_damping(setup: Setup, v: np.ndarray) -> Setup:
     """Set the air drag [N s/m²], the same everywhere."""
     assert setup.damping is not None
-    same = v[0].expand(setup.properties.length.shape)
+    same = np.full(setup.properties.length.shape, v[0])
     return setup._replace(damping=setup.damping._replace(air=same))
 
 
@@ -117,12 +116,12 @@ def _length(setup: Setup) -> float:
 
 def _weight(setup: Setup) -> float:
     """Return [N]."""
-    return float(setup.properties.density.mean() * setup.gravity.norm()) * _length(setup)
+    return float(setup.properties.density.mean() * np.linalg.norm(setup.gravity)) * _length(setup)
 
 
 def _swing(setup: Setup) -> float:
     """Return [s] time in which a rope of this length swings by a radian."""
-    return (_length(setup) / float(setup.gravity.norm())) ** 0.5
+    return (_length(setup) / float(np.linalg.norm(setup.gravity))) ** 0.5
 
 
 def _bend(setup: Setup) -> Range:

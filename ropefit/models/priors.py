@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from torch import Tensor
 
 from ropefit.effects import CATALOGUE, Effect
 from ropefit.effects.ends import turned_clamp
@@ -48,11 +47,11 @@ def nuisance(name: str, names: list[str], units: list[str], apply: Apply, sd: li
     )  # fmt: skip
 
 
-def turn_camera(setup: Setup, v: Tensor) -> Setup:
+def turn_camera(setup: Setup, v: np.ndarray) -> Setup:
     return setup._replace(sensor=setup.sensor._replace(rotation=setup.sensor.rotation + v))
 
 
-def shift_camera(setup: Setup, v: Tensor) -> Setup:
+def shift_camera(setup: Setup, v: np.ndarray) -> Setup:
     return setup._replace(sensor=setup.sensor._replace(shift=setup.sensor.shift + v))
 
 

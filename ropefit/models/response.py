@@ -1,8 +1,7 @@
 """What small changes of a setup change of what is seen.
 
 How a setup depends on a value is cheap and smooth: it is differenced, to nine digits. How the rope
-answers is the one exact linear solve of `solvers/implicit.py`, for all changes at once. (Dual
-numbers through the setup load torch's compiler and go through Python for every zero tangent.)
+answers is the one exact linear solve of `solvers/equilibrium/implicit.py`, for all changes at once.
 """
 
 from __future__ import annotations
@@ -11,8 +10,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.models.bends import vectors
 from ropefit.rod.axial import at_tension
@@ -22,7 +19,7 @@ from ropefit.rod.rod import DIMS, Rod
 from ropefit.rod.setup import SensorModel, Setup
 from ropefit.solvers.equilibrium.followers import loads, rotated
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
-from ropefit.solvers.equilibrium.potentials import force_and_stiffness
+from ropefit.solvers.equilibrium.potentials import force_of
 from ropefit.solvers.equilibrium.solution import Solution, States
 
 Change = Callable[[float], Setup]  # the setup where one value has moved by so many of its scales
@@ -100,9 +97,8 @@ def in_parts(solution: Solution, many: int) -> Iterator[tuple[np.ndarray, Soluti
 
 def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
     """Return the slopes of every change of a setup, with the rope in the states of a solution."""
-    x = torch.from_numpy(solution.x)
-    still = [np.zeros(tuple(field.shape)) for field in setup.rod()]
-    return [_slopes(setup, changed, x, solution.q, still) for changed in changes]
+    still = [np.zeros(field.shape) for field in setup.rod()]
+    return [_slopes(setup, changed, solution.x, solution.q, still) for changed in changes]
 
 
 def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
@@ -131,7 +127,7 @@ def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
 def turned_to_bends(directions: Directions, rods: Rod, bends: np.ndarray) -> Directions:
     """Return directions with rest vectors, about the first director, turned towards the bends (F,
     N+1, 2) of each frame, all of a frame alike."""
-    stiff = rods.stiffness.reshape(-1, 1, bends.shape[1], 3)[..., :1].numpy()
+    stiff = rods.stiffness.reshape(-1, 1, bends.shape[1], 3)[..., :1]
     assert directions.rest is not None
     size = directions.rest[..., :1]
     way = (stiff * size * bends[:, None]).sum(axis=2, keepdims=True)
@@ -155,7 +151,7 @@ def with_law(directions: Directions, solution: Solution, slopes: list[Slopes]) -
     if all(s.springs is None for s in slopes):
         return directions
     moved = law_moments(slopes, vectors(solution))
-    stiff = solution.rod.stiffness.reshape(-1, 1, moved.shape[2], 3)[..., :2].numpy()
+    stiff = solution.rod.stiffness.reshape(-1, 1, moved.shape[2], 3)[..., :2]
     assert directions.rest is not None
     rest = np.array(np.broadcast_to(directions.rest, (*moved.shape[:3], 3)))
     rest[..., :2] -= moved / np.where(stiff > 0, stiff, np.inf)
@@ -176,7 +172,7 @@ def with_axial_law(
     under the tensions of each frame of some solutions."""
     if all(s.axial is None for s in slopes):
         return directions
-    soft = rods.flexibility[..., 2].numpy()
+    soft = rods.flexibility[..., 2]
     assert directions.flexibility is not None
     tension = np.concatenate([tensions(solution) for solution in solutions])
     rows = len(tension), len(slopes), tension.shape[1], 3
@@ -223,7 +219,7 @@ class Slopes:
 
 
 def _slopes(
-    now: Setup, changed: Change, x: Tensor, q: np.ndarray, still: list[np.ndarray]
+    now: Setup, changed: Change, x: np.ndarray, q: np.ndarray, still: list[np.ndarray]
 ) -> Slopes:
     """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
     is built from changes."""
@@ -238,7 +234,7 @@ def _slopes(
             law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
     force = None
     if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
-        force = slope(*(force_and_stiffness(s.potentials, x)[0] for s in (a, b)))
+        force = slope(*(force_of(s.potentials, x) for s in (a, b)))
     if a.followers is not b.followers:
         low, high = (loads(s.followers, q, x.shape[-2]) for s in (a, b))
         following = (high - low) / (2 * DIFFERENCE_STEP)
@@ -249,17 +245,17 @@ def _slopes(
         assert b.axial is not None
         axial = slope(a.axial, b.axial)
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
-    ends = np.zeros(tuple(a.ends.shape)) if a.ends is b.ends else slope(a.ends, b.ends)
+    ends = np.zeros(a.ends.shape) if a.ends is b.ends else slope(a.ends, b.ends)
     return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x), law, axial)
 
 
-def sensor_slope(a: Setup, b: Setup, x: Tensor) -> np.ndarray:
+def sensor_slope(a: Setup, b: Setup, x: np.ndarray) -> np.ndarray:
     """Return (F, K, 3) the central difference of what is seen of nodes x that stay; (1,) zero where
     the sensor does not change."""
     return np.zeros(1) if _equal(a.sensor, b.sensor) else slope(a.sensor(x), b.sensor(x))
 
 
-def _energies(setup: Setup, x: Tensor) -> list[Tensor]:
+def _energies(setup: Setup, x: np.ndarray) -> list[np.ndarray]:
     """Return (F, K) [J] of each potential."""
     return [p.share * p.energy(x) for p in setup.potentials]
 
@@ -269,7 +265,7 @@ def same_rod(a: Setup, b: Setup) -> bool:
     return _equal(_built_from(a), _built_from(b))
 
 
-def _built_from(setup: Setup) -> list[Tensor]:
+def _built_from(setup: Setup) -> list[np.ndarray]:
     """Return what a rod is built from."""
     loads = (
         setup.gravity,
@@ -283,19 +279,20 @@ def _built_from(setup: Setup) -> list[Tensor]:
     return [*setup.properties, *loads]
 
 
-def _equal(first: Iterable[Tensor], second: Iterable[Tensor]) -> bool:
-    return all(p is q or torch.equal(p, q) for p, q in zip(first, second, strict=True))
+def _equal(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> bool:
+    return all(p is q or np.array_equal(p, q) for p, q in zip(first, second, strict=True))
 
 
-def turn_slope(now: Tensor, before: Tensor, after: Tensor) -> np.ndarray:
+def turn_slope(now: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Return (F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes
     `now`."""
-    if before is after or torch.equal(before.nan_to_num(), after.nan_to_num()):
+    if before is after or np.array_equal(before, after, equal_nan=True):
         return np.zeros((*now.shape[:-1], 3))
     turns = (conjugate_product(now, clamp)[..., 1:] for clamp in (before, after))
     return 2 * slope(*turns)
 
 
-def slope(before: Tensor, after: Tensor) -> np.ndarray:
+def slope(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Return the central difference; zero where the values are not finite."""
-    return np.nan_to_num(((after - before) / (2 * DIFFERENCE_STEP)).numpy(), posinf=0.0, neginf=0.0)
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num((after - before) / (2 * DIFFERENCE_STEP), posinf=0.0, neginf=0.0)

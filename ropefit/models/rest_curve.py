@@ -5,8 +5,7 @@ About the rope's own two directions across it, those of the clamps, transported 
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from ropefit.effects.place import QUARTERS, between_quarters
 from ropefit.models.terms import Apply
@@ -42,15 +41,15 @@ def apply(name: str) -> Apply:
     """Return adds a curvature [1/m]: everywhere, or at one of `QUARTERS` and less and less up to
     the next."""
     uniform, _, place = name.partition("_at_")
-    about = torch.zeros(3, dtype=torch.float64)
+    about = np.zeros(3)
     about[UNIFORM.index(uniform)] = 1.0
 
-    def added(setup: Setup, v: Tensor) -> Setup:
+    def added(setup: Setup, v: np.ndarray) -> Setup:
         p = setup.properties
         near = (
             between_quarters(setup)[:, QUARTERS.index(int(place))]
             if place
-            else torch.ones_like(p.length)
+            else np.ones_like(p.length)
         )
         curvature = p.curvature + v[0] * near[:, None] * about
         return setup._replace(properties=p._replace(curvature=curvature))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Protocol, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -37,7 +38,7 @@ class Rope(Protocol):
         """Return the rope that reports every node of its rod."""
         ...
 
-    def frames(self, index: Tensor) -> Self:
+    def frames(self, index: np.ndarray) -> Self:
         """Return the same rope in some of its frames."""
         ...
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from ropefit.models.response import DIFFERENCE_STEP, Change, slope
 from ropefit.rod import friction
@@ -41,7 +40,7 @@ class Rubbing:
 
 def loose(nodes: int) -> Grip:
     """Return the grip of a frame in which nothing is held."""
-    return Grip(torch.zeros(nodes, 3, dtype=torch.float64), torch.zeros(nodes, dtype=torch.bool))
+    return Grip(np.zeros((nodes, 3)), np.zeros(nodes, dtype=bool))
 
 
 def rubbings(
@@ -53,30 +52,27 @@ def rubbings(
     if not rough:
         return []
     sides = [(c(-DIFFERENCE_STEP).potentials, c(DIFFERENCE_STEP).potentials) for c in changes]
-    at = torch.from_numpy(x)
     out = []
     for number, k in enumerate(rough):
-        grip = Grip(*(torch.stack(f) for f in zip(*(g[number] for g in grips), strict=True)))
-        out.append(_of(whole.potentials[k], grip, at, [(a[k], b[k]) for a, b in sides]))
+        grip = Grip(*(np.stack(f) for f in zip(*(g[number] for g in grips), strict=True)))
+        out.append(_of(whole.potentials[k], grip, x, [(a[k], b[k]) for a, b in sides]))
     return out
 
 
 def _of(
-    contact: Potential, grip: Grip, x: torch.Tensor, sides: list[tuple[Potential, Potential]]
+    contact: Potential, grip: Grip, x: np.ndarray, sides: list[tuple[Potential, Potential]]
 ) -> Rubbing:
     assert contact.hardness is not None
     assert contact.rubbing is not None
-    stiffness = (contact.hardness * contact.rubbing).numpy()
-    by_node, by_place = (d.numpy() for d in friction.slopes(contact, grip, x))
+    stiffness = contact.hardness * contact.rubbing
+    by_node, by_place = friction.slopes(contact, grip, x)
     _, supports = force_and_stiffness((friction.potential(contact, grip),), x)
     # dragged moves with a node that nothing holds: no force changes there.
     true = stiffness[:, None, None] * (np.eye(3) - by_node)
     force, held = [], []
     for a, b in sides:
-        same = torch.equal(a.energy(x), b.energy(x)) and a.friction == b.friction
+        same = np.array_equal(a.energy(x), b.energy(x)) and a.friction == b.friction
         for into, law in ((force, friction.force), (held, friction.dragged)):
-            low, high = (law(p, grip, x).detach() for p in (a, b))
-            into.append(np.zeros(tuple(x.shape)) if same else slope(low, high))
-    return Rubbing(
-        stiffness, by_node, by_place, supports.numpy() - true, np.stack(force), np.stack(held)
-    )
+            low, high = (law(p, grip, x) for p in (a, b))
+            into.append(np.zeros(x.shape) if same else slope(low, high))
+    return Rubbing(stiffness, by_node, by_place, supports - true, np.stack(force), np.stack(held))

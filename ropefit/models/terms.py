@@ -10,8 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.effects.base import Effect
 from ropefit.models.response import Change
@@ -20,7 +18,7 @@ from ropefit.rod.setup import Setup
 SIZE_PRIOR_SD = 3.0  # usual sizes: of the broad prior under which effects are compared
 NEXT_TO_NOTHING = 1e-12  # of a saturating value's search variable, from where it is infinite
 
-Apply = Callable[[Setup, Tensor], Setup]
+Apply = Callable[[Setup, np.ndarray], Setup]
 
 
 @dataclass(frozen=True)
@@ -106,14 +104,14 @@ class Term:
         return self.value(low), self.value(high)
 
 
-def applied(setup: Setup, term: Term, value: Tensor) -> Setup:
+def applied(setup: Setup, term: Term, value: np.ndarray) -> Setup:
     """Return a setup after a term of a value (n,) in SI."""
     return setup.after(lambda s: term.apply(s, value))
 
 
-def value_at(term: Term, u: np.ndarray, k: int, step: float) -> Tensor:
+def value_at(term: Term, u: np.ndarray, k: int, step: float) -> np.ndarray:
     """Return a term's values in SI where the k-th of its search variables u (n,) has moved."""
-    return torch.from_numpy(term.value(u + step * (np.arange(term.size) == k)))
+    return term.value(u + step * (np.arange(term.size) == k))
 
 
 def change_by(setup: Setup, term: Term, k: int) -> Change:

@@ -6,7 +6,7 @@ their bounds the iterations diverge or do nothing.
 
 from __future__ import annotations
 
-from torch import Tensor
+import numpy as np
 
 from ropefit.models.parameters import Parameter, Range
 from ropefit.models.terms import Apply
@@ -26,9 +26,9 @@ def eta_names(two_sided: bool) -> tuple[str, ...]:
 def _setting(place: int) -> Apply:
     """Return what sets one of a setup's weights."""
 
-    def apply(setup: Setup, v: Tensor) -> Setup:
+    def apply(setup: Setup, v: np.ndarray) -> Setup:
         assert setup.weights is not None
-        weights = setup.weights.clone()
+        weights = setup.weights.copy()
         weights[..., place] = v[0]
         return setup._replace(weights=weights)
 

@@ -7,19 +7,22 @@ gravity, length, rest shape, sensor. Effects on rigidity or by forces leave it a
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
+from ropefit.models.algorithm import STEP, Algorithm
 from ropefit.models.model import Model
 from ropefit.models.response import Change, Parts, Point
-from ropefit.models.xpbd_rope import Algorithm, XpbdRope, build_rope
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.status import Status
-from ropefit.solvers.xpbd.reference import Settings
+from ropefit.solvers.xpbd.settings import Settings
+
+if TYPE_CHECKING:
+    from ropefit.models.xpbd_rope import XpbdRope
 
 
 @dataclass
@@ -35,10 +38,10 @@ class XpbdPoint(Point):
         """Return (P, F, K, 3) first-order changes of the nodes as seen, zero in frames that
         diverge: by central differences of the iterations, which are no solution of equations whose
         derivative could be solved for."""
-        step, out = XpbdRope.step, np.zeros((len(changes), *self.seen.shape))
+        out = np.zeros((len(changes), *self.seen.shape))
         for moved, changed in zip(out, changes, strict=True):
-            low, high = (self.model.seen_of(changed(way * step)) for way in (-1, 1))
-            moved += np.nan_to_num((high - low) / (2 * step))
+            low, high = (self.model.seen_of(changed(way * STEP)) for way in (-1, 1))
+            moved += np.nan_to_num((high - low) / (2 * STEP))
         return out
 
 
@@ -51,16 +54,16 @@ class Xpbd(Model):
     control_position: np.ndarray | None = None
 
     def rope_at(self, setup: Setup) -> XpbdRope:
-        """Return a setup's rope, ready to be simulated."""
+        """Return a setup's rope, ready to be simulated, in torch."""
+        from ropefit.models.xpbd_rope import build_rope
+
         return build_rope(setup, self.algorithm, self.control_position)
 
     def at(self, u: np.ndarray, start: States | None = None) -> XpbdPoint:
         """Simulate at u. Frames that diverge are NaN in `seen`. It always sets out from the
         catenaries: the answer belongs to the number of iterations."""
         setup = self.setup_at(u)
-        rope = self.rope_at(setup)
-        state = rope.settle_all(_weights(setup))
-        x, q = state.x.numpy(), state.q.numpy()
+        x, q = self._iterated(setup)
         frames, n = q.shape[:2]
         held = Conditions(setup.ends, setup.clamp)
         diverged = ~np.isfinite(x).all(axis=(1, 2))
@@ -71,11 +74,11 @@ class Xpbd(Model):
             np.full(frames, self.algorithm.settings.total), np.full(frames, np.nan), setup.rod(),
             held,
         )  # fmt: skip
-        return XpbdPoint(u, setup, solution, setup.sensor(state.x).numpy().copy(), self)
+        return XpbdPoint(u, setup, solution, setup.sensor(x).copy(), self)
 
     def seen_of(self, setup: Setup) -> np.ndarray:
         """Return (F, K, 3) [m] where a setup's nodes are seen."""
-        return setup.sensor(self.rope_at(setup).settle_all(_weights(setup)).x).numpy()
+        return setup.sensor(self._iterated(setup)[0])
 
     def kept(self, point: Point) -> Arrays:
         """Return nothing: the iterations are run again, and take a second."""
@@ -84,8 +87,8 @@ class Xpbd(Model):
     def restored(self, u: np.ndarray, arrays: Arrays) -> XpbdPoint:
         return self.at(u)
 
-
-def _weights(setup: Setup) -> torch.Tensor:
-    """Return (F, n) the weights of every frame."""
-    assert setup.weights is not None
-    return setup.weights.expand(len(setup.ends), -1)
+    def _iterated(self, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
+        """Return x (F, K, 3) [m] and q (F, K-1, 4) of every frame, by its own weights."""
+        assert setup.weights is not None
+        weights = np.broadcast_to(setup.weights, (len(setup.ends), setup.weights.shape[-1]))
+        return self.rope_at(setup).settle_all(weights)

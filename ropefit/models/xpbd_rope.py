@@ -13,32 +13,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.models.weights import eta_names
+from ropefit.models.algorithm import STEP, Algorithm
 from ropefit.rod.quaternion import director
 from ropefit.rod.setup import Setup
 from ropefit.rod.strains import Rest
 from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
+from ropefit.solvers.rods import whole_rest
 from ropefit.solvers.xpbd.chain import Chain
-from ropefit.solvers.xpbd.compiled import COMPILED, simulate_compiled
-from ropefit.solvers.xpbd.reference import Eta, Settings, State, distance_solver, simulate
+from ropefit.solvers.xpbd.compiled import simulate_compiled
+from ropefit.solvers.xpbd.loops import COMPILED
+from ropefit.solvers.xpbd.reference import Eta, State, distance_solver, simulate
+from ropefit.solvers.xpbd.settings import Settings
 
 SAMPLES = 12  # steps at which the constraints are looked at
 CHUNK = 500  # frames simulated at once: bounds memory on long recordings
-
-
-class Algorithm(NamedTuple):
-    """How Algorithm 1 is run: the distance solver by its name, steps and iterations; which particle
-    the gripper holds, and whether gravity has a weight on each side of it."""
-
-    solver: str
-    settings: Settings
-    control_node: int = 0
-    two_sided: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of its weights."""
-        return eta_names(self.two_sided)
 
 
 class Convergence(NamedTuple):
@@ -69,7 +57,7 @@ class XpbdRope:
     algorithm: Algorithm
     held_nodes: tuple[int, ...]
 
-    step: ClassVar[float] = 1e-6  # of central differences: near divergence the answer is curved
+    step: ClassVar[float] = STEP
     advice: ClassVar[str] = "identify with smaller weights"
 
     @property
@@ -85,7 +73,7 @@ class XpbdRope:
         """Return itself: it has no other nodes than those that it reports."""
         return self
 
-    def frames(self, index: Tensor) -> XpbdRope:
+    def frames(self, index: np.ndarray) -> XpbdRope:
         """Return the same rope in some of its frames."""
         return replace(self, start=State(self.start.x[index], self.start.q[index]))
 
@@ -113,40 +101,43 @@ class XpbdRope:
             settings,
         )  # fmt: skip
 
-    def settle_all(self, values: Tensor) -> State:
-        """Run Algorithm 1 in every frame, values (F, n), without gradients and in bounded
-        memory."""
-        parts = []
+    def settle_all(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Run Algorithm 1 in every frame, values (F, n), in bounded memory: x (F, K, 3) [m] and
+        q (F, K-1, 4)."""
+        x, q = (np.empty(item.shape) for item in self.start)
         with torch.no_grad():
-            for index in torch.split(torch.arange(len(values)), CHUNK):
-                parts.append(self.frames(index).settle(values[index]))
-        return State(torch.cat([s.x for s in parts]), torch.cat([s.q for s in parts]))
+            for first in range(0, len(values), CHUNK):
+                part = np.arange(first, min(first + CHUNK, len(values)))
+                state = self.frames(part).settle(torch.tensor(values[part]))
+                x[part], q[part] = state.x, state.q
+        return x, q
 
-    def convergence(self, values: Tensor, final: Tensor) -> Convergence:
+    def convergence(self, values: np.ndarray, final: np.ndarray) -> Convergence:
         """Return how the constraints stand along the iterations that lead to `final` (F, K, 3).
 
         The run is stopped within its first step and then after some of the steps, and once carried
         on with twice as many iterations.
         """
-        whole, length = self.algorithm.settings, self.rest.length
+        whole, length = self.algorithm.settings, self.rest.length.numpy()
         inner = np.unique(np.geomspace(1, whole.iterations, 6).round().astype(int))
         outer = np.unique(np.geomspace(1, whole.steps, SAMPLES).round().astype(int))[1:]
         stops = [replace(whole, steps=1, iterations=int(n)) for n in inner]
         stops += [replace(whole, steps=int(n)) for n in outer]
         violation, error = [], []
         for stop in stops:
-            x = final if stop == whole else self._under(stop).settle_all(values).x
-            now = (x[:, 1:] - x[:, :-1]).norm(dim=-1)
-            violation.append((now - length).abs().amax(-1))
+            x = final if stop == whole else self._under(stop).settle_all(values)[0]
+            now = np.linalg.norm(np.diff(x, axis=1), axis=-1)
+            violation.append(np.abs(now - length).max(-1))
             error.append(now.sum(-1) / length.sum() - 1)
         twice = replace(whole, iterations=2 * whole.iterations)
-        longer = self._under(twice).settle_all(values).x
-        drift = (longer - final).norm(dim=-1).amax(-1) / length.sum()
+        longer, _ = self._under(twice).settle_all(values)
+        with np.errstate(over="ignore"):  # it may diverge
+            drift = np.linalg.norm(longer - final, axis=-1).max(-1) / length.sum()
         return Convergence(
             np.array([stop.total for stop in stops]),
-            torch.stack(violation, 1).numpy(),
-            torch.stack(error, 1).numpy(),
-            drift.nan_to_num(torch.inf).clamp(max=1e3).numpy(),
+            np.stack(violation, 1),
+            np.stack(error, 1),
+            np.minimum(np.nan_to_num(drift, nan=np.inf), 1e3),
         )
 
     def _under(self, settings: Settings) -> XpbdRope:
@@ -173,11 +164,11 @@ def build_rope(
     Of the setup count rest shape, ends, clamps and gravity: Algorithm 1 knows no rigidity and no
     force in newtons.
     """
-    ends, clamp, gravity = setup.ends.numpy(), setup.clamp, setup.gravity.numpy()
+    ends, clamp, gravity = setup.ends, setup.clamp, setup.gravity
     nodes, length = setup.segments + 1, float(setup.properties.length.sum())
     node = algorithm.control_node
     held_end = np.asarray(np.isfinite(ends[:, :, 0]).all(axis=0))
-    clamped = torch.isfinite(clamp[:, :, 0]).all(dim=0)
+    clamped = np.asarray(np.isfinite(clamp[:, :, 0]).all(axis=0))
     held = {0: held_end[0], nodes - 1: held_end[1], node: True}
     held_nodes = tuple(sorted(node for node, is_held in held.items() if is_held))
     mask = torch.zeros(nodes, dtype=torch.bool)
@@ -186,23 +177,23 @@ def build_rope(
     mask_q[0], mask_q[-1] = bool(clamped[0]) or hold_frame, bool(clamped[1])
 
     x = np.empty((len(ends), nodes, 3))
-    tangents = director(clamp).numpy()
+    tangents = director(clamp)
     for t in range(len(ends)):
         if 0 < node < nodes - 1:
             assert control_position is not None
             x[t] = _two_sides(length, nodes, gravity, ends[t], node, control_position[t])
         else:
             x[t] = hanging_shape(length, nodes, gravity, ends[t], tangents[t])
-    positions = torch.from_numpy(x)
+    q = frames_along(x, clamp[:, 0], clamp[:, 1])
     others = [other for other in held_nodes if other != node]
     knots = sorted([(node, 1.0), *((other, 0.0) for other in others)])
     spread = np.interp(np.arange(nodes), [k for k, _ in knots], [v for _, v in knots])
     return XpbdRope(
-        start=State(positions, frames_along(positions, clamp[:, 0], clamp[:, 1])),
+        start=State(torch.from_numpy(x), torch.from_numpy(q)),
         rest=_rest(setup),
         chain=Chain.build(mask, mask_q),
         spread=torch.from_numpy(spread)[:, None],
-        gravity=setup.gravity,
+        gravity=torch.tensor(gravity),
         algorithm=algorithm,
         held_nodes=held_nodes,
     )
@@ -211,9 +202,7 @@ def build_rope(
 def _rest(setup: Setup) -> Rest:
     """Return the rest shape as Algorithm 1 takes it: whole quaternions at the inner nodes."""
     rod = setup.rod()
-    vector = rod.rest[1:-1]
-    real = torch.sqrt(1 - (vector * vector).sum(-1, keepdim=True))
-    return Rest(rod.length, torch.cat([real, vector], dim=-1))
+    return Rest(torch.tensor(rod.length), torch.from_numpy(whole_rest(rod.rest[1:-1])))
 
 
 def _two_sides(

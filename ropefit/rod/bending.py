@@ -11,8 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod.rod import Rod, at_nodes
 
@@ -20,17 +18,17 @@ from ropefit.rod.rod import Rod, at_nodes
 class Bending(NamedTuple):
     """dM/dκ over EI: slope (B,) [1] below, between and beyond the curvatures knots (B-1,) [1/m]."""
 
-    knots: Tensor
-    slope: Tensor
+    knots: np.ndarray
+    slope: np.ndarray
 
 
 class Springs(NamedTuple):
     """R ropes' law as B springs beside the rod's own: drag (R, B, N+1) [N m], centre (R, N+1, 2),
     the length slip (R, B, N+1) beyond which the force is constant."""
 
-    drag: Tensor
-    centre: Tensor
-    slip: Tensor
+    drag: np.ndarray
+    centre: np.ndarray
+    slip: np.ndarray
 
 
 def springs(law: Bending | None, rod: Rod) -> Springs:
@@ -38,11 +36,10 @@ def springs(law: Bending | None, rod: Rod) -> Springs:
     stiffness, rest = (t if t.ndim == 3 else t[None] for t in (rod.stiffness, rod.rest))
     length = rod.length if rod.length.ndim == 2 else rod.length[None]
     if law is None:
-        none = stiffness.new_zeros(len(stiffness), 0, stiffness.shape[-2])
+        none = np.zeros((len(stiffness), 0, stiffness.shape[-2]))
         return Springs(none, rest[..., :2], none)
-    own = stiffness.new_ones(1)  # of the rod itself
-    drag = torch.cat([law.slope, own])
-    reach = torch.cat([law.knots, own * torch.inf])
+    drag = np.append(law.slope, 1.0)  # the last: of the rod itself
+    reach = np.append(law.knots, np.inf)
     return Springs(
         stiffness[:, None, :, 0] * (drag[:-1] - drag[1:])[:, None],
         rest[..., :2],
@@ -53,10 +50,10 @@ def springs(law: Bending | None, rod: Rod) -> Springs:
 def moment_changes(a: Springs, b: Springs, step: float, vector: np.ndarray) -> np.ndarray:
     """Return (F, N+1, 2) [N m] the derivative of the springs' moments from those of two laws `step`
     to either side, at vectors (F, N+1, 2) that stay."""
-    now = [0.5 * (p + q).detach().numpy() for p, q in zip(a, b, strict=True)]
+    now = [0.5 * (p + q) for p, q in zip(a, b, strict=True)]
     pairs = zip(a, b, strict=True)
     with np.errstate(invalid="ignore"):
-        moved = [np.nan_to_num((q - p).detach().numpy() / (2 * step)) for p, q in pairs]
+        moved = [np.nan_to_num((q - p) / (2 * step)) for p, q in pairs]
     drag, centre, slip = now
     strain = vector - centre
     size = np.linalg.norm(strain, axis=-1)[:, None]

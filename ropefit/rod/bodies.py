@@ -1,4 +1,4 @@
-"""Fixed bodies that a rope in motion touches, as functions in torch: `Moving.bodies`.
+"""Fixed bodies that a rope in motion touches: `Moving.bodies`.
 
 A step's own contact is in `solvers/dynamics/kernels/contact.py`.
 """
@@ -6,42 +6,76 @@ A step's own contact is in `solvers/dynamics/kernels/contact.py`.
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod.fields import NO_BODY, PLANE
 
 TINY = 1e-16  # m²: keeps the distance from a bar's axis smooth
 
 
-def pushed_out(bodies: Tensor, x: Tensor) -> Tensor:
+def pushed_out(bodies: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return nodes x (..., N+1, 3) [m] with those inside bodies (B, 8) on their surfaces, each
     along the normal of the body that it is deepest in; not the ends, which are held."""
-    deepest, out = torch.zeros_like(x[..., :1]), x
-    for body in bodies:
-        if float(body[7]) == NO_BODY:
-            continue
-        arm, way = x - body[:3], body[3:6]
-        along = (arm * way).sum(-1, keepdim=True)
-        if float(body[7]) == PLANE:
-            gap, normal = along, way.expand_as(x)
-        else:
-            across = arm - along * way
-            far = torch.sqrt((across**2).sum(-1, keepdim=True) + TINY)
-            gap, normal = far - body[6], across / far
-        deeper = gap < deepest
-        out = torch.where(deeper, x - gap * normal, out)
-        deepest = torch.where(deeper, gap, deepest)
-    inner = torch.zeros(x.shape[-2], 1, dtype=torch.bool)
-    inner[1:-1] = True
-    return torch.where(inner, out, x)
+    inside, out = _deepest(bodies, x), x.copy()
+    for b, body in enumerate(bodies):
+        mine = inside == b
+        gap, normal = _distance(body, x[mine])
+        out[mine] -= gap * normal
+    return out
 
 
-def change_pushed_out(bodies: Tensor, x: Tensor, dbodies: np.ndarray, dx: np.ndarray) -> np.ndarray:
+def change_pushed_out(
+    bodies: np.ndarray, x: np.ndarray, dbodies: np.ndarray, dx: np.ndarray
+) -> np.ndarray:
     """Return derivatives of `pushed_out` in P directions: dbodies (1, P, B, 8) and dx
     (C, P, N+1, 3), for nodes x (C, N+1, 3)."""
-    out = np.empty_like(dx)
-    for p in range(dx.shape[1]):
-        moved = torch.from_numpy(dbodies[0, p]), torch.from_numpy(np.ascontiguousarray(dx[:, p]))
-        out[:, p] = torch.func.jvp(pushed_out, (bodies, x), moved)[1].numpy()
+    inside, out = _deepest(bodies, x), np.moveaxis(dx, 1, 2).copy()  # (C, N+1, P, 3)
+    for b, body in enumerate(bodies):
+        mine = inside == b
+        if not mine.any():
+            continue
+        gap, normal = (item[:, None] for item in _distance(body, x[mine]))
+        change = dbodies[0, :, b]
+        dgap, dnormal = _change_of_distance(body, x[mine][:, None], change, out[mine])
+        out[mine] -= dgap * normal + gap * dnormal
+    return np.moveaxis(out, 2, 1)
+
+
+def _deepest(bodies: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return (..., N+1) which body each node is deepest in, -1 for none and for the ends."""
+    deepest, out = np.zeros(x.shape[:-1]), np.full(x.shape[:-1], -1)
+    for b, body in enumerate(bodies):
+        if body[7] != NO_BODY:
+            gap = _distance(body, x)[0][..., 0]
+            out[gap < deepest] = b
+            deepest = np.minimum(gap, deepest)
+    out[..., [0, -1]] = -1
     return out
+
+
+def _distance(body: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gap (..., 1) [m] from a body (8,) to places x (..., 3), and the normal there."""
+    arm, way = x - body[:3], body[3:6]
+    along = (arm * way).sum(-1, keepdims=True)
+    if body[7] == PLANE:
+        return along, np.broadcast_to(way, x.shape)
+    across = arm - along * way
+    far = np.sqrt((across**2).sum(-1, keepdims=True) + TINY)
+    return far - body[6], across / far
+
+
+def _change_of_distance(
+    body: np.ndarray, x: np.ndarray, dbody: np.ndarray, dx: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return changes of the gap (M, P, 1) and of the normal (M, P, 3) when the body moves by
+    dbody (P, 8) and places x (M, 1, 3) by dx (M, P, 3)."""
+    arm, way = x - body[:3], body[3:6]
+    darm, dway = dx - dbody[:, :3], dbody[:, 3:6]
+    along = (arm * way).sum(-1, keepdims=True)
+    dalong = (darm * way + arm * dway).sum(-1, keepdims=True)
+    if body[7] == PLANE:
+        return dalong, np.broadcast_to(dway, dx.shape)
+    gap, normal = _distance(body, x)
+    far = gap + body[6]
+    dacross = darm - dalong * way - along * dway
+    dfar = (normal * dacross).sum(-1, keepdims=True)
+    return dfar - dbody[:, 6:7], (dacross - normal * dfar) / far

@@ -17,8 +17,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from ropefit.rod.dahl import strained
 from ropefit.rod.rod import Rod, at_nodes
@@ -30,9 +28,9 @@ class Branch(NamedTuple):
     was unloaded at the rest shape before the first frame, else in the first frame. gradual: it does
     not slide at once, but builds up over the range `slip`, see `rod.dahl`; its time is infinite."""
 
-    bend: Tensor
-    slip: Tensor
-    time: Tensor
+    bend: np.ndarray
+    slip: np.ndarray
+    time: np.ndarray
     fresh: bool
     gradual: bool = False
 
@@ -56,7 +54,7 @@ class State(NamedTuple):
     strain: np.ndarray
 
 
-def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> Laws:
+def laws(branches: tuple[Branch, ...], rod: Rod, bend: np.ndarray, time: np.ndarray) -> Laws:
     """Return the branches on a rod of bending rigidity `bend` (N,), in frames at time (H,) [s].
 
     A branch is shared among the elements as the rod's own rigidity is. Time that goes back is that
@@ -65,14 +63,14 @@ def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> 
     length, stiffness = rod.length.reshape(-1, rod.length.shape[-1])[0], rod.stiffness
     at_node = at_nodes(length)
     stiffness = stiffness.reshape(-1, *stiffness.shape[-2:])[0, :, 0]
-    step = torch.diff(time, prepend=time[:1]).clamp_min(0.0)
+    step = np.maximum(np.diff(time, prepend=time[:1]), 0.0)
     drag, slip, kept, given = [], [], [], []
     for b in branches:
         drag.append(stiffness * at_nodes(length * b.bend / bend) / at_node)
         slip.append(0.25 * at_node * b.slip)  # v = sin(turn / 2)
         share = step / b.time
-        kept.append(torch.exp(-share))
-        given.append(torch.where(share > 0, -torch.expm1(-share) / share.clamp_min(1e-300), 1.0))
+        kept.append(np.exp(-share))
+        given.append(np.where(share > 0, -np.expm1(-share) / np.maximum(share, 1e-300), 1.0))
     fresh, gradual = (
         np.array([getattr(b, name) for b in branches], dtype=bool) for name in ("fresh", "gradual")
     )
@@ -80,19 +78,18 @@ def laws(branches: tuple[Branch, ...], rod: Rod, bend: Tensor, time: Tensor) -> 
         none, in_frames = np.zeros((0, len(at_node))), np.zeros((len(time), 0))
         return Laws(none, none, in_frames, in_frames, fresh, gradual)
     return Laws(
-        torch.stack(drag).numpy(),
-        torch.stack(slip).numpy(),
-        torch.stack(kept, dim=-1).numpy(),
-        torch.stack(given, dim=-1).numpy(),
+        np.stack(drag),
+        np.stack(slip),
+        np.stack(kept, axis=-1),
+        np.stack(given, axis=-1),
         fresh,
         gradual,
     )
 
 
-def restarts(time: Tensor) -> np.ndarray:
+def restarts(time: np.ndarray) -> np.ndarray:
     """Return (H,) bool: the frames before which nothing is known, the first ones of clips."""
-    step = torch.diff(time, prepend=time[:1] + 1)
-    return (step < 0).numpy()
+    return np.diff(time, prepend=time[:1] + 1) < 0
 
 
 def unloaded(rest: np.ndarray, branches: int) -> State:

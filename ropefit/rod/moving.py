@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
+import numpy as np
+from array_api_compat import array_namespace
 
+from ropefit.rod.either import Array, like
 from ropefit.rod.fields import BODIES, OCTAVES
 from ropefit.rod.rod import Properties, Rod, at_nodes
 
 # [m/s]: at these the air's resistance is given where it is not in proportion to the speed.
-DRAG_SPEEDS = 2.0 ** torch.arange(OCTAVES[0], OCTAVES[1] + 1, dtype=torch.float64)
+DRAG_SPEEDS = 2.0 ** np.arange(OCTAVES[0], OCTAVES[1] + 1)
 
 
 class Damping(NamedTuple):
@@ -22,10 +23,10 @@ class Damping(NamedTuple):
     speed.
     """
 
-    bend: Tensor
-    twist: Tensor
-    stretch: Tensor
-    air: Tensor
+    bend: Array
+    twist: Array
+    stretch: Array
+    air: Array
 
 
 class Moving(NamedTuple):
@@ -40,18 +41,18 @@ class Moving(NamedTuple):
     """
 
     rod: Rod
-    strain_viscosity: Tensor
-    bend_viscosity: Tensor
-    mass: Tensor
-    spring: Tensor
-    air: Tensor
-    drag: Tensor
-    bodies: Tensor
+    strain_viscosity: Array
+    bend_viscosity: Array
+    mass: Array
+    spring: Array
+    air: Array
+    drag: Array
+    bodies: Array
 
 
 def undamped(p: Properties) -> Damping:
     """Return no resistance at all."""
-    zero = torch.zeros_like(p.length)
+    zero = array_namespace(p.length).zeros_like(p.length)
     return Damping(zero, zero, zero, zero)
 
 
@@ -59,10 +60,10 @@ def moving(
     p: Properties,
     rod: Rod,
     damping: Damping,
-    attached: Tensor | None = None,
-    drag: Tensor | None = None,
-    spring: Tensor | None = None,
-    bodies: Tensor | None = None,
+    attached: Array | None = None,
+    drag: Array | None = None,
+    spring: Array | None = None,
+    bodies: Array | None = None,
 ) -> Moving:
     """Return the rod of properties p in motion; attached (N+1,) [kg]: masses on its nodes.
 
@@ -72,21 +73,22 @@ def moving(
     The viscosity of a bend is its stiffness times the relaxation times bend/EI and twist/GJ [s] of
     the segments beside it, averaged by length.
     """
-    touched = torch.zeros(0, 8, dtype=torch.float64) if bodies is None else bodies
+    xp = array_namespace(p.length)
+    touched = like(np.zeros((0, 8)) if bodies is None else bodies, p.length)
     if len(touched) > BODIES:
         raise ValueError(f"a rope in motion can touch {BODIES} bodies, not {len(touched)}")
     share = at_nodes(p.length)
     bend = at_nodes(p.length * damping.bend / p.bend) / share
     twist = at_nodes(p.length * damping.twist / p.twist) / share
-    zero = torch.zeros_like(damping.stretch)
+    zero = xp.zeros_like(damping.stretch)
     own = at_nodes(0.5 * p.density * p.length)
     return Moving(
         rod=rod,
-        strain_viscosity=torch.stack([zero, zero, damping.stretch], dim=-1),
-        bend_viscosity=rod.stiffness * torch.stack([bend, bend, twist], dim=-1),
+        strain_viscosity=xp.stack([zero, zero, damping.stretch], axis=-1),
+        bend_viscosity=rod.stiffness * xp.stack([bend, bend, twist], axis=-1),
         mass=own if attached is None else own + attached,
-        spring=torch.zeros_like(own) if spring is None else spring,
+        spring=xp.zeros_like(own) if spring is None else spring,
         air=at_nodes(0.5 * damping.air * p.length),
-        drag=torch.zeros_like(DRAG_SPEEDS) if drag is None else drag,
-        bodies=torch.nn.functional.pad(touched, (0, 0, 0, BODIES - len(touched))),
+        drag=like(np.zeros(len(DRAG_SPEEDS)) if drag is None else drag, own),
+        bodies=xp.concat([touched, like(np.zeros((BODIES - len(touched), 8)), own)]),
     )

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from ropefit.rod.quaternion import conjugate_product, normalise
 
@@ -20,39 +19,39 @@ class EndPath(NamedTuple):
     frame.
     """
 
-    time: Tensor
-    first: Tensor
-    last: Tensor
-    earliest: Tensor
-    latest: Tensor
-    start: Tensor
-    position: Tensor
-    turn: Tensor
+    time: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    earliest: np.ndarray
+    latest: np.ndarray
+    start: np.ndarray
+    position: np.ndarray
+    turn: np.ndarray
     step: float
 
-    def moved(self, lag: Tensor) -> tuple[Tensor, Tensor]:
+    def moved(self, lag: float) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the ends go, (F, 2, 3) [m], and how their clamps turn about their own
         axes, (F, 2, 4), in a time lag [s] after each frame."""
         (here, now), (there, later) = self._at(self.time), self._at(self.time + lag)
         return there - here, conjugate_product(normalise(now), normalise(later))
 
-    def later(self, lag: Tensor) -> EndPath:
+    def later(self, lag: float) -> EndPath:
         """Return the path as seen from a time lag [s] after each frame."""
         return self._replace(time=self.time + lag)
 
-    def outside(self, most: float) -> Tensor:
+    def outside(self, most: float) -> np.ndarray:
         """Return (F,) bool: frames more than `most` [s] before or after the path."""
         return (self.time < self.earliest - most) | (self.time > self.latest + most)
 
-    def frames(self, index: Tensor) -> EndPath:
+    def frames(self, index: np.ndarray) -> EndPath:
         """Return the path for some of the frames."""
         own = ("time", "first", "last", "earliest", "latest")
         return self._replace(**{name: getattr(self, name)[index] for name in own})
 
-    def _at(self, time: Tensor) -> tuple[Tensor, Tensor]:
-        time = torch.minimum(torch.maximum(time, self.earliest), self.latest)
-        piece = torch.searchsorted(self.start, time.detach().contiguous(), right=True) - 1
-        piece = torch.minimum(torch.maximum(piece, self.first), self.last)
+    def _at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        time = np.minimum(np.maximum(time, self.earliest), self.latest)
+        piece = np.searchsorted(self.start, time, side="right") - 1
+        piece = np.minimum(np.maximum(piece, self.first), self.last)
         after = (time - self.start[piece])[:, None, None]
         position, turn = self.position[0, piece], self.turn[0, piece]
         for power in range(1, 4):

@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z) as torch tensors (..., 4).
+"""Unit quaternions (w, x, y, z) as arrays (..., 4), of numpy or as tensors.
 
 The two maps that the rod's strains need are a quadratic and a bilinear form in the entries; their
 coefficients are constants, so a strain and its exact gradient are one matrix product each.
@@ -6,17 +6,21 @@ coefficients are constants, so a strain and its exact gradient are one matrix pr
 
 from __future__ import annotations
 
-import torch
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
 from jaxtyping import Float
-from torch import Tensor
 
-Quaternion = Float[Tensor, "*#batch 4"]
-Vector = Float[Tensor, "*#batch 3"]
+from ropefit.rod.either import like
+
+Quaternion = Float[Any, "*#batch 4"]
+Vector = Float[Any, "*#batch 3"]
 
 
-def _director_form() -> Tensor:
+def _director_form() -> np.ndarray:
     """Return (3, 4, 4) symmetric D with (R(q) e3)_a = q^T D_a q / 2 for a unit quaternion."""
-    form = torch.zeros(3, 4, 4, dtype=torch.float64)
+    form = np.zeros((3, 4, 4))
     for a, b, c, value in [
         (0, 1, 3, 2.0), (0, 0, 2, 2.0),
         (1, 2, 3, 2.0), (1, 0, 1, -2.0),
@@ -26,10 +30,10 @@ def _director_form() -> Tensor:
     return form
 
 
-def _darboux_form() -> Tensor:
+def _darboux_form() -> np.ndarray:
     """Return (4, 4, 4) B with (p* q)_a = p^T B_a q, the product of the conjugate of p with q."""
-    form = torch.zeros(4, 4, 4, dtype=torch.float64)
-    form[0] = torch.eye(4)
+    form = np.zeros((4, 4, 4))
+    form[0] = np.eye(4)
     for axis, (i, j) in {1: (2, 3), 2: (3, 1), 3: (1, 2)}.items():
         form[axis, 0, axis], form[axis, axis, 0] = 1.0, -1.0
         form[axis, i, j], form[axis, j, i] = -1.0, 1.0
@@ -38,11 +42,12 @@ def _darboux_form() -> Tensor:
 
 DIRECTOR = _director_form()
 DARBOUX = _darboux_form()
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def director_gradient(q: Quaternion) -> Float[Tensor, "*#batch 3 4"]:
+def director_gradient(q: Quaternion) -> Float[Any, "*#batch 3 4"]:
     """Return (..., 3, 4) G, the derivative of the third director R(q) e3 = G q / 2 in q."""
-    return (q @ DIRECTOR.reshape(12, 4).T.to(q)).reshape(*q.shape[:-1], 3, 4)
+    return (q @ like(DIRECTOR.reshape(12, 4).T, q)).reshape(*q.shape[:-1], 3, 4)
 
 
 def director(q: Quaternion) -> Vector:
@@ -52,65 +57,76 @@ def director(q: Quaternion) -> Vector:
 
 def conjugate_product(p: Quaternion, q: Quaternion) -> Quaternion:
     """Return (..., 4) p* q: the rotation from frame p to frame q, seen from p."""
-    return torch.einsum("abc,...b,...c->...a", DARBOUX.to(q), p, q)
+    xp = array_namespace(p, q)
+    a, v = p[..., :1], p[..., 1:]
+    b, w = q[..., :1], q[..., 1:]
+    real = a * b + (v * w).sum(-1)[..., None]
+    return xp.concat([real, a * w - b * v - cross(v, w)], axis=-1)
 
 
-def normalise(q: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return (..., 3) a x b."""
+    xp = array_namespace(a, b)
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return xp.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+
+
+def normalise(q: Float[Any, "*batch n"]) -> Float[Any, "*batch n"]:
     """Return (..., n) q / |q|; a zero quaternion (or vector) stays zero."""
-    return q / torch.sqrt((q * q).sum(-1, keepdim=True) + 1e-300)
+    return q / array_namespace(q).sqrt((q * q).sum(-1)[..., None] + 1e-300)
 
 
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """Return (..., 4) the Hamilton product p q."""
-    sign = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=q.dtype, device=q.device)
-    return conjugate_product(p * sign, q)
+    return conjugate_product(p * like(CONJUGATE, q), q)
 
 
 def rotate(q: Quaternion, v: Vector) -> Vector:
     """Return (..., 3) R(q) v of a unit quaternion."""
     scalar, vector = q[..., :1], q[..., 1:]
-    across = 2 * torch.linalg.cross(*torch.broadcast_tensors(vector, v))
-    return v + scalar * across + torch.linalg.cross(*torch.broadcast_tensors(vector, across))
+    across = 2 * cross(vector, v)
+    return v + scalar * across + cross(vector, across)
 
 
 def from_rotation_vector(v: Vector) -> Quaternion:
     """Return (..., 4) the rotation by |v| radians about v (..., 3), smooth at zero."""
-    square = (v * v).sum(-1, keepdim=True)
-    half = torch.sqrt(square + 1e-32) / 2
-    return torch.cat([torch.cos(half), v * torch.sinc(half / torch.pi) / 2], dim=-1)
+    xp = array_namespace(v)
+    square = (v * v).sum(-1)[..., None]
+    half = xp.sqrt(square + 1e-32) / 2
+    return xp.concat([xp.cos(half), v * xp.sinc(half / np.pi) / 2], axis=-1)
 
 
 def transport(
-    tangents: Float[Tensor, "*batch n 3"], first: Float[Tensor, "*batch 4"] | None = None
-) -> Float[Tensor, "*batch n 4"]:
+    tangents: Float[Any, "*batch n 3"], first: Float[Any, "*batch 4"] | None = None
+) -> Float[Any, "*batch n 4"]:
     """Return (..., N, 4) frames along a polyline by parallel transport: R(q_i) e3 = t_i.
 
     tangents: (..., N, 3) unit. first: (..., 4) frame of the first tangent; without one, the
     smallest rotation from e3. Each next frame is the last one turned by the smallest rotation
     between tangents.
     """
+    xp = array_namespace(tangents)
     if first is None:
-        e3 = torch.zeros_like(tangents[..., 0, :])
+        e3 = xp.zeros_like(tangents[..., 0, :])
         e3[..., 2] = 1.0
         first = smallest_rotation(e3, tangents[..., 0, :])
     frames = [first]
     for i in range(1, tangents.shape[-2]):
         turn = smallest_rotation(tangents[..., i - 1, :], tangents[..., i, :])
         frames.append(multiply(turn, frames[-1]))
-    return torch.stack(frames, dim=-2)
+    return xp.stack(frames, axis=-2)
 
 
 def smallest_rotation(a: Vector, b: Vector) -> Quaternion:
     """Return (..., 4) the rotation of least angle with R a = b (unit vectors); any axis for a half
     turn."""
-    real = 1.0 + (a * b).sum(-1, keepdim=True)
-    axis = torch.linalg.cross(a, b)
-    # Opposite vectors: any axis across a will do.
-    other = torch.zeros_like(a)
-    smallest = a.abs().argmin(-1, keepdim=True)
-    other.scatter_(-1, smallest, 1.0)
-    across = torch.linalg.cross(a, other)
+    xp = array_namespace(a, b)
+    real = 1.0 + (a * b).sum(-1)[..., None]
+    # Opposite vectors: any axis across a will do, here across the axis that a has least of.
+    smallest = xp.argmin(xp.abs(a), axis=-1)
+    other = like(np.eye(3), a)[smallest]
     opposite = real < 1e-12
-    real = torch.where(opposite, torch.zeros_like(real), real)
-    axis = torch.where(opposite, across, axis)
-    return normalise(torch.cat([real, axis], dim=-1))
+    real = xp.where(opposite, xp.zeros_like(real), real)
+    axis = xp.where(opposite, cross(a, other), cross(a, b))
+    return normalise(xp.concat([real, axis], axis=-1))

@@ -6,13 +6,14 @@ Its energy is quadratic in stretch-shear C^S and bend-twist C^B; XPBD with compl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
-import torch
+from array_api_compat import array_namespace
 from jaxtyping import Float
-from torch import Tensor
 
+from ropefit.rod.either import Array, alike, broadcast_to, like
 from ropefit.rod.fields import ROD
 
 
@@ -24,13 +25,13 @@ class Properties(NamedTuple):
     `math.inf` for EA and GA makes a rope that neither stretches nor shears.
     """
 
-    length: Tensor
-    axial: Tensor
-    shear: Tensor
-    bend: Tensor
-    twist: Tensor
-    density: Tensor
-    curvature: Tensor
+    length: Array
+    axial: Array
+    shear: Array
+    bend: Array
+    twist: Array
+    density: Array
+    curvature: Array
 
 
 DIMS = tuple(len(field.shape) for field in ROD)  # without that of several ropes
@@ -45,23 +46,23 @@ class Rod(NamedTuple):
     [N m] on the first and last segment, in space. See `fields.ROD`.
     """
 
-    length: Tensor
-    flexibility: Tensor
-    stiffness: Tensor
-    rest: Tensor
-    load: Tensor
-    moment: Tensor
+    length: Array
+    flexibility: Array
+    stiffness: Array
+    rest: Array
+    load: Array
+    moment: Array
 
     @property
-    def arc(self) -> Tensor:
+    def arc(self) -> np.ndarray:
         """Return (R, N+1) [m] the rest arc length of the nodes."""
-        return torch.nn.functional.pad(self.length.cumsum(-1), (1, 0))
+        return arc_length(self.length)
 
     def each(self, frames: int) -> Rod:
         """Return the rod once for each of `frames`, also what was the same in all."""
         return Rod(
             *(
-                t if t.ndim > d else t.expand(frames, *t.shape)
+                t if t.ndim > d else np.broadcast_to(t, (frames, *t.shape))
                 for t, d in zip(self, DIMS, strict=True)
             )
         )
@@ -73,45 +74,49 @@ class Rod(NamedTuple):
         )
 
 
+def arc_length(length: np.ndarray) -> np.ndarray:
+    """Return (..., N+1) [m] the arc length of the nodes between segments of lengths (..., N)."""
+    return np.concatenate([np.zeros_like(length[..., :1]), length.cumsum(-1)], axis=-1)
+
+
 def uniform(
     *,
     length: float,
     segments: int,
-    bend: Tensor | float,
-    twist: Tensor | float | None = None,
-    axial: Tensor | float = torch.inf,
-    shear: Tensor | float | None = None,
-    density: Tensor | float = 1.0,
-    curvature: Tensor | tuple[float, float, float] = (0.0, 0.0, 0.0),
+    bend: Array | float,
+    twist: Array | float | None = None,
+    axial: Array | float = math.inf,
+    shear: Array | float | None = None,
+    density: Array | float = 1.0,
+    curvature: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Properties:
-    """Return a rope that is the same everywhere, of numbers, or tensors (...,) for several ropes.
+    """Return a rope that is the same everywhere, of numbers, or arrays (...,) for several ropes.
 
     Without a twist rigidity it is 2/3 of the bending rigidity (a round incompressible section);
     without a shear rigidity it is the axial one. length [m], the rest as in `Properties`.
     """
-    bend = _tensor(bend)
-    values = [
-        _tensor(length / segments),
-        _tensor(axial),
-        _tensor(axial if shear is None else shear),
+    *values, rest = alike(
+        length / segments,
+        axial,
+        axial if shear is None else shear,
         bend,
-        2 / 3 * bend if twist is None else _tensor(twist),
-        _tensor(density),
-    ]
-    curvature = _tensor(curvature)
-    shape = np.broadcast_shapes(*(v.shape for v in values), curvature.shape[:-1])
-    spread = [v[..., None].expand(*shape, segments) for v in values]
+        2 / 3 * bend if twist is None else twist,
+        density,
+        curvature,
+    )
+    shape = np.broadcast_shapes(*(v.shape for v in values), rest.shape[:-1])
+    spread = [broadcast_to(v[..., None], (*shape, segments)) for v in values]
     length_, axial_, shear_, bend_, twist_, density_ = spread
-    rest = curvature.expand(*shape, 3)[..., None, :].expand(*shape, segments, 3)
-    return Properties(length_, axial_, shear_, bend_, twist_, density_, rest)
+    turned = broadcast_to(rest[..., None, :], (*shape, segments, 3))
+    return Properties(length_, axial_, shear_, bend_, twist_, density_, turned)
 
 
 def build(
     p: Properties,
-    gravity: Float[Tensor, " 3"],
+    gravity: Float[Any, " 3"],
     clamped: tuple[bool, bool],
-    clamp_compliance: Float[Tensor, "*batch 2 2"] | None = None,
-    kinks: Float[Tensor, "*batch nodes 3"] | None = None,
+    clamp_compliance: Float[Any, "*batch 2 2"] | None = None,
+    kinks: Float[Any, "*batch nodes 3"] | None = None,
 ) -> Rod:
     """Return the discrete rod of a rope under gravity (3,) [m/s²].
 
@@ -121,50 +126,52 @@ def build(
     rest shape at the nodes, besides its curvature. Each segment's l/EI is shared by the two nodes
     beside it, so properties may jump.
     """
+    p = Properties(*alike(*p))
+    xp = array_namespace(p.length)
     half_bend, half_twist = 0.5 * p.length / p.bend, 0.5 * p.length / p.twist
     soft = at_nodes(half_bend)
-    soft = torch.stack([soft, soft, at_nodes(half_twist)], dim=-1)
+    soft = xp.stack([soft, soft, at_nodes(half_twist)], axis=-1)
     if clamp_compliance is not None:
-        soft = _with_clamp_compliance(soft, clamp_compliance)
-    ends = torch.ones(soft.shape[-2], 1, dtype=soft.dtype, device=soft.device)
+        soft = _with_clamp_compliance(soft, like(clamp_compliance, soft))
+    ends = np.ones((soft.shape[-2], 1))
     ends[0], ends[-1] = float(clamped[0]), float(clamped[1])
     turn = at_nodes(0.5 * p.length[..., None] * p.curvature, -2)
     if kinks is not None:
-        turn = turn + kinks
+        turn = turn + like(kinks, turn)
     mass = at_nodes(0.5 * p.density * p.length)
-    load = mass[..., None] * gravity
+    load = mass[..., None] * like(gravity, mass)
     return Rod(
         length=p.length,
-        flexibility=1 / torch.stack([p.shear, p.shear, p.axial], dim=-1),
-        stiffness=4 / soft * ends,
+        flexibility=1 / xp.stack([p.shear, p.shear, p.axial], axis=-1),
+        stiffness=4 / soft * like(ends, soft),
         rest=half_turn(turn),
         load=load,
-        moment=load.new_zeros(*load.shape[:-2], 2, 3),
+        moment=like(np.zeros((*load.shape[:-2], 2, 3)), load),
     )
 
 
-def half_turn(turn: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+def half_turn(turn: Float[Any, "*batch 3"]) -> Float[Any, "*batch 3"]:
     """Return the vector part (..., 3) of the quaternion that turns by |turn| [rad] about turn."""
-    square = (turn * turn).sum(-1, keepdim=True)
-    half = torch.sqrt(square + 1e-30) / 2
-    return turn * torch.sinc(half / torch.pi) / 2
+    xp = array_namespace(turn)
+    square = (turn * turn).sum(-1)[..., None]
+    half = xp.sqrt(square + 1e-30) / 2
+    return turn * xp.sinc(half / math.pi) / 2
 
 
-def at_nodes(value: Tensor, dim: int = -1) -> Tensor:
+def at_nodes(value: Array, axis: int = -1) -> Array:
     """Return the sum over the segments beside each node: (..., N) -> (..., N+1)."""
-    zero = torch.zeros_like(value.narrow(dim, 0, 1))
-    return torch.cat([value, zero], dim) + torch.cat([zero, value], dim)
+    xp = array_namespace(value)
+    none = xp.zeros_like(value[..., :1] if axis == -1 else value[..., :1, :])
+    return xp.concat([value, none], axis=axis) + xp.concat([none, value], axis=axis)
 
 
-def _with_clamp_compliance(soft: Tensor, clamp_compliance: Tensor) -> Tensor:
+def _with_clamp_compliance(soft: Array, clamp_compliance: Array) -> Array:
     """Return the compliances of the bends (..., N+1, 3) with those of the clamps at both ends."""
-    bend, twist = clamp_compliance.unbind(-1)
-    extra = torch.stack([bend, bend, twist], dim=-1)  # (..., 2, 3)
+    xp = array_namespace(soft, clamp_compliance)
+    bend, twist = clamp_compliance[..., 0], clamp_compliance[..., 1]
+    extra = xp.stack([bend, bend, twist], axis=-1)  # (..., 2, 3)
     shape = np.broadcast_shapes(soft.shape[:-2], extra.shape[:-2])
-    soft, extra = soft.expand(*shape, *soft.shape[-2:]), extra.expand(*shape, 2, 3)
+    soft = broadcast_to(soft, (*shape, *soft.shape[-2:]))
+    extra = broadcast_to(extra, (*shape, 2, 3))
     first, last = soft[..., :1, :] + extra[..., :1, :], soft[..., -1:, :] + extra[..., 1:, :]
-    return torch.cat([first, soft[..., 1:-1, :], last], dim=-2)
-
-
-def _tensor(value: Tensor | float | tuple[float, ...]) -> Tensor:
-    return torch.as_tensor(value, dtype=torch.float64)
+    return xp.concat([first, soft[..., 1:-1, :], last], axis=-2)

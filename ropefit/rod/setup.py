@@ -8,14 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
+import numpy as np
+from array_api_compat import array_namespace
 
 from ropefit.rod.bending import Bending
+from ropefit.rod.either import Array, like
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
 from ropefit.rod.path import EndPath
-from ropefit.rod.rod import Properties, Rod, build
+from ropefit.rod.potential import Potential as Potential
+from ropefit.rod.quaternion import cross
+from ropefit.rod.rod import Properties, Rod, arc_length, build
 
 RIGIDITY = 300.0  # times a rope's: of a rigid piece
 
@@ -31,40 +34,41 @@ class SensorModel(NamedTuple):
     (F, N+1, 3) [m] is added.
     """
 
-    place: Tensor
-    rotation: Tensor
-    gain: Tensor
-    shift: Tensor
-    depth: Tensor
-    flat: Tensor
-    origin: Tensor
-    normal: Tensor
-    drift: Tensor
-    lag: Tensor
-    toward: Tensor
-    standoff: Tensor
+    place: Array
+    rotation: Array
+    gain: Array
+    shift: Array
+    depth: Array
+    flat: Array
+    origin: Array
+    normal: Array
+    drift: Array
+    lag: Array
+    toward: Array
+    standoff: Array
 
-    def __call__(self, x: Tensor) -> Tensor:
+    def __call__(self, x: Array) -> Array:
         """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
+        norm = array_namespace(x).linalg.vector_norm
         if acts(self.lag, self.drift):
             x = x + self.lag * (self.toward - x) + self.drift
         seen = x
         if acts(self.rotation, self.gain, self.shift, self.depth):
             arm = x - self.place
-            ray = arm / torch.linalg.norm(arm, dim=-1, keepdim=True)
-            turned = torch.linalg.cross(self.rotation.expand_as(arm), arm)
+            ray = arm / norm(arm, axis=-1, keepdims=True)
+            turned = cross(self.rotation, arm)
             seen = x + turned + self.gain * arm + self.shift + self.depth * ray
         if acts(self.flat):
             visible = seen
             if acts(self.standoff):
                 ray = seen - self.place
-                ray = ray / torch.linalg.norm(ray, dim=-1, keepdim=True)
+                ray = ray / norm(ray, axis=-1, keepdims=True)
                 visible = seen - self.standoff * ray
-            off = ((visible - self.origin) * self.normal).sum(-1, keepdim=True)
+            off = ((visible - self.origin) * self.normal).sum(-1)[..., None]
             seen = seen - self.flat * off * self.normal
         return seen
 
-    def frames(self, index: Tensor) -> SensorModel:
+    def frames(self, index: np.ndarray) -> SensorModel:
         """Return the model of some of the frames."""
         few = {name: getattr(self, name)[index] for name in ("origin", "normal")}
         for name in ("drift", "toward"):
@@ -73,48 +77,28 @@ class SensorModel(NamedTuple):
         return self._replace(**few)
 
 
-def acts(*errors: Tensor) -> bool:
-    """Return whether any of some errors is not zero, or asked for its derivative."""
-    return any(error.requires_grad or bool(error.any()) for error in errors)
-
-
-class Potential(NamedTuple):
-    """An energy [J] of single nodes: energy(x (..., 3)) -> (...,), times share (N+1,) per node.
-
-    Smooth, or with a corner in its slope: contact, of a hardness [N/m], and perhaps with a
-    coefficient of friction, which acts on some nodes for all, by their shares `rubbing`. cornered:
-    its slope has corners that steps towards its lowest place may leap over. derivatives(x): slope
-    (..., 3) and curvature (..., 3, 3) of the energy in closed form; None: by autograd. slope(x):
-    the first of them, where it costs less alone.
-    """
-
-    energy: Callable[[Tensor], Tensor]
-    share: Tensor
-    hardness: Tensor | None = None
-    friction: Tensor | None = None
-    rubbing: Tensor | None = None
-    cornered: bool = False
-    derivatives: Callable[[Tensor], tuple[Tensor, Tensor]] | None = None
-    slope: Callable[[Tensor], Tensor] | None = None
+def acts(*errors: Array) -> bool:
+    """Return whether any of some errors is not zero."""
+    return any(bool((error != 0).any()) for error in errors)
 
 
 class Follower(NamedTuple):
     """A force (3,) [N] in the rope's own frame, which turns with it: on the nodes by their share
     (N+1,), carried by the segments' frames by their weight (N,); both sum to 1."""
 
-    share: Tensor
-    weight: Tensor
-    force: Tensor
+    share: np.ndarray
+    weight: np.ndarray
+    force: np.ndarray
 
 
 class Motion(NamedTuple):
     """How the rope moved in each of F frames, as observed: velocity (F, N+1, 3) [m/s] and
     acceleration (F, N+1, 3) [m/s²] of the nodes."""
 
-    velocity: Tensor
-    acceleration: Tensor
+    velocity: np.ndarray
+    acceleration: np.ndarray
 
-    def frames(self, index: Tensor) -> Motion:
+    def frames(self, index: np.ndarray) -> Motion:
         """Return the motion in some of the frames."""
         return Motion(*(item[index] for item in self))
 
@@ -124,7 +108,7 @@ class Past(NamedTuple):
     here, and what has been done to the setup since they were picked."""
 
     whole: Setup
-    shown: Tensor
+    shown: np.ndarray
     changes: tuple[Callable[[Setup], Setup], ...] = ()
 
 
@@ -146,32 +130,32 @@ class Setup(NamedTuple):
     """
 
     properties: Properties
-    gravity: Tensor
-    load: Tensor
-    mass: Tensor
-    moment: Tensor
-    clamp_compliance: Tensor
-    kinks: Tensor
-    stretch: Tensor
-    ends: Tensor
-    clamp: Tensor
+    gravity: np.ndarray
+    load: np.ndarray
+    mass: np.ndarray
+    moment: np.ndarray
+    clamp_compliance: np.ndarray
+    kinks: np.ndarray
+    stretch: np.ndarray
+    ends: np.ndarray
+    clamp: np.ndarray
     clamped: tuple[bool, bool]
     sensor: SensorModel
     potentials: tuple[Potential, ...] = ()
-    rigid: Tensor | None = None
+    rigid: np.ndarray | None = None
     damping: Damping | None = None  # of a rope that is simulated in motion
     motion: Motion | None = None  # None: a recording too slow or too sparse to show any
     end_path: EndPath | None = None  # None: poses that were held still
-    time: Tensor | None = None
+    time: np.ndarray | None = None
     memory: tuple[Branch, ...] = ()
     past: Past | None = None
     bending: Bending | None = None
-    axial: Tensor | None = None
-    drag: Tensor | None = None
-    springs: Tensor | None = None
-    bodies: Tensor | None = None
+    axial: np.ndarray | None = None
+    drag: np.ndarray | None = None
+    springs: np.ndarray | None = None
+    bodies: np.ndarray | None = None
     followers: tuple[Follower, ...] = ()
-    weights: Tensor | None = None
+    weights: np.ndarray | None = None
 
     @property
     def remembers(self) -> bool:
@@ -187,9 +171,9 @@ class Setup(NamedTuple):
         return all(bool((v > 0).all()) for v in positive) and bool((self.stretch >= 0).all())
 
     @property
-    def clock(self) -> Tensor:
+    def clock(self) -> np.ndarray:
         """Return (F,) [s] the time of the frames, a second a frame where none is known."""
-        return torch.arange(len(self.ends), dtype=torch.float64) if self.time is None else self.time
+        return np.arange(float(len(self.ends))) if self.time is None else self.time
 
     @property
     def segments(self) -> int:
@@ -197,20 +181,21 @@ class Setup(NamedTuple):
         return self.kinks.shape[-2] - 1
 
     @property
-    def arc(self) -> Tensor:
+    def arc(self) -> np.ndarray:
         """Return (N+1,) [m] the rest arc length of the nodes."""
-        return torch.nn.functional.pad(self.properties.length.cumsum(-1), (1, 0))
+        return arc_length(self.properties.length)
 
     @property
-    def up(self) -> Tensor:
-        """Return (3,) the unit vector against gravity, a constant to whatever is differentiated."""
-        gravity = self.gravity.detach()
-        return -gravity / gravity.norm()
+    def up(self) -> np.ndarray:
+        """Return (3,) the unit vector against gravity."""
+        with np.errstate(invalid="ignore"):  # NaN where there is no gravity
+            return -self.gravity / np.linalg.norm(self.gravity)
 
     @property
-    def weight(self) -> Tensor:
+    def weight(self) -> float:
         """Return the weight [N] of the whole rope."""
-        return (self.properties.density * self.properties.length).sum() * self.gravity.norm()
+        mass = (self.properties.density * self.properties.length).sum()
+        return mass * np.linalg.norm(self.gravity)
 
     def after(self, change: Callable[[Setup], Setup]) -> Setup:
         """Return the setup after a change, which the frames of its past will see as well."""
@@ -219,18 +204,18 @@ class Setup(NamedTuple):
             return out
         return out._replace(past=self.past._replace(changes=(*self.past.changes, change)))
 
-    def whole(self) -> tuple[Setup, Tensor]:
+    def whole(self) -> tuple[Setup, np.ndarray]:
         """Return all frames of the recording, and which of them (F,) are here."""
         if self.past is None:
-            return self, torch.arange(len(self.ends))
+            return self, np.arange(len(self.ends))
         out = self.past.whole
         for change in self.past.changes:
             out = change(out)
         return out, self.past.shown
 
-    def frames(self, index: Tensor) -> Setup:
+    def frames(self, index: np.ndarray) -> Setup:
         """Return the rope in some of its frames; it has been through the others all the same."""
-        past = self.past or Past(self, torch.arange(len(self.ends)))
+        past = self.past or Past(self, np.arange(len(self.ends)))
         return self._replace(
             time=None if self.time is None else self.time[index],
             past=past._replace(shown=past.shown[index]),
@@ -250,42 +235,42 @@ class Setup(NamedTuple):
             stiffer = 1 / (1 - (1 - 1 / RIGIDITY) * self.rigid)
             p = p._replace(bend=p.bend * stiffer, twist=p.twist * stiffer)
         rod = build(p, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
-        axial = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+        stretch = self.stretch[..., None] * like([0.0, 0.0, 1.0], rod.flexibility)
         return rod._replace(
             load=rod.load + self.mass[:, None] * self.gravity + self.load,
             moment=rod.moment + self.moment,
-            flexibility=rod.flexibility + self.stretch[..., None] * axial,
+            flexibility=rod.flexibility + stretch,
         )
 
 
 def twist_held(setup: Setup) -> bool:
     """Return whether an end keeps the rope from spinning about its tangent."""
     return any(
-        held and bool(torch.isfinite(setup.clamp_compliance[end, 1]))
+        held and bool(np.isfinite(setup.clamp_compliance[end, 1]))
         for end, held in enumerate(setup.clamped)
     )
 
 
 def bare(
     properties: Properties,
-    gravity: Tensor,
-    ends: Tensor,
-    clamp: Tensor,
-    viewpoint: Tensor,
+    gravity: np.ndarray,
+    ends: np.ndarray,
+    clamp: np.ndarray,
+    viewpoint: np.ndarray,
 ) -> Setup:
     """Return the setup without any effect. Shapes as in `Setup`; viewpoint (3,) [m]."""
     segments = properties.length.shape[-1]
-    zero = torch.zeros(3, dtype=torch.float64)
-    held = ~torch.isnan(clamp).any(-1).any(0)
+    zero = np.zeros(3)
+    held = ~np.isnan(clamp).any(axis=(0, 2))
     return Setup(
         properties=properties,
         gravity=gravity,
-        load=torch.zeros(segments + 1, 3, dtype=torch.float64),
-        mass=torch.zeros(segments + 1, dtype=torch.float64),
-        moment=torch.zeros(2, 3, dtype=torch.float64),
-        clamp_compliance=torch.zeros(2, 2, dtype=torch.float64),
-        kinks=torch.zeros(segments + 1, 3, dtype=torch.float64),
-        stretch=torch.zeros(segments, dtype=torch.float64),
+        load=np.zeros((segments + 1, 3)),
+        mass=np.zeros(segments + 1),
+        moment=np.zeros((2, 3)),
+        clamp_compliance=np.zeros((2, 2)),
+        kinks=np.zeros((segments + 1, 3)),
+        stretch=np.zeros(segments),
         ends=ends,
         clamp=clamp,
         clamped=(bool(held[0]), bool(held[1])),
@@ -296,8 +281,8 @@ def bare(
             zero,
             zero[0],
             zero[0],
-            torch.zeros(len(ends), 1, 3, dtype=torch.float64),
-            torch.zeros(len(ends), 1, 3, dtype=torch.float64),
+            np.zeros((len(ends), 1, 3)),
+            np.zeros((len(ends), 1, 3)),
             zero,
             zero[0],
             zero,

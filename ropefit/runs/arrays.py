@@ -1,4 +1,4 @@
-"""Records of arrays and tensors as named arrays, and back; torch only where there are tensors."""
+"""Records of arrays as named arrays, and back."""
 
 from __future__ import annotations
 
@@ -15,26 +15,17 @@ def as_arrays(record: Any, prefix: str) -> Arrays:
     """Return the fields of a dataclass or named tuple, but those that are None; the prefix ends in
     a dot."""
     found = {name: getattr(record, name) for name in record.__annotations__}
-    return {
-        f"{prefix}{name}": v.detach().numpy() if hasattr(v, "detach") else np.asarray(v)
-        for name, v in found.items()
-        if v is not None
-    }
+    return {f"{prefix}{name}": np.asarray(v) for name, v in found.items() if v is not None}
 
 
 def from_arrays(kind: type[R], prefix: str, arrays: Arrays) -> R:
-    """Return the record again; fields are tensors, arrays or numbers as they are annotated."""
+    """Return the record again; fields are arrays or numbers as they are annotated."""
     fields: dict[str, Any] = {}
     for name, annotation in kind.__annotations__.items():
         value = arrays.get(f"{prefix}{name}")
         if value is not None:
             value = value.copy()  # the journal's own stay as they were
-            if "Tensor" in str(annotation):
-                import torch
-
-                fields[name] = torch.from_numpy(value)
-            else:
-                fields[name] = value.item() if str(annotation).startswith("float") else value
+            fields[name] = value.item() if str(annotation).startswith("float") else value
     return kind(**fields)
 
 

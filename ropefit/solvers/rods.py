@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from torch import Tensor
 
+from ropefit.rod.either import Array
 from ropefit.rod.fields import Field, shapes
 from ropefit.solvers.arrays import as_numpy
 from ropefit.solvers.shapes import check_shapes
 
 
-def rod_rows(rod: Mapping[str, Tensor], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
+def rod_rows(rod: Mapping[str, Array], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
     """Return the fields as arrays (R, ...), or (1, ...) of what is the same in all ropes."""
     arrays = {}
     for field in fields:
@@ -22,7 +22,7 @@ def rod_rows(rod: Mapping[str, Tensor], fields: tuple[Field, ...]) -> dict[str, 
     return arrays
 
 
-def rod_arrays(rod: Mapping[str, Tensor], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
+def rod_arrays(rod: Mapping[str, Array], fields: tuple[Field, ...]) -> dict[str, np.ndarray]:
     """Return the fields as arrays (R, ...); what has no dimension of ropes is the same for all."""
     arrays = rod_rows(rod, fields)
     ropes = max(map(len, arrays.values()))

@@ -6,19 +6,14 @@ past the end of an array.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 
 class ShapeError(ValueError):
     """Arrays that do not belong together were given to a solver: a mistake in the code."""
 
 
-def check_shapes(**arrays: tuple[np.ndarray | Tensor, tuple[int, ...]]) -> None:
+def check_shapes(**arrays: tuple[np.ndarray, tuple[int, ...]]) -> None:
     """Check arrays, each given by name with the shape that it must have. Raises ShapeError."""
     for name, (array, shape) in arrays.items():
         if tuple(array.shape) != shape:

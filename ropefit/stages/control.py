@@ -45,7 +45,7 @@ def _estimate(o: Observations, model: FittedModel, settings: ControlSettings, co
     guess = control_guess(o, node)
     found = context.external.get("diagnosis")
     rope, values = rope_at(o, model, guess, turns, found, moving=True)
-    scene = build_scene(o)
+    scene = build_scene(o).tensors()
     chosen = objective(settings.loss)
     gripper = Gripper(rope, values, to_observations(chosen, scene), 0.1 * o.length, turns)
     search = _run(gripper, settings, context)
@@ -94,14 +94,14 @@ def _shape(
     case = np.repeat(np.arange(cases), len(starts))
     found = context.external.get("diagnosis")
     rope, values = rope_at(o, model, recorded, turns, found, moving=False)
-    whole = rope.frames(torch.from_numpy(frame))
+    whole = rope.frames(frame)
     compare = to_targets(targets.arc[case], targets.points[case], o.length)
     gripper = Gripper(whole, values[frame], compare, 0.1 * o.length, turns)
     with torch.no_grad():
         rows = torch.arange(len(frame))
         zero = torch.zeros(len(frame), gripper.unknowns, dtype=torch.float64)
-        first = gripper.loss(zero, rows).reshape(cases, -1).nan_to_num(torch.inf)
-    best = first.argmin(1) + torch.arange(cases) * len(starts)
+        first = gripper.loss(zero, rows).reshape(cases, -1).nan_to_num(torch.inf).numpy()
+    best = first.argmin(1) + np.arange(cases) * len(starts)
     gripper = Gripper(
         whole.frames(best),
         gripper.eta[best],
@@ -224,8 +224,7 @@ def _key_deviations(
 
 
 def _pixels(camera: Pinhole, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    first, second = (camera.project(torch.tensor(points)) for points in (a, b))
-    return (first - second).norm(dim=-1).numpy()
+    return np.linalg.norm(camera.project(a) - camera.project(b), axis=-1)
 
 
 def _observed_at(o: Observations, arc: np.ndarray) -> np.ndarray:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from pydantic import ValidationError
 
 from ropefit.adapters.synthetic_sensor import write_recording
@@ -20,9 +19,9 @@ from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.atomic import new_folder, refuse_filled
 from ropefit.errors import BadInput, NotConverged, WrongUsage
 from ropefit.fitting.simulated import moving_rope, physical, settled_rope
+from ropefit.models.algorithm import Algorithm
 from ropefit.models.weights import ETA, RANGES
 from ropefit.models.xpbd import Xpbd
-from ropefit.models.xpbd_rope import Algorithm
 from ropefit.perception.trace import resample
 from ropefit.recordings.ends import quaternion_along
 from ropefit.recordings.manifest import describe, read_toml
@@ -31,7 +30,7 @@ from ropefit.rod.setup import Setup, bare
 from ropefit.runs.loading import load, load_if_there
 from ropefit.runs.protocol import Progress
 from ropefit.runs.run_directory import existing_run
-from ropefit.solvers.xpbd.reference import Settings
+from ropefit.solvers.xpbd.settings import Settings
 
 MADE_BY_PAPER = "one of the paper's solvers"
 
@@ -101,11 +100,11 @@ def _nominal(
     weights = [m.eta.get(name, RANGES[name].start) for name in ETA]
     setup = bare(
         uniform(length=rope.length, segments=rope.nodes - 1, bend=1.0),
-        torch.tensor(spec.gravity, dtype=torch.float64),
-        torch.from_numpy(position),
-        torch.from_numpy(orientation),
-        torch.zeros(3, dtype=torch.float64),
-    )._replace(weights=torch.tensor(weights, dtype=torch.float64))
+        np.array(spec.gravity),
+        position,
+        orientation,
+        np.zeros(3),
+    )._replace(weights=np.array(weights))
     held = 0 if spec.motion.end0 else rope.nodes - 1
     algorithm = Algorithm(m.solver, Settings(m.steps, m.iterations, m.dt), held)
     point = Xpbd(setup, [], algorithm=algorithm).at(np.empty(0))

@@ -24,8 +24,11 @@ from ropefit.solvers.equilibrium.solution import Solution
 from ropefit.solvers.xpbd.reference import State
 
 
-def settled_batched(solution: Solution, device: torch.device | str) -> State:
-    """Return a solution's states on `device`, differentiable in its own rod and conditions.
+def settled_batched(
+    solution: Solution, rod: Rod, conditions: Conditions, device: torch.device | str
+) -> State:
+    """Return a solution's states on `device`, as a differentiable function of the tensors that its
+    rod and its conditions were made of.
 
     Without gradients (`torch.no_grad`) they are the solution's own.
 
@@ -38,9 +41,7 @@ def settled_batched(solution: Solution, device: torch.device | str) -> State:
         plain = (torch.from_numpy(item).to(device)[good] for item in (solution.x, solution.q))
         return State(*(_spread(item, good, frames) for item in plain))
     problem = solution.problem
-    ropes, x0 = _differentiable(
-        ropes_of(problem, device), solution.rod, solution.conditions, problem.of
-    )
+    ropes, x0 = _differentiable(ropes_of(problem, device), rod, conditions, problem.of)
     ropes = some(ropes, good)
     known = (solution.q, solution.reaction, solution.base)
     q, lam, base = (torch.from_numpy(a).to(device)[good] for a in known)

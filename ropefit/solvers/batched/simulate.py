@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ropefit.rod.fields import MOVING_ROD, names, shapes
 from ropefit.rod.moving import Moving
-from ropefit.solvers.batched.threads import filled, run_pull_back, run_simulate, spread
+from ropefit.solvers.batched.threads import filled, run_pull_back, run_simulate, spread, tensor
 from ropefit.solvers.dynamics.kernels.records import CLIP, Change
 from ropefit.solvers.dynamics.kernels.records import Drive as DriveArrays
 from ropefit.solvers.dynamics.problem import (
@@ -81,14 +81,15 @@ def step_batched(
 ) -> Stepped:
     """Step through every clip like `dynamics.solve`, on `device`.
 
-    What is expanded over the clips (`Tensor.expand`) is stored there once. Raises ValueError for
-    what the dynamics does not do, ShapeError where the arrays do not belong together.
+    What is expanded over the clips (`Tensor.expand`, `np.broadcast_to`) is stored there once.
+    Raises ValueError for what the dynamics does not do, ShapeError where the arrays do not belong
+    together.
     """
     device = torch.device(device)
     task = _task(rope, drive, device, member)
     clips, steps = drive.time.shape
     n = task.rods.length.shape[1]
-    first = Start(*(item.detach().to(torch.float64) for item in start))
+    first = Start(*map(tensor, start))
     check_shapes(
         x=(first.x, (clips, n + 1, 3)), q=(first.q, (clips, n, 4)), v=(first.v, (clips, n + 1, 3))
     )
@@ -110,10 +111,10 @@ def _task(rope: Moving, drive: Drive, device: torch.device, member: np.ndarray |
     ropes, clips = len(rows.gauge), len(drive.time)
     # A view: rows that are the same in all ropes are sent once.
     rods = type(rows)(*(torch.from_numpy(a).expand(ropes, *a.shape[1:]) for a in rows))
+    time, ends, clamp = map(tensor, drive)
     drives = DriveArrays._make([
-        spread(drive.time.detach(), device),
-        *(spread(_known(field.detach()), device) for field in (drive.ends, drive.clamp)),
-        ~torch.isnan(drive.ends[:1]).any((0, 1, 3)).to(device),
+        spread(time, device), spread(_known(ends), device), spread(_known(clamp), device),
+        ~torch.isnan(ends[:1]).any((0, 1, 3)).to(device),
     ])  # fmt: skip
     of = shown(ropes, clips, member)
     check_clips(Problem(rods, of, drives))

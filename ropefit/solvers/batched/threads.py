@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ropefit.rod.either import Array
 from ropefit.solvers.dynamics.kernels.adjoint import adjoint_clip, make_pullback, pullback_of
 from ropefit.solvers.dynamics.kernels.entries import SOURCES
 from ropefit.solvers.dynamics.kernels.records import Drive, change_of, drive_of, rod_of
@@ -40,6 +41,14 @@ def _pull_back(k, rods, of, drives, v0, xs, qs, forces, gx, gq, out, scratch):
         rod_of(rods, of[k]), drive_of(drives, k), v0[k], xs[k], qs[k], forces[k], gx[k], gq[k],
         change_of(out, k, k), pullback_of(scratch, k),
     )  # fmt: skip
+
+
+def tensor(rows: Array) -> Tensor:
+    """Return an array (C, ...) as a float64 tensor without gradients, expanded as it is."""
+    if isinstance(rows, Tensor):
+        return rows.detach().double()
+    distinct = rows[:1] if rows.strides[0] == 0 else rows
+    return torch.tensor(distinct, dtype=torch.float64, device="cpu").expand(rows.shape)
 
 
 def spread(rows: Tensor, device: torch.device) -> Tensor:

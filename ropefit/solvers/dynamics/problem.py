@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ropefit.rod.either import Array
 from ropefit.rod.fields import MOVING_ROD
 from ropefit.rod.moving import Moving
 from ropefit.solvers.arrays import as_numpy
@@ -23,22 +22,21 @@ class Drive(NamedTuple):
     """C clips of T times. time (C, T) [s], increasing; ends (C, T, 2, 3) [m], NaN for an end that
     is free, and clamp (C, T, 2, 4), NaN where not clamped (which ends are is the same in all)."""
 
-    time: Tensor
-    ends: Tensor
-    clamp: Tensor
+    time: Array
+    ends: Array
+    clamp: Array
 
-    def clips(self, index: np.ndarray | Tensor) -> Drive:
+    def clips(self, index: np.ndarray) -> Drive:
         """Return some of the clips."""
-        index = torch.as_tensor(index)
         return Drive(self.time[index], self.ends[index], self.clamp[index])
 
 
 class Start(NamedTuple):
     """The first state: x (C, N+1, 3) [m], q (C, N, 4), v (C, N+1, 3) [m/s]."""
 
-    x: Tensor
-    q: Tensor
-    v: Tensor
+    x: Array
+    q: Array
+    v: Array
 
 
 class Problem(NamedTuple):
@@ -70,7 +68,7 @@ def ropes_in_motion(rope: Moving) -> RodArrays:
 
     Raises ValueError for moments at the ends, which the dynamics does not know.
     """
-    if bool(rope.rod.moment.any()):
+    if rope.rod.moment.any():
         raise ValueError("moments at the ends have no place in the dynamics")
     rows = rod_rows(rope.rod._asdict() | rope._asdict(), MOVING_ROD)
     stiffness, rest = rows["stiffness"], rows["rest"]

@@ -4,7 +4,7 @@ Second order in time, stable at any step: BDF2 with the constraint of a rope tha
 met at every time (equations in `kernels/`). It damps by itself what it does not resolve:
 a vibration of ω loses (ω h)⁴/4 of its amplitude a step (0.01 % at 3 Hz and 5 ms).
 
-`derivatives.py` differentiates what `solve` finds.
+`derivatives.py` differentiates what `solve` finds, `differentiable.py` in torch.
 """
 
 from __future__ import annotations

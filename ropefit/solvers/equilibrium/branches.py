@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from ropefit.rod.quaternion import conjugate_product, multiply, normalise
 from ropefit.rod.rod import Rod
@@ -29,7 +28,7 @@ def other_states(solution: Solution) -> tuple[Solution, np.ndarray]:
     best, far = solution.copy(), np.full(len(solution.x), np.nan)
     starts: list[States | None] = [None]
     for end in range(2):
-        if not bool(torch.isnan(conditions.clamp[:, end]).any()):
+        if not np.isnan(conditions.clamp[:, end]).any():
             starts.append(_turned(solution, end))
     least = DIFFERENT * float(rod.length.reshape(-1, rod.length.shape[-1])[0].sum())
     for start in starts:
@@ -48,7 +47,7 @@ def wound(solution: Solution, before: States) -> np.ndarray:
     No small change of anything does that: such a state was jumped to.
     """
     clamp = solution.conditions.clamp
-    if bool(torch.isnan(clamp).any()):
+    if np.isnan(clamp).any():
         return np.zeros(len(solution.q), dtype=bool)
     both = as_numpy(clamp)
     return np.abs(_twist(both, solution.q) - _twist(both, before.q)) > WHOLE
@@ -79,11 +78,10 @@ def _twist(clamp: np.ndarray, q: np.ndarray) -> np.ndarray:
 def _turned(solution: Solution, end: int) -> States:
     """Return the states turned by half a turn about a clamp's tangent, its frame left as it is."""
     clamp = solution.conditions.clamp[:, end : end + 1]
-    spin = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
-    inside = conjugate_product(clamp, torch.from_numpy(solution.q))
-    turned = multiply(multiply(spin, inside), spin * torch.tensor([1.0, -1.0, -1.0, -1.0]))
+    spin = np.array([0.0, 0.0, 0.0, 1.0])
+    turned = multiply(multiply(spin, conjugate_product(clamp, solution.q)), -spin)
     start = solution.states
-    start.q[:] = multiply(clamp, turned).numpy()
+    start.q[:] = multiply(clamp, turned)
     start.reaction[:] = 0.0
     return start
 
@@ -113,7 +111,7 @@ def _led(
     if halvings == 0:
         return found
     # Of the two quaternions of a clamp the one nearer to where it was.
-    same = torch.sign((here.clamp * there.clamp).sum(-1, keepdim=True))
+    same = np.sign((here.clamp * there.clamp).sum(-1, keepdims=True))
     middle = replace(
         there,
         ends=0.5 * (here.ends + there.ends),
@@ -135,13 +133,13 @@ def turned_over(
     shape did meanwhile, as long as no joint is bent by half a turn: along the rope quaternions go
     on, or are the negative of that.
     """
-    if bool(torch.isnan(here.clamp).any()):
+    if np.isnan(here.clamp).any():
         return np.zeros(len(after.q), dtype=bool)
-    moved = torch.sign((here.clamp * there.clamp).sum(-1)).prod(-1)
-    return (_sheet(here.clamp, before.q) * _sheet(there.clamp, after.q) * moved < 0).numpy()
+    moved = np.sign((here.clamp * there.clamp).sum(-1)).prod(-1)
+    return _sheet(here.clamp, before.q) * _sheet(there.clamp, after.q) * moved < 0
 
 
-def _sheet(clamp: torch.Tensor, q: np.ndarray) -> torch.Tensor:
+def _sheet(clamp: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Return (F,) 1 or -1: whether the quaternions go on from one clamp to the other."""
-    every = torch.cat([clamp[:, :1], torch.from_numpy(q), clamp[:, 1:]], dim=1)
-    return torch.sign((every[:, 1:] * every[:, :-1]).sum(-1)).prod(-1)
+    every = np.concatenate([clamp[:, :1], q, clamp[:, 1:]], axis=1)
+    return np.sign((every[:, 1:] * every[:, :-1]).sum(-1)).prod(-1)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
+
+from ropefit.rod.either import Array, plain
 
 
 class FrictionElements(NamedTuple):
@@ -47,12 +48,12 @@ class Conditions:
     of axial strain, see `rod.axial`; none where that is in proportion to tension.
     """
 
-    ends: Tensor
-    clamp: Tensor
+    ends: Array
+    clamp: Array
     node: np.ndarray | None = None
-    direction: Tensor | None = None
-    offset: Tensor | None = None
-    compliance: Tensor | None = None
+    direction: Array | None = None
+    offset: Array | None = None
+    compliance: Array | None = None
     active: np.ndarray | None = None
     friction_elements: FrictionElements | None = None
     axial: np.ndarray | None = None
@@ -60,12 +61,12 @@ class Conditions:
     @cached_property
     def free(self) -> bool:
         """Return whether nothing holds node 0."""
-        return bool(torch.isnan(self.ends[:, 0]).any())
+        return _unknown(self.ends[:, 0])
 
     @cached_property
     def far_held(self) -> bool:
         """Return whether the far end's place is given."""
-        return not bool(torch.isnan(self.ends[:, 1]).any())
+        return not _unknown(self.ends[:, 1])
 
     @property
     def far_supports(self) -> int:
@@ -77,16 +78,23 @@ class Conditions:
         """Return S, the far end's included."""
         return self.far_supports + (0 if self.node is None else len(self.node))
 
-    def frames(self, index: Tensor | np.ndarray) -> Conditions:
+    def frames(self, index: np.ndarray) -> Conditions:
         """Return the conditions of some of the frames."""
-        index = torch.as_tensor(index)
-        few = {
-            name: value[index]
-            for name in ("ends", "clamp", "direction", "offset", "compliance")
-            if (value := getattr(self, name)) is not None
-        }
-        active = None if self.active is None else self.active[index.numpy()]
-        past = (
-            None if self.friction_elements is None else self.friction_elements.frames(index.numpy())
-        )
+        few = self._each(lambda value: value[index])
+        active = None if self.active is None else self.active[index]
+        past = None if self.friction_elements is None else self.friction_elements.frames(index)
         return replace(self, active=active, friction_elements=past, **few)
+
+    def in_numpy(self) -> Conditions:
+        """Return the conditions without tensors."""
+        return replace(self, **self._each(plain))
+
+    def _each(self, change: Callable[[Array], Array]) -> dict[str, Array]:
+        """Return what is made of every array that may be a tensor, and is given."""
+        names = ("ends", "clamp", "direction", "offset", "compliance")
+        return {n: change(value) for n in names if (value := getattr(self, n)) is not None}
+
+
+def _unknown(array: Array) -> bool:
+    """Return whether any value is NaN."""
+    return bool((array != array).any())

@@ -32,16 +32,14 @@ def rotated(q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def in_space(followers: Followers, q: np.ndarray) -> np.ndarray:
     """Return (F, 3 m) [N] the m forces in space, carried by frames q (F, N, 4)."""
-    forces = [
-        np.einsum("n,fna->fa", k.weight.numpy(), rotated(q, k.force.numpy())) for k in followers
-    ]
+    forces = [np.einsum("n,fna->fa", k.weight, rotated(q, k.force)) for k in followers]
     return np.concatenate(forces, axis=1)
 
 
 def on_nodes(followers: Followers, forces: np.ndarray) -> np.ndarray:
     """Return loads (F, N+1, 3) [N] of forces (F, 3 m) [N]."""
     parts = forces.reshape(len(forces), -1, 3)
-    share = np.stack([k.share.numpy() for k in followers])
+    share = np.stack([k.share for k in followers])
     return np.einsum("kn,fka->fna", share, parts)
 
 
@@ -56,7 +54,7 @@ def turned(followers: Followers, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Return (F, P, 3 m) changes of the forces by turns (F, P, N, 3) [rad] of the frames q about
     their own directors."""
     parts = [
-        np.einsum("n,fpna->fpa", k.weight.numpy(), rotated(q[:, None], np.cross(turn, k.force)))
+        np.einsum("n,fpna->fpa", k.weight, rotated(q[:, None], np.cross(turn, k.force)))
         for k in followers
     ]
     return np.concatenate(parts, axis=-1)
@@ -64,9 +62,7 @@ def turned(followers: Followers, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 def unit_loads(followers: Followers) -> np.ndarray:
     """Return (1, 3 m, N+1, 3) the loads of a unit of each component in space."""
-    return np.stack([k.share.numpy()[:, None] * np.eye(3)[a] for k in followers for a in range(3)])[
-        None
-    ]
+    return np.stack([k.share[:, None] * np.eye(3)[a] for k in followers for a in range(3)])[None]
 
 
 def closed(
@@ -89,7 +85,7 @@ def solve_with_followers(
     not come to rest are marked."""
     first = start if start is not None else settle(np.zeros(0), None)
     forces = in_space(followers, np.nan_to_num(first.q))
-    size = max(float(k.force.norm()) for k in followers)
+    size = max(float(np.linalg.norm(k.force)) for k in followers)
     state: States = first
     for _ in range(ROUNDS):
         found = settle(on_nodes(followers, forces), state)
@@ -126,7 +122,7 @@ def pulled_through(
         # f = R(q) g changes by R (ω × g): its gradient in ω is g × Rᵀ λ.
         part = forces[:, 3 * k : 3 * k + 3, 0][:, None]
         back = rotated(q * np.array([1.0, -1.0, -1.0, -1.0]), np.broadcast_to(part, own.shape))
-        turn += follower.weight.numpy()[:, None] * np.cross(follower.force.numpy(), back)
+        turn += follower.weight[:, None] * np.cross(follower.force, back)
     w, v = q[..., :1], q[..., 1:]
     more = np.concatenate([-(v * turn).sum(-1, keepdims=True), w * turn + np.cross(v, turn)], -1)
     return gq + 2 * more

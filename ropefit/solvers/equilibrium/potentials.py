@@ -7,12 +7,10 @@ enters the rod's own Newton as elastic supports; repeated until the nodes stay w
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ropefit.rod.either import plain
+from ropefit.rod.potential import Potential, derivatives_of, slope_of
 from ropefit.rod.rod import Rod
-from ropefit.rod.setup import Potential
-from ropefit.solvers.arrays import as_numpy
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.solution import Solution, States, unsettled
 from ropefit.solvers.equilibrium.solve import solve
@@ -31,66 +29,29 @@ STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arriv
 
 
 def force_and_stiffness(
-    potentials: tuple[Potential, ...], x: Tensor, with_stiffness: bool = True
-) -> tuple[Tensor, Tensor]:
-    """Return -dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3).
-
-    The second only where it is asked for.
-    """
-    x = x.detach()
-    force, stiffness = torch.zeros_like(x), x.new_zeros((*x.shape, 3) if with_stiffness else 0)
+    potentials: tuple[Potential, ...], x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return -dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3)."""
+    force, stiffness = np.zeros_like(x), np.zeros((*x.shape, 3))
     for p in potentials:
-        if p.slope is not None and not with_stiffness:
-            with torch.no_grad():
-                force -= p.share[:, None] * p.slope(x)
-            continue
-        if p.derivatives is not None:
-            with torch.no_grad():
-                slope, rows = p.derivatives(x)
-                force -= p.share[:, None] * slope
-                if with_stiffness:
-                    stiffness += p.share[:, None, None] * rows
-            continue
-        share = p.share.detach()[:, None].expand_as(x[..., :1])
-        if p.cornered:  # friction knows every node's past
-            slope, rows = _slopes(p, x, share, with_stiffness)
-            force -= slope
-            stiffness += rows
-            continue
-        acting = _acting(p, x)
-        slope, rows = _slopes(p, x[acting], share[acting], with_stiffness)
-        force[acting] -= slope
-        if with_stiffness:
-            stiffness[acting] += rows
+        slope, rows = derivatives_of(p, x)
+        force -= p.share[:, None] * slope
+        stiffness += p.share[:, None, None] * rows
     return force, stiffness
 
 
-def _acting(p: Potential, x: Tensor) -> Tensor:
+def force_of(potentials: tuple[Potential, ...], x: np.ndarray) -> np.ndarray:
+    """Return -dV/dx (..., K, 3) [N] at nodes x (..., K, 3)."""
+    force = np.zeros_like(x)
+    for p in potentials:
+        force -= p.share[:, None] * slope_of(p, x)
+    return force
+
+
+def _acting(p: Potential, x: np.ndarray) -> np.ndarray:
     """Return (..., K) the nodes that a potential acts on: most ropes touch something with few."""
-    acting = (p.share != 0).expand(x.shape[:-1])
-    return acting if p.hardness is None else acting & (p.energy(x).detach() > 0)
-
-
-@torch.enable_grad()  # also where a caller wants no gradients of its own
-def _slopes(p: Potential, x: Tensor, share: Tensor, with_stiffness: bool) -> tuple[Tensor, Tensor]:
-    """Return first (..., 3) and, if asked for, second derivatives (..., 3, 3) of a potential.
-
-    At nodes x (..., 3) of shares (..., 1).
-    """
-    x = x.detach().requires_grad_()
-    total = (share[..., 0] * p.energy(x)).sum()
-    (slope,) = torch.autograd.grad(total, x, create_graph=with_stiffness)
-    if not with_stiffness:
-        return slope, x.new_zeros(0)
-    rows = []
-    for a in range(3):
-        row = None
-        if slope.requires_grad:
-            (row,) = torch.autograd.grad(
-                slope[..., a].sum(), x, retain_graph=True, allow_unused=True
-            )
-        rows.append(torch.zeros_like(x) if row is None else row)
-    return slope.detach(), torch.stack(rows, dim=-2).detach()
+    acting = np.broadcast_to(p.share != 0, x.shape[:-1])
+    return acting if p.hardness is None else acting & (p.energy(x) > 0)
 
 
 def solve_with_potentials(
@@ -110,9 +71,10 @@ def solve_with_potentials(
     Those that do not at first begin anew from where they would hang alone, and are brought out of
     the obstacle in steps, while it hardens.
     """
+    rod, conditions = Rod(*map(plain, rod)), conditions.in_numpy()
     if start is None or (isinstance(start, Solution) and not start.converged.all()):
         start = solve(rod, conditions)
-    length = float(rod.length.detach().sum(-1).max())
+    length = float(rod.length.sum(-1).max())
     if deepest < np.inf and _depth(potentials, start.x) > deepest * length:
         return unsettled(rod, conditions, start)
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
@@ -135,7 +97,7 @@ def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
     deepest = 0.0
     for p in potentials:
         if p.hardness is not None:
-            energy = float(p.energy(torch.from_numpy(x)).detach().max())
+            energy = float(p.energy(x).max())
             deepest = max(deepest, float(np.sqrt(2 * energy / float(p.hardness))))
     return deepest
 
@@ -160,7 +122,7 @@ def _settle(
     moved = np.full(frames, np.inf)
     cornered = any(p.cornered for p in potentials)
     own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
-    near = np.full(frames, SMALL_MOVE * float(rod.length.detach().sum(-1).max()))
+    near = np.full(frames, SMALL_MOVE * float(rod.length.sum(-1).max()))
     bold, share = np.full(frames, cornered), np.ones(frames)
     going, alone = ~_untouched(potentials, x), Supported(rod, conditions)
     if not going.all():
@@ -175,9 +137,7 @@ def _settle(
         mine = np.flatnonzero(going)
         if not len(mine):
             break
-        force, stiffness = (
-            as_numpy(item) for item in force_and_stiffness(potentials, torch.from_numpy(x[mine]))
-        )
+        force, stiffness = force_and_stiffness(potentials, x[mine])
         # Supports that are at rest at x push with nothing: only the ends' reactions are known.
         held, stiffness = supports(x[mine], stiffness, bold[mine])
         new, _ = alone.settled(mine, current.frames(mine), force, held, ROUND_STEPS)
@@ -221,7 +181,7 @@ def _untouched(potentials: tuple[Potential, ...], x: np.ndarray) -> np.ndarray:
     out = np.full(len(x), all(p.hardness is not None for p in potentials))
     if out.any():
         for p in potentials:
-            out &= ~_acting(p, torch.from_numpy(x)).any(-1).numpy()
+            out &= ~_acting(p, x).any(-1)
     return out
 
 
@@ -235,9 +195,9 @@ def _replaced(
 ) -> Solution:
     """Return equilibria where supports stand for the potentials at nodes x (F, K, 3), found from
     states near them. bold (F,): frames in which potentials show their own curvature."""
-    force, stiffness = force_and_stiffness(potentials, torch.from_numpy(x))
-    held, _ = supports(x, stiffness.numpy(), bold)
-    if bool((force != 0).any()):
+    force, stiffness = force_and_stiffness(potentials, x)
+    held, _ = supports(x, stiffness, bold)
+    if (force != 0).any():
         # As one, a force and a stiffness near zero would be a support from far away.
         rod = rod.each(len(x))
         rod = rod._replace(load=rod.load + force)
@@ -255,12 +215,11 @@ def _share(
 
     old, new (F, K, 3) [N]: the rod's own force at its ends.
     """
-    at = torch.linspace(0.0, 1.0, SHARES, dtype=torch.float64)
-    places = torch.from_numpy(x) + at[:, None, None, None] * torch.from_numpy(step)
-    force = force_and_stiffness(potentials, places, with_stiffness=False)[0].numpy()
+    at = np.linspace(0.0, 1.0, SHARES)
+    force = force_of(potentials, x + at[:, None, None, None] * step)
     along = np.einsum("sfna,fna->sf", force, step)
     first, last = (np.einsum("fna,fna->f", own, step) for own in (old, new))
-    along += first + at.numpy()[:, None] * (last - first)
+    along += first + at[:, None] * (last - first)
     out = np.ones(len(step))
     for f, drive in enumerate(along.T):
         back = np.flatnonzero(drive[1:] < 0)

@@ -1,7 +1,7 @@
 """The rod in equilibrium, by Newton's method from catenaries or from known states.
 
 `solve` finds the states, `stability.py` their smallest eigenvalue; `implicit.py` differentiates
-them. The compiled work is in `kernels/`. All arrays float64 on the CPU.
+them. The compiled work is in `kernels/`. What is given as tensors is found in a solution as arrays.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
+from ropefit.rod.either import plain
 from ropefit.rod.rod import DIMS, Rod
 from ropefit.solvers.arrays import in_threads
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -48,6 +48,7 @@ def solve(
     problem: of these very rod, conditions and member, if known.
     Never raises for a frame that does not converge: its status says so.
     """
+    rod, conditions = Rod(*map(plain, rod)), conditions.in_numpy()
     problem = problem or problem_of(rod, conditions, member)
     q, lam, base = starting(problem, conditions, start, turns)
     x, force, status, iterations, residual = newton(problem, q, lam, base, tolerance, limit)
@@ -99,10 +100,10 @@ def _continue(
     def at(factor: np.ndarray, index: np.ndarray, start: States | None) -> Solution:
         """Return equilibria of some frames with their stiffness times factor (n,)."""
         few = Rod(*(t if t.ndim == d else t[index] for t, d in zip(fixed, DIMS, strict=True)))
-        times = torch.from_numpy(factor)[:, None, None]
+        times = factor[:, None, None]
         held = conditions.frames(index)
         if held.friction_elements is not None:
-            drag = held.friction_elements.drag * times.numpy()
+            drag = held.friction_elements.drag * times
             held = replace(held, friction_elements=held.friction_elements._replace(drag=drag))
         return solve(
             few._replace(stiffness=stiffness[owner[index]] * times), held, start,

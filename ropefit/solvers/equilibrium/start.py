@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
+from array_api_compat import array_namespace
 
+from ropefit.rod.either import Array, like
 from ropefit.rod.quaternion import transport
 from ropefit.solvers.arrays import as_numpy, in_threads
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -36,29 +36,27 @@ def hanging_shape(
     return shape
 
 
-def frames_along(x: Tensor, first: Tensor | None = None, last: Tensor | None = None) -> Tensor:
+def frames_along(x: Array, first: Array | None = None, last: Array | None = None) -> Array:
     """Return twist-free frames (..., K-1, 4) of a centreline x (..., K, 3), clamps in their places.
 
     first, last: (..., 4) held frames of the first and last segment, NaN where not held. The frames
     run from the first clamp if there is one, so that their arbitrary turn about the tangent is the
     clamp's.
     """
+    xp = array_namespace(x)
     edges = x[..., 1:, :] - x[..., :-1, :]
-    norm = torch.sqrt((edges * edges).sum(-1, keepdim=True) + 1e-24)
-    tangents = edges / norm
-    fallback = torch.zeros_like(tangents)
-    fallback[..., 2] = 1.0
-    tangents = torch.where(norm > 1e-11, tangents, fallback)
+    norm = xp.sqrt((edges * edges).sum(-1)[..., None] + 1e-24)
+    tangents = xp.where(norm > 1e-11, edges / norm, like([0.0, 0.0, 1.0], x))
     q = transport(tangents)
     for index, held in ((0, first), (-1, last)):
         if held is not None:
-            given = torch.isfinite(held).all(-1, keepdim=True)
+            given = xp.isfinite(held).all(-1)[..., None]
             near = q[..., index, :]
-            held = torch.where(given, held, near)
-            sign = torch.where((held * near).sum(-1, keepdim=True) < 0, -1.0, 1.0)
-            place = torch.zeros(q.shape[-2], 1, dtype=torch.bool)
-            place[index] = True
-            q = torch.where(place, (sign * held)[..., None, :], q)
+            held = xp.where(given, held, near)
+            against = (held * near).sum(-1)[..., None] < 0
+            place = xp.zeros_like(q[..., :1], dtype=xp.bool)
+            place[..., index, :] = True
+            q = xp.where(place, xp.where(against, -held, held)[..., None, :], q)
     return q
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from ropefit.rod.rod import Rod
 from ropefit.solvers.arrays import as_numpy
@@ -68,11 +67,7 @@ def held_by(conditions: Conditions, added: Supports | None) -> Conditions:
     """Return conditions with further supports."""
     if added is None:
         return conditions
-    direction, offset, compliance = (torch.from_numpy(item) for item in added[1:4])
-    return replace(
-        conditions, node=added.node, direction=direction, offset=offset, compliance=compliance,
-        active=added.active,
-    )  # fmt: skip
+    return replace(conditions, **added._asdict())
 
 
 class Supported:

@@ -10,7 +10,6 @@ reference, differentiated by autograd; `compiled.py` does the same, many times f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import torch
@@ -22,6 +21,7 @@ from ropefit.rod.quaternion import normalise
 from ropefit.rod.strains import Rest, bend_twist, distance, stretch_shear
 from ropefit.solvers.xpbd.chain import Chain
 from ropefit.solvers.xpbd.jacobi import Jacobi
+from ropefit.solvers.xpbd.settings import Settings
 from ropefit.solvers.xpbd.thomas import Thomas
 
 
@@ -61,26 +61,6 @@ class Eta(NamedTuple):
     shear_q: Tensor
     bend: Tensor
     sor: Tensor
-
-
-@dataclass(frozen=True)
-class Settings:
-    """steps x iterations, the time step [s] of the gravity prediction, and compliances.
-
-    Compliances are those of eq. (3), in the units of the projected system: dimensionless strains
-    with unit weights for shear and bend, m² for the distance. 0 (the default) is a hard constraint.
-    """
-
-    steps: int = 50
-    iterations: int = 20
-    dt: float = 0.1
-    alpha_shear: float = 0.0
-    alpha_bend: float = 0.0
-    alpha_distance: float = 0.0
-
-    @property
-    def total(self) -> int:
-        return self.steps * self.iterations
 
 
 class State(NamedTuple):

@@ -5,12 +5,8 @@ from __future__ import annotations
 from torch import Tensor
 
 from ropefit.solvers.xpbd.chain import Chain
+from ropefit.solvers.xpbd.settings import RIDGE
 from ropefit.solvers.xpbd.tridiagonal import solve_tridiagonal
-
-# Relative to the diagonal. A taut straight rope held at both ends has one multiplier too many (its
-# tension moves nothing): without a ridge rounding would be amplified without bound. It slows the
-# convergence of the others by a factor of 1e-6 an iteration, which is nothing.
-RIDGE = 1e-6
 
 
 class Thomas:
