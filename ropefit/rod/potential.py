@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-STEP = 1e-4  # m: of central differences of fourth order, where an energy is all that is given
+STEP = 1e-5  # m: of central differences of fourth order, where an energy is all that is given
 WEIGHTS = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 
 

@@ -261,7 +261,7 @@ def bare(
     """Return the setup without any effect. Shapes as in `Setup`; viewpoint (3,) [m]."""
     segments = properties.length.shape[-1]
     zero = np.zeros(3)
-    held = ~np.isnan(clamp).any(axis=(0, 2))
+    held = [not np.isnan(clamp[:, end]).any() for end in range(2)]
     return Setup(
         properties=properties,
         gravity=gravity,
@@ -273,7 +273,7 @@ def bare(
         stretch=np.zeros(segments),
         ends=ends,
         clamp=clamp,
-        clamped=(bool(held[0]), bool(held[1])),
+        clamped=(held[0], held[1]),
         sensor=SensorModel(
             viewpoint,
             zero,
