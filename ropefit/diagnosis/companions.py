@@ -47,24 +47,25 @@ class Companions(NamedTuple):
 def companions(
     current: Fit, proposed: list[list[Start]], names: tuple[str, ...] | None = None
 ) -> Companions | None:
-    """Return the most promising of the `proposed` effects with one that it makes possible, fitted;
-    None unless they leave next to nothing."""
-    best, least = None, 1.0
+    """Return one of the `proposed` effects with one that it makes possible, fitted, from the most
+    promising beginning that leads there; None unless they leave next to nothing."""
+    begun: list[tuple[float, list[Start], Fit, Beginning]] = []
     for starts in _pairs(current, proposed, names):
         smaller = _with_known_beginning(current, starts)
-        begun = None if smaller is None else settled_start(smaller, starts)
-        if smaller is None or begun is None:
+        begin = None if smaller is None else settled_start(smaller, starts)
+        if smaller is None or begin is None:
             continue
-        share = begun.misfit / float(smaller.z @ smaller.z)
-        if share < least:
-            best, least = (starts, smaller, begun), share
-        if least < MAY_LEAVE:  # as it begins: walks are slow
+        share = begin.misfit / float(smaller.z @ smaller.z)
+        if share < 1.0:
+            begun.append((share, starts, smaller, begin))
+        if share < MAY_LEAVE:  # as it begins: walks are slow
             break
-    if best is None:
-        return None
-    starts, smaller, begun = best
-    fitted = _fitted(smaller, begun)
-    return None if fitted is None else Companions([h for h, _ in starts], smaller, fitted)
+    # How a rope is dragged jumps with where the body is: the best beginning may lead nowhere.
+    for _, starts, smaller, begin in sorted(begun, key=lambda one: one[0]):
+        fitted = _fitted(smaller, begin)
+        if fitted is not None:
+            return Companions([h for h, _ in starts], smaller, fitted)
+    return None
 
 
 def _pairs(
