@@ -1,5 +1,7 @@
 """A clamp taken as a pin: found and told whether it yields or is rigid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,30 @@ def test_soft_and_rigid_clamps_are_found(stiffness):
     if stiffness == 1e6:  # at least so stiff, and not known any better
         assert 0.005 < low < 0.5
         assert high > 1e3
+
+
+def test_the_length_of_a_direction_changes_nothing(monkeypatch):
+    """Neither the evidence nor an interval, also where what the model misses widens these."""
+    nominal = compared(recorded(with_effect(ClampedEnd(1), [0.02, *DIRECTION]), 101))
+    setup = nominal.point.setup
+    hypothesis = next(h for h in hypotheses(setup, ("clamped_end",)) if h.effect.end == 1)
+    starts = [np.array([0.02, *(k * WAY)]) for k in (1.0, 1e4)]
+    unit, long = (fit_candidate(nominal, hypothesis, start) for start in starts)
+    assert long.evidence == pytest.approx(unit.evidence, abs=0.05)
+    np.testing.assert_allclose(long.values(), unit.values(), rtol=1e-2, atol=1e-3)
+    np.testing.assert_allclose(long.sd(), unit.sd(), rtol=0.02)
+    found, far, many = unit.fit, unit.fit.point.u.copy(), 1e5
+    assert np.linalg.norm(unit.term.value(far[-4:])[1:]) == pytest.approx(1.0)
+    far[-3:] = unit.term.search(many * unit.term.value(far[-4:]))[1:]
+    jacobian = found.jacobian.copy()
+    jacobian[:, -3:] /= many
+    same = replace(found, point=replace(found.point, u=far), jacobian=jacobian)
+    for misses in (False, True):
+        monkeypatch.setattr(type(found), "misses", property(lambda _, m=misses: m))
+        one, other = (replace(unit, fit=replace(f)) for f in (found, same))
+        assert np.isfinite(one.sd()).all()
+        assert (one.sd() > 0).all()
+        np.testing.assert_allclose(other.sd(), one.sd(), rtol=1e-6)
 
 
 def test_an_infinite_stiffness_is_a_finite_search():

@@ -57,6 +57,20 @@ class Term:
         size = np.isinf(self.prior) & ~np.isin(self.names, places)
         return np.where(size, SIZE_PRIOR_SD, np.inf)
 
+    @property
+    def pointing(self) -> np.ndarray:
+        """Return (n,) bool: components of a direction, whose length changes nothing."""
+        return np.isin(self.names, self.effect.direction if self.effect else ())
+
+    def gauged(self, u: np.ndarray) -> np.ndarray:
+        """Return search variables (n,) that say the same, with a direction of unit length."""
+        pointing = self.pointing
+        if not pointing.any():
+            return u
+        value = self.value(u)
+        length = float(np.linalg.norm(value[pointing]))
+        return np.where(pointing, self.search(value / length), u) if length > 0 else u
+
     def value(self, u: np.ndarray) -> np.ndarray:
         """Return (n,) in SI from search variables (n,)."""
         if self.log:
