@@ -8,8 +8,8 @@ import torch
 
 from ropefit.rod.fields import BAR, BODIES, PLANE
 from ropefit.rod.moving import Moving, moving
+from ropefit.rod.potential import Potential
 from ropefit.rod.rod import build, uniform
-from ropefit.rod.setup import Potential
 from ropefit.solvers.dynamics.derivatives import Directions, tangent
 from ropefit.solvers.dynamics.differentiable import simulate
 from ropefit.solvers.dynamics.problem import Drive, Start

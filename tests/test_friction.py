@@ -25,8 +25,9 @@ from ropefit.models.parameters import PARAMETERS, Range, set_bend
 from ropefit.models.terms import Term
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
+from ropefit.rod.potential import Potential
 from ropefit.rod.rod import uniform
-from ropefit.rod.setup import Potential, Setup, bare
+from ropefit.rod.setup import Setup, bare
 from tests.concealed import BINS, EI, EYE, recorded
 from tests.test_memory import difference
 

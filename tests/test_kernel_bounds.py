@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.rod.moving import moving, undamped
+from ropefit.rod.potential import Potential
 from ropefit.rod.rod import build, uniform
-from ropefit.rod.setup import Potential, bare
+from ropefit.rod.setup import bare
 from ropefit.solvers.dynamics import derivatives, problem
 from ropefit.solvers.dynamics import solve as dynamics
 from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements

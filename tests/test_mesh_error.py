@@ -12,7 +12,7 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
 from ropefit.models.mesh import refined
-from ropefit.rod.setup import Potential
+from ropefit.rod.potential import Potential
 from tests.test_diagnosis_of_motion import DOWN, LENGTH, driven, model, recorded
 
 NOTHING, STATIONS = np.empty(0), 12

@@ -9,7 +9,8 @@ import numpy as np
 from ropefit.effects.base import Effect
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal
-from ropefit.rod.setup import Potential, Setup
+from ropefit.rod.potential import Potential
+from ropefit.rod.setup import Setup
 
 HARDNESS = 200.0  # weights of the rope per metre of indentation: a hundredth of its weight: 50 µm
 MOST_CONTACT_NODES = 60  # about so many nodes stand for all, which bounds the cost of contact

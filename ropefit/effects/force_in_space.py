@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ropefit.effects.base import Effect, Exported
-from ropefit.rod.setup import Potential, Setup
+from ropefit.rod.potential import Potential
+from ropefit.rod.setup import Setup
 
 LUMPS = 16  # parts of the rope: forces change little over one
 

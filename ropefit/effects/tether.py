@@ -11,7 +11,8 @@ from ropefit.effects.base import Effect, Exported, Quantity, SpecialCase
 from ropefit.effects.drawn import Drawn, components
 from ropefit.effects.place import at_point, middle_of, nearest_node
 from ropefit.effects.point_force import PointForce, axes_of
-from ropefit.rod.setup import Potential, Setup
+from ropefit.rod.potential import Potential
+from ropefit.rod.setup import Setup
 
 
 def steady_pull(setup: Setup, values: np.ndarray) -> np.ndarray:

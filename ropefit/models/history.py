@@ -41,8 +41,9 @@ from ropefit.models.rubbing import loose, rubbings
 from ropefit.rod import friction, memory
 from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State
+from ropefit.rod.potential import Potential
 from ropefit.rod.rod import Rod
-from ropefit.rod.setup import Potential, Setup
+from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials

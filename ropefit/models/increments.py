@@ -10,7 +10,8 @@ import numpy as np
 
 from ropefit.rod import memory
 from ropefit.rod.friction import push
-from ropefit.rod.setup import Motion, Potential, Setup
+from ropefit.rod.potential import Potential
+from ropefit.rod.setup import Motion, Setup
 
 STRIDE = 0.016  # of the length: with a fifth of it the χ² of a dragged rope changed by 5 %
 MOST_INCREMENTS = 6  # increments from one frame to the next

@@ -9,7 +9,8 @@ import numpy as np
 from ropefit.models.response import DIFFERENCE_STEP, Change, slope
 from ropefit.rod import friction
 from ropefit.rod.friction import Grip
-from ropefit.rod.setup import Potential, Setup
+from ropefit.rod.potential import Potential
+from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.potentials import force_and_stiffness
 
 

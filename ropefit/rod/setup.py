@@ -16,7 +16,7 @@ from ropefit.rod.either import Array, like
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
 from ropefit.rod.path import EndPath
-from ropefit.rod.potential import Potential as Potential
+from ropefit.rod.potential import Potential
 from ropefit.rod.quaternion import cross
 from ropefit.rod.rod import Properties, Rod, arc_length, build
 
