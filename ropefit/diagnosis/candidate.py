@@ -54,8 +54,8 @@ class Candidate:
         mine = self._mine(np.arange(len(self.fit.point.u)))
         whole = self.fit.by_noise if by_noise else self.fit.covariance
         out = whole[np.ix_(mine, mine)]
-        along = np.where(self._pointing(), self._raw() / self.term.scale, 0.0)
-        if along.any():  # across a direction: its length changes nothing
+        along = np.where(self.term.in_direction, self._raw() / self.term.scale, 0.0)
+        if along.any():  # in motion variances are widened component by component
             across = np.eye(len(along)) - np.outer(along, along) / (along @ along)
             out = across @ out @ across
         return out
@@ -119,14 +119,10 @@ class Candidate:
         """Return (k + p,) values in SI as they were fitted."""
         return self.term.value(self._mine(self.fit.point.u))
 
-    def _pointing(self) -> np.ndarray:
-        """Return (k + p,) bool: components of a direction."""
-        return np.isin(self.term.names, self.hypothesis.effect.direction)
-
     def _length(self) -> np.ndarray:
         """Return (k + p,) the length of the direction for its components, else 1."""
-        pointing = self._pointing()
-        return np.where(pointing, np.linalg.norm(self._raw()[pointing]), 1.0)
+        components = self.term.in_direction
+        return np.where(components, np.linalg.norm(self._raw()[components]), 1.0)
 
     def _mine(self, u: np.ndarray) -> np.ndarray:
         """Return its part of the fit's values (P,), whatever was added to the model after it."""

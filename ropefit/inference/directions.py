@@ -1,7 +1,7 @@
-"""Directions among the search variables: three components whose common length changes nothing.
+"""The tangent basis of search variables, where three of them are the components of a direction.
 
-What has no effect has no information, and rounding would give it some: variances are those of the
-turns of a direction, whatever length it has got in a fit.
+The length of a direction changes nothing, so that the data have no information of it but rounding
+errors. Covariances are therefore computed in the tangent basis: rotations instead of components.
 """
 
 from __future__ import annotations
@@ -13,49 +13,43 @@ from scipy.linalg import null_space
 
 from ropefit.models.model import Model
 
-TURNED = 1.0  # rad: one sigma of a direction of which nothing is known
+DIRECTION_SD = 1.0  # rad: prior standard deviation of a direction
 
 
-class Ways(NamedTuple):
-    """P' ways in which P search variables may change: ways (P, P'); of (P',) the variable that each
-    one is, -1 for a turn [rad] of a direction."""
+class TangentBasis(NamedTuple):
+    """Q tangent vectors of P search variables: vectors (P, Q); variable (Q,): which search variable
+    each one is, -1 for a rotation [rad] of a direction."""
 
-    ways: np.ndarray
-    of: np.ndarray
+    vectors: np.ndarray
+    variable: np.ndarray
 
     def prior(self, prior: np.ndarray) -> np.ndarray:
-        """Return (P',) one sigma of the ways, from that of the variables (P,), inf for none; a
-        direction has none where its components have none."""
-        turned = TURNED if np.isfinite(prior[self.components]).all() else np.inf
-        return np.where(self.of < 0, turned, prior[self.of])
+        """Return (Q,) prior standard deviations along the tangent vectors, from those of the search
+        variables (P,); inf for none, also of a direction whose components have none."""
+        components = np.setdiff1d(np.arange(len(self.vectors)), self.variable)
+        rotation = DIRECTION_SD if np.isfinite(prior[components]).all() else np.inf
+        return np.where(self.variable < 0, rotation, prior[self.variable])
 
-    @property
-    def components(self) -> np.ndarray:
-        """Return the variables that are components of a direction."""
-        return np.setdiff1d(np.arange(len(self.ways)), self.of)
-
-    def of_variables(self, covariance: np.ndarray) -> np.ndarray:
-        """Return the covariance (P, P) of the variables from that of the ways (P', P')."""
-        return self.ways @ covariance @ self.ways.T
+    def covariance(self, tangent: np.ndarray) -> np.ndarray:
+        """Return the covariance (P, P) of the search variables from that in this basis (Q, Q)."""
+        return self.vectors @ tangent @ self.vectors.T
 
 
-def ways_of(forward: Model, u: np.ndarray) -> Ways | None:
-    """Return the ways in which search variables u (P,) may change; None where no direction is among
+def tangent_basis(forward: Model, u: np.ndarray) -> TangentBasis | None:
+    """Return the tangent basis at search variables u (P,); None where no direction is among
     them."""
-    if not any(term.pointing.any() for term in forward.terms):
+    if not any(term.in_direction.any() for term in forward.terms):
         return None
-    rows, columns, of = np.eye(len(u)), [], []
-    first = 0
+    axes, vectors, variable, first = np.eye(len(u)), [], [], 0
     for term, part in zip(forward.terms, forward.split(u), strict=True):
-        mine = first + np.arange(term.size)
-        pointing = term.pointing
+        mine, components = first + np.arange(term.size), term.in_direction
         first += term.size
-        columns.append(rows[:, mine[~pointing]])
-        of += mine[~pointing].tolist()
-        if pointing.any():
-            along = (term.value(part) / term.scale)[pointing]
+        vectors.append(axes[:, mine[~components]])
+        variable += mine[~components].tolist()
+        if components.any():
+            along = (term.value(part) / term.scale)[components]
             across = np.zeros((len(u), len(along) - 1))
-            across[mine[pointing]] = np.linalg.norm(along) * null_space(along[None])
-            columns.append(across)
-            of += [-1] * (len(along) - 1)
-    return Ways(np.concatenate(columns, axis=1), np.array(of))
+            across[mine[components]] = np.linalg.norm(along) * null_space(along[None])
+            vectors.append(across)
+            variable += [-1] * (len(along) - 1)
+    return TangentBasis(np.concatenate(vectors, axis=1), np.array(variable))

@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from ropefit.inference import clipwise
 from ropefit.inference.bins import Stations, aligned, collected
-from ropefit.inference.directions import Ways, ways_of
+from ropefit.inference.directions import TangentBasis, tangent_basis
 from ropefit.inference.discrepancy import inflation, misled
 from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.objective import STOPPED, Objective
@@ -94,9 +94,9 @@ class Fit:
         prior = np.fmin(self.prior, self.forward.broad())
         if not self.misses:
             return self._widened(self._by_noise(prior))
-        ways, jacobian = self._ways, self.jacobian
-        if ways is not None:
-            jacobian, prior = jacobian @ ways.ways, ways.prior(prior)
+        basis, jacobian = self._basis, self.jacobian
+        if basis is not None:
+            jacobian, prior = jacobian @ basis.vectors, basis.prior(prior)
         data, s, held = jacobian.T @ jacobian, self.stations, _information(prior)
         inverse = np.linalg.pinv(data + held, rcond=1e-14)
         lever = inverse @ self.whitener.weighted(jacobian).T
@@ -105,11 +105,11 @@ class Fit:
         bias = misled(s, lever.reshape(-1, *s.residual.shape), self.problem.noise.marker)
         wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
         out = wider[:, None] * out * wider
-        return out if ways is None else ways.of_variables(out)
+        return out if basis is None else basis.covariance(out)
 
     @cached_property
-    def _ways(self) -> Ways | None:
-        return ways_of(self.forward, self.point.u)
+    def _basis(self) -> TangentBasis | None:
+        return tangent_basis(self.forward, self.point.u)
 
     def _widened(self, covariance: np.ndarray) -> np.ndarray:
         """Return the covariance (P, P) of a motion, no narrower than estimates scatter by clip."""
@@ -132,12 +132,12 @@ class Fit:
         return np.repeat(clip[self.stations.frame], self.stations.residual.shape[1])
 
     def _by_noise(self, prior: np.ndarray) -> np.ndarray:
-        ways, jacobian = self._ways, self.jacobian
-        if ways is not None:
-            jacobian, prior = jacobian @ ways.ways, ways.prior(prior)
+        basis, jacobian = self._basis, self.jacobian
+        if basis is not None:
+            jacobian, prior = jacobian @ basis.vectors, basis.prior(prior)
         information = jacobian.T @ jacobian / self.spread + _information(prior)
         out = np.linalg.pinv(information, rcond=1e-14)
-        return out if ways is None else ways.of_variables(out)
+        return out if basis is None else basis.covariance(out)
 
     @property
     def student(self) -> float:

@@ -166,7 +166,7 @@ class Objective:
         except _Stopped as stopped:
             best, cost, status = stopped.args
             summary = np.array([0.5 * cost, status, len(self.trace)])
-        best = self.forward.gauged(best)  # else a direction's length drifts from fit to fit
+        best = self.forward.with_unit_directions(best)  # their lengths drift from fit to fit
         return {"u": best, "summary": summary, "trace": np.array(self.trace)}, self.at(best)[0]
 
     def _by_trust_region(

@@ -1,5 +1,4 @@
-"""Which of the paper's solvers iterates a rope, for whoever only says so: nothing heavy is
-imported."""
+"""Choice and settings of the paper's solver, without its code."""
 
 from __future__ import annotations
 

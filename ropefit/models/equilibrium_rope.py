@@ -15,7 +15,6 @@ from torch import Tensor
 
 from ropefit.models.bends import axial_law_of, elements_of, joined
 from ropefit.models.rope_values import NAMES
-from ropefit.rod.either import plain
 from ropefit.rod.rod import Properties, Rod
 from ropefit.rod.setup import SensorModel, Setup
 from ropefit.solvers.batched.implicit import settled_batched
@@ -154,7 +153,7 @@ class EquilibriumRope:
         rod, start = s._replace(properties=rows, load=load).rod(), None
         of = np.broadcast_to(np.arange(len(s.ends)), shape).reshape(-1)
         past = None if self.friction_elements is None else self.friction_elements.frames(of)
-        law = elements_of(self.setup, Rod(*map(plain, rod)), len(flat))
+        law = elements_of(self.setup, rod.in_numpy(), len(flat))
         held = Conditions(
             ends, clamp, friction_elements=joined(past, law), axial=axial_law_of(self.setup)
         )
@@ -184,7 +183,7 @@ class EquilibriumRope:
         if followers:  # so are forces that turn with the rope
 
             def under(load: np.ndarray, near: States | None) -> Solution:
-                own = Rod(*map(plain, rod)).each(len(held.ends))
+                own = rod.in_numpy().each(len(held.ends))
                 more = own._replace(load=own.load + load) if load.size else own
                 return solve(more, held, near)
 

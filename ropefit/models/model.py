@@ -92,10 +92,10 @@ class Model(ABC):
         last = np.cumsum([term.size for term in self.terms], dtype=int)
         return [u[end - t.size : end] for t, end in zip(self.terms, last, strict=True)]
 
-    def gauged(self, u: np.ndarray) -> np.ndarray:
-        """Return search variables (P,) that say the same, with directions of unit length."""
+    def with_unit_directions(self, u: np.ndarray) -> np.ndarray:
+        """Return equivalent search variables (P,) with directions of unit length."""
         parts = zip(self.terms, self.split(u), strict=True)
-        return np.concatenate([np.empty(0), *(term.gauged(part) for term, part in parts)])
+        return np.concatenate([np.empty(0), *(t.with_unit_direction(part) for t, part in parts)])
 
     def start(self) -> np.ndarray:
         """Return (P,) search variables at the terms' starts."""

@@ -58,18 +58,18 @@ class Term:
         return np.where(size, SIZE_PRIOR_SD, np.inf)
 
     @property
-    def pointing(self) -> np.ndarray:
+    def in_direction(self) -> np.ndarray:
         """Return (n,) bool: components of a direction, whose length changes nothing."""
         return np.isin(self.names, self.effect.direction if self.effect else ())
 
-    def gauged(self, u: np.ndarray) -> np.ndarray:
-        """Return search variables (n,) that say the same, with a direction of unit length."""
-        pointing = self.pointing
-        if not pointing.any():
+    def with_unit_direction(self, u: np.ndarray) -> np.ndarray:
+        """Return equivalent search variables (n,) with a direction of unit length."""
+        components = self.in_direction
+        if not components.any():
             return u
         value = self.value(u)
-        length = float(np.linalg.norm(value[pointing]))
-        return np.where(pointing, self.search(value / length), u) if length > 0 else u
+        length = float(np.linalg.norm(value[components]))
+        return np.where(components, self.search(value / length), u) if length > 0 else u
 
     def value(self, u: np.ndarray) -> np.ndarray:
         """Return (n,) in SI from search variables (n,)."""

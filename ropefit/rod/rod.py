@@ -13,7 +13,7 @@ import numpy as np
 from array_api_compat import array_namespace
 from jaxtyping import Float
 
-from ropefit.rod.either import Array, alike, broadcast_to, like
+from ropefit.rod.either import Array, alike, broadcast_to, like, plain
 from ropefit.rod.fields import ROD
 
 
@@ -57,6 +57,10 @@ class Rod(NamedTuple):
     def arc(self) -> np.ndarray:
         """Return (R, N+1) [m] the rest arc length of the nodes."""
         return arc_length(self.length)
+
+    def in_numpy(self) -> Rod:
+        """Return the rod without tensors."""
+        return Rod(*map(plain, self))
 
     def each(self, frames: int) -> Rod:
         """Return the rod once for each of `frames`, also what was the same in all."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,6 +33,17 @@ def rod_arrays(rod: Mapping[str, Array], fields: tuple[Field, ...]) -> dict[str,
 def every_row(array: np.ndarray, count: int) -> np.ndarray:
     """Return an array with a row for each of `count` ropes."""
     return array if len(array) == count else np.repeat(array, count, axis=0)
+
+
+def sum_of_ropes(
+    gradient: np.ndarray, of: np.ndarray, ropes: int, shape: tuple[int, ...]
+) -> np.ndarray:
+    """Return a gradient (F, ...) summed over the frames, or clips, that show each of R ropes, of
+    (F,); in the shape of the field: over all ropes where it is the same in all."""
+    total = np.zeros((ropes, *gradient.shape[1:]))
+    np.add.at(total, of, gradient)
+    whole = total if total.size == math.prod(shape) else total.sum(axis=0)
+    return whole.reshape(shape)
 
 
 def whole_rest(rest: np.ndarray) -> np.ndarray:

@@ -135,7 +135,7 @@ def simulate_batched(
     device: torch.device | str,
     member: np.ndarray | None = None,
 ) -> tuple[Tensor, Tensor, Stepped]:
-    """Run `step_batched` as a differentiable function, like `dynamics.derivatives.simulate`.
+    """Run `step_batched` as a differentiable function, like `dynamics.differentiable.simulate`.
 
     Returns x (C, T, N+1, 3) [m] and q (C, T, N, 4) on the device, and how it went. Raises
     ArithmeticError when a step fails.

@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ropefit.rod.either import plain
 from ropefit.rod.rod import Rod
 from ropefit.solvers.batched.ropes import (
     Factor,
@@ -50,7 +49,7 @@ def solve_batched(
     member: np.ndarray | None = None,
 ) -> Solution:
     """Find equilibria like `equilibrium.solve`, with the work done on `device`."""
-    rod, conditions = Rod(*map(plain, rod)), conditions.in_numpy()
+    rod, conditions = rod.in_numpy(), conditions.in_numpy()
     problem = problem_of(rod, conditions, member)
     ropes = ropes_of(problem, torch.device(device))
     first = starting(problem, conditions, start)

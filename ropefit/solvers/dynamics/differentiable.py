@@ -16,6 +16,7 @@ from ropefit.solvers.dynamics.kernels.records import CLIP, Change
 from ropefit.solvers.dynamics.problem import Drive, Start
 from ropefit.solvers.dynamics.solve import Trajectory, solve
 from ropefit.solvers.equilibrium.turns import from_turn, to_turn
+from ropefit.solvers.rods import sum_of_ropes
 
 
 def simulate(
@@ -63,9 +64,7 @@ class _Simulate(torch.autograd.Function):
         for name, shape in zip(Change._fields, ctx.shapes, strict=True):
             value = getattr(out, name)
             if name in OF_ROD:
-                total = np.zeros((ropes, *value.shape[1:]))
-                np.add.at(total, problem.of, value)
-                value = total if len(shape) == value.ndim else total.sum(axis=0)
+                value = sum_of_ropes(value, problem.of, ropes, shape)
             elif name == "clamp":
                 value = from_turn(problem.drives.clamp, value, 2.0)
             elif name == "q0":

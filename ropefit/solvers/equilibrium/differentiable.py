@@ -17,6 +17,7 @@ from ropefit.solvers.equilibrium.kernels.records import Pull
 from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.equilibrium.solve import solve
 from ropefit.solvers.equilibrium.turns import from_turn
+from ropefit.solvers.rods import sum_of_ropes
 from ropefit.solvers.xpbd.reference import State
 
 
@@ -75,7 +76,8 @@ class _Settle(torch.autograd.Function):
         g = pulled(ctx.solution, as_numpy(grads[0]), as_numpy(grads[1]))
         ropes = len(problem.rods.length)
         fields = [
-            partial(_sum_of_ropes, getattr(g, name), problem.of, ropes) for name in names(ROD)
+            partial(sum_of_ropes, getattr(g, name), problem.of, ropes, shape)
+            for name, shape in zip(names(ROD), ctx.shapes, strict=False)
         ]
         rest = [
             lambda: _of_ends(g, far),
@@ -84,17 +86,11 @@ class _Settle(torch.autograd.Function):
               ("direction", "offset", "compliance")),
         ]  # fmt: skip
         return [
-            _shaped(item(), shape) if wanted and shape is not None else None
+            torch.from_numpy(item().copy()).reshape(shape) if wanted and shape is not None else None
             for wanted, shape, item in zip(
                 ctx.needs_input_grad[2:], ctx.shapes, [*fields, *rest], strict=True
             )
         ]
-
-
-def _shaped(gradient: np.ndarray, shape: torch.Size) -> torch.Tensor:
-    """Return a gradient as a tensor of a shape; the sum over ropes where these were one."""
-    whole = gradient if gradient.size == shape.numel() else gradient.sum(axis=0)
-    return torch.from_numpy(whole.copy()).reshape(shape)
 
 
 def _of_ends(g: Pull, far: int) -> np.ndarray:
@@ -123,12 +119,3 @@ class _Once(torch.autograd.Function):
             "a second derivative of a rope's shape is not computed; take finite differences of the "
             "gradient"
         )
-
-
-def _sum_of_ropes(item: np.ndarray, of: np.ndarray, ropes: int) -> np.ndarray:
-    """Return (R, ...) sums of an array (F, ...) over the frames that show each rope."""
-    if ropes == 1:
-        return item.sum(axis=0, keepdims=True)
-    total = np.zeros((ropes, *item.shape[1:]))
-    np.add.at(total, of, item)
-    return total

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.rod.either import plain
 from ropefit.rod.potential import Potential, derivatives_of, slope_of
 from ropefit.rod.rod import Rod
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -71,7 +70,7 @@ def solve_with_potentials(
     Those that do not at first begin anew from where they would hang alone, and are brought out of
     the obstacle in steps, while it hardens.
     """
-    rod, conditions = Rod(*map(plain, rod)), conditions.in_numpy()
+    rod, conditions = rod.in_numpy(), conditions.in_numpy()
     if start is None or (isinstance(start, Solution) and not start.converged.all()):
         start = solve(rod, conditions)
     length = float(rod.length.sum(-1).max())

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ropefit.rod.either import plain
 from ropefit.rod.rod import DIMS, Rod
 from ropefit.solvers.arrays import in_threads
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -48,7 +47,7 @@ def solve(
     problem: of these very rod, conditions and member, if known.
     Never raises for a frame that does not converge: its status says so.
     """
-    rod, conditions = Rod(*map(plain, rod)), conditions.in_numpy()
+    rod, conditions = rod.in_numpy(), conditions.in_numpy()
     problem = problem or problem_of(rod, conditions, member)
     q, lam, base = starting(problem, conditions, start, turns)
     x, force, status, iterations, residual = newton(problem, q, lam, base, tolerance, limit)

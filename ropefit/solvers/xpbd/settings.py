@@ -1,4 +1,4 @@
-"""How Algorithm 1 is run, for whoever only says so: nothing heavy is imported."""
+"""Settings of Algorithm 1, without its code."""
 
 from __future__ import annotations
 
