@@ -27,6 +27,7 @@ from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium.branches import overwound, wound
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.potentials import (
+    acted_on,
     force_and_stiffness,
     force_of,
     solve_with_potentials,
@@ -188,6 +189,7 @@ def test_derivatives_that_a_potential_tells_are_those_of_its_energy(effect, valu
     force, stiffness = force_and_stiffness(setup.potentials, x)
     assert np.abs(force).max() > 0
     assert np.array_equal(force_of(setup.potentials, x), force)
+    assert np.array_equal(force_of(setup.potentials, x, acted_on(setup.potentials, x)), force)
     (p,) = setup.potentials
     by_energy = differences(p.energy, x)
     by_slope = differences(lambda at: slope_of(p, at), x)

@@ -13,7 +13,7 @@ import pytest
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
-from ropefit.inference.objective import linear_step
+from ropefit.inference.objective import FRUITLESS, Objective, linear_step
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.inference.turned import turned_jacobian, turned_residual
@@ -356,6 +356,23 @@ def test_a_fit_without_prospect_of_what_is_needed_is_stopped():
     reached = fit(model, problem, needed=1.01 * whole.cost)
     assert not reached.stopped
     assert reached.cost == pytest.approx(whole.cost, rel=1e-9)
+
+
+def test_a_fit_ends_where_slopes_foresee_what_is_not_to_be_had(monkeypatch):
+    base = setup(30, ends())
+    forward = Equilibrium(base, [free("EI", 2e-3)])
+    problem = FitProblem(markers(setup(60, ends())), Noise(marker=SD), BINS)
+    best = fit(forward, problem)
+    exact = Objective.jacobian
+
+    def misled(self, u):
+        return exact(self, u) + 0.5 * self.at(u)[2][:, None]  # along what is left: a gain
+
+    monkeypatch.setattr(Objective, "jacobian", misled)
+    again = fit(forward.starting_from(best.point.solution), problem, best.point.u)
+    assert again.converged
+    assert len(again.trace) <= 2 + FRUITLESS
+    np.testing.assert_allclose(again.point.u, best.point.u, atol=1e-6)
 
 
 def test_the_best_linear_step_within_bounds_gains():

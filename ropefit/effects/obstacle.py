@@ -57,21 +57,22 @@ class Obstacle(Contact):
         if setup.damping is not None:  # in motion: part of every step
             return with_body(setup, origin, axis, radius, BAR)
 
-        plane = np.eye(3) - axis[:, None] * axis  # across the bar
+        side = np.cos(values[4]) * second - np.sin(values[4]) * first
+        plane = np.stack([side, np.cross(first, second)], axis=1)  # across the bar
 
-        def distance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            across = (x - origin) @ plane
-            return across, np.sqrt((across * across).sum(-1) + TINY)
+        def across(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            way = (x - origin) @ plane
+            return way, np.sqrt(way[..., 0] ** 2 + way[..., 1] ** 2 + TINY)
 
         def shape(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            across, far = distance(x)
-            normal = across / far[..., None]
+            way, far = across(x)
+            normal = (way / far[..., None]) @ plane.T
             square = normal[..., :, None] * normal[..., None, :]
-            return normal, (plane - square) / far[..., None, None]
+            return normal, (plane @ plane.T - square) / far[..., None, None]
 
         # A bar touches few nodes: every one of them may be among these.
         every = np.ones(setup.segments + 1)
-        return with_contact(setup, lambda x: distance(x)[1] - radius, every, shape)
+        return with_contact(setup, lambda x: across(x)[1] - radius, every, shape)
 
     def start_sd(self, setup: Setup) -> np.ndarray:
         """Hold the bar near its start: along itself it could slide freely."""

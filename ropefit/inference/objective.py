@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy import optimize
 from scipy.linalg import solve_triangular
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from ropefit.inference.bins import Stations, aligned, collected
 from ropefit.inference.known import Known
@@ -23,7 +26,9 @@ OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain mor
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
 NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
-FRUITLESS = 3  # steps in a row: where nodes stick and slide in turn, slopes foresee a gain in vain
+# Steps in a row that gain no more, where a fit ends: its slopes foresee what is not to be had, as
+# where points change their stations. With friction, where nodes stick and slide in turn.
+FRUITLESS, FRUITLESS_WITH_FRICTION = 5, 3
 SHORTER = (0.5, 0.25, 0.1)  # of a linear step, on which a contact may be lost
 PROMISING = 2.0  # of χ²: what a linear step must foresee to be taken in part
 KEPT_SHARE = 0.3  # least share of what it foresees there that is gained
@@ -119,9 +124,17 @@ class Objective:
             if self._last is not None and self._last[0] == u.tobytes():
                 self.known.improved(self._last[1][0])
         self.trace.append(found)
-        if self.rubs and min(self.trace) not in self.trace[-FRUITLESS:]:
-            raise _Stopped(self.best, min(self.trace), ENDED)
         return self.latest.copy()
+
+    def patient_rows(self, u: np.ndarray, begun: int) -> np.ndarray:
+        """Return the rows; end the fit where steps since evaluation `begun` lead nowhere."""
+        out = self.rows(u)
+        steps = FRUITLESS_WITH_FRICTION if self.rubs else FRUITLESS
+        if len(self.trace) - begun > steps:
+            lowest = min(self.trace)
+            if lowest > min(self.trace[:-steps]) - NEGLIGIBLE:
+                raise _Stopped(self.best, lowest, ENDED)
+        return out
 
     def slopes(self, u: np.ndarray) -> np.ndarray:
         """Return (P + 1, P) the derivatives of the rows, turned with them."""
@@ -154,7 +167,7 @@ class Objective:
             summary = np.array([0.5 * self.trace[-1], 1, 1])
             return {"u": u, "summary": summary, "trace": np.array(self.trace)}, self.at(u)[0]
         try:
-            with threadpool_limits(1, "blas"):  # small matrices: threads only wait for each other
+            with _blas_alone():
                 best, summary = self._by_trust_region(u, evaluations, tolerance)
                 for _ in range(MOST_SHORTENED if self.touches and not self.rubs else 0):
                     left = evaluations - len(self.trace)
@@ -174,10 +187,10 @@ class Objective:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Minimise from u (P,): the best (P,), and half its cost, status and evaluations (3,)."""
         # Among scipy's closures are circles: what they hold stays until the collector comes.
-        asked = [self]
+        asked, begun = [self], len(self.trace)
         try:
             result = optimize.least_squares(
-                lambda at: asked[0].rows(at),
+                lambda at: asked[0].patient_rows(at, begun),
                 u,
                 lambda at: asked[0].slopes(at),  # type: ignore[arg-type]
                 bounds=self.forward.bounds(),
@@ -187,6 +200,11 @@ class Objective:
                 xtol=1e-9,
                 gtol=1e-10,
             )
+        except _Stopped as stopped:
+            best, cost, status = stopped.args
+            if status != ENDED:
+                raise
+            return best, np.array([0.5 * cost, status, len(self.trace)])
         finally:
             asked.clear()
         return result.x, np.array([result.cost, result.status, len(self.trace)])
@@ -205,6 +223,16 @@ class Objective:
             if float(np.sum(self.rows(trial) ** 2)) < before - KEPT_SHARE * share * gain:
                 return trial
         return None
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    return ThreadpoolController()  # to look for them takes a millisecond
+
+
+def _blas_alone() -> AbstractContextManager[Any]:
+    """Return where matrix products take one thread: on small ones several only wait."""
+    return _libraries().limit(limits=1, user_api="blas")
 
 
 def linear_step(

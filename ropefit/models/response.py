@@ -19,7 +19,7 @@ from ropefit.rod.rod import DIMS, Rod
 from ropefit.rod.setup import SensorModel, Setup
 from ropefit.solvers.equilibrium.followers import loads, rotated
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
-from ropefit.solvers.equilibrium.potentials import force_of
+from ropefit.solvers.equilibrium.potentials import Nodes, acted_on, force_of
 from ropefit.solvers.equilibrium.solution import Solution, States
 
 Change = Callable[[float], Setup]  # the setup where one value has moved by so many of its scales
@@ -73,12 +73,16 @@ class Point:
 
     def _moved(self, solution: Solution, slopes: list[Slopes], turned: bool) -> np.ndarray:
         """Return (P, f, K, 3) changes of the nodes as seen in the frames of a solution."""
-        directions = directions_of(solution.rod, slopes, len(solution.x))
-        if turned:
-            directions = turned_to_bends(directions, solution.rod, vectors(solution))
-        directions = with_law(directions, solution, slopes)
-        directions = with_axial_law(directions, solution.rod, [solution], slopes)
-        dx, _ = tangent(solution, directions)
+        which = [k for k, s in enumerate(slopes) if s.moves_rope]
+        moving = [slopes[k] for k in which]
+        dx = np.zeros((len(solution.x), len(slopes), *solution.x.shape[1:]))
+        if moving:
+            directions = directions_of(solution.rod, moving, len(solution.x))
+            if turned:
+                directions = turned_to_bends(directions, solution.rod, vectors(solution))
+            directions = with_law(directions, solution, moving)
+            directions = with_axial_law(directions, solution.rod, [solution], moving)
+            dx[:, which] = tangent(solution, directions)[0]
         return add_sensor(dx, slopes, self.setup.sensor)
 
 
@@ -98,7 +102,8 @@ def in_parts(solution: Solution, many: int) -> Iterator[tuple[np.ndarray, Soluti
 def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
     """Return the slopes of every change of a setup, with the rope in the states of a solution."""
     still = [np.zeros(field.shape) for field in setup.rod()]
-    return [_slopes(setup, changed, solution.x, solution.q, still) for changed in changes]
+    nodes = acted_on(setup.potentials, solution.x)
+    return [_slopes(setup, changed, solution, still, nodes) for changed in changes]
 
 
 def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
@@ -206,6 +211,13 @@ class Slopes:
     springs: tuple[Springs, Springs] | None
     axial: np.ndarray | None
 
+    @property
+    def moves_rope(self) -> bool:
+        """Return whether the value changes the rope or what holds it, and not only what is seen."""
+        laws = self.force, self.springs, self.axial
+        changed = (*self.rod, self.ends, self.clamp)
+        return any(law is not None for law in laws) or any(item.any() for item in changed)
+
     def frames(self, index: np.ndarray, frames: int) -> Slopes:
         """Return the slopes in some of the frames; what is the same in all stays as it is."""
         if len(index) == frames:
@@ -219,10 +231,11 @@ class Slopes:
 
 
 def _slopes(
-    now: Setup, changed: Change, x: np.ndarray, q: np.ndarray, still: list[np.ndarray]
+    now: Setup, changed: Change, states: States, still: list[np.ndarray], nodes: list[Nodes]
 ) -> Slopes:
     """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
-    is built from changes."""
+    is built from changes; nodes: those that each potential acts on now."""
+    x, q = states.x, states.q
     # What does not depend on the value is the same object.
     a, b = changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)
     rod, law = still, None
@@ -233,8 +246,9 @@ def _slopes(
         if a.bending is not None or b.bending is not None:
             law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
     force = None
-    if a.potentials is not b.potentials and not _equal(_energies(a, x), _energies(b, x)):
-        force = slope(*(force_of(s.potentials, x) for s in (a, b)))
+    if a.potentials is not b.potentials:
+        low, high = (force_of(s.potentials, x, nodes) for s in (a, b))
+        force = None if np.array_equal(low, high) else slope(low, high)
     if a.followers is not b.followers:
         low, high = (loads(s.followers, q, x.shape[-2]) for s in (a, b))
         following = (high - low) / (2 * DIFFERENCE_STEP)
@@ -253,11 +267,6 @@ def sensor_slope(a: Setup, b: Setup, x: np.ndarray) -> np.ndarray:
     """Return (F, K, 3) the central difference of what is seen of nodes x that stay; (1,) zero where
     the sensor does not change."""
     return np.zeros(1) if _equal(a.sensor, b.sensor) else slope(a.sensor(x), b.sensor(x))
-
-
-def _energies(setup: Setup, x: np.ndarray) -> list[np.ndarray]:
-    """Return (F, K) [J] of each potential."""
-    return [p.share * p.energy(x) for p in setup.potentials]
 
 
 def same_rod(a: Setup, b: Setup) -> bool:

@@ -72,6 +72,12 @@ def cross(a: Vector, b: Vector) -> Vector:
     return xp.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
+def norms(a: Vector) -> Float[Any, "*batch 1"]:
+    """Return (..., 1) the lengths of vectors."""
+    x, y, z = a[..., :1], a[..., 1:2], a[..., 2:]
+    return array_namespace(a).sqrt(x * x + y * y + z * z)
+
+
 def normalise(q: Float[Any, "*batch n"]) -> Float[Any, "*batch n"]:
     """Return (..., n) q / |q|; a zero quaternion (or vector) stays zero."""
     return q / array_namespace(q).sqrt((q * q).sum(-1)[..., None] + 1e-300)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from ropefit.rod.bending import Bending
 from ropefit.rod.either import Array, like
@@ -17,7 +16,7 @@ from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
 from ropefit.rod.path import EndPath
 from ropefit.rod.potential import Potential
-from ropefit.rod.quaternion import cross
+from ropefit.rod.quaternion import cross, norms
 from ropefit.rod.rod import Properties, Rod, arc_length, build
 
 RIGIDITY = 300.0  # times a rope's: of a rigid piece
@@ -49,20 +48,19 @@ class SensorModel(NamedTuple):
 
     def __call__(self, x: Array) -> Array:
         """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
-        norm = array_namespace(x).linalg.vector_norm
         if acts(self.lag, self.drift):
             x = x + self.lag * (self.toward - x) + self.drift
         seen = x
         if acts(self.rotation, self.gain, self.shift, self.depth):
             arm = x - self.place
-            ray = arm / norm(arm, axis=-1, keepdims=True)
+            ray = arm / norms(arm)
             turned = cross(self.rotation, arm)
             seen = x + turned + self.gain * arm + self.shift + self.depth * ray
         if acts(self.flat):
             visible = seen
             if acts(self.standoff):
                 ray = seen - self.place
-                ray = ray / norm(ray, axis=-1, keepdims=True)
+                ray = ray / norms(ray)
                 visible = seen - self.standoff * ray
             off = ((visible - self.origin) * self.normal).sum(-1)[..., None]
             seen = seen - self.flat * off * self.normal

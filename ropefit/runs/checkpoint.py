@@ -17,7 +17,7 @@ from ropefit.errors import RopefitError, StageFailed
 from ropefit.runs.journal import Entries, Journal, keeping
 
 EVERY = 10.0  # s
-SELDOM = 20  # one that takes long to write is written so much more seldom
+SELDOM = 40  # one that takes long to write is written so much more seldom
 
 
 def checkpoint_name(stage: str) -> str:

@@ -24,6 +24,7 @@ SMALL_MOVE = (
 )
 ROUND_STEPS = 60  # Newton steps of one round
 SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
+Nodes = slice | np.ndarray  # which nodes: their indices
 STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arrived
 
 
@@ -33,18 +34,37 @@ def force_and_stiffness(
     """Return -dV/dx (..., K, 3) [N] and d²V/dx² (..., K, 3, 3) [N/m] at nodes x (..., K, 3)."""
     force, stiffness = np.zeros_like(x), np.zeros((*x.shape, 3))
     for p in potentials:
-        slope, rows = derivatives_of(p, x)
-        force -= p.share[:, None] * slope
-        stiffness += p.share[:, None, None] * rows
+        at = _nodes_of(p)
+        slope, rows = derivatives_of(p, x[..., at, :])
+        force[..., at, :] -= p.share[at, None] * slope
+        stiffness[..., at, :, :] += p.share[at, None, None] * rows
     return force, stiffness
 
 
-def force_of(potentials: tuple[Potential, ...], x: np.ndarray) -> np.ndarray:
-    """Return -dV/dx (..., K, 3) [N] at nodes x (..., K, 3)."""
-    force = np.zeros_like(x)
-    for p in potentials:
-        force -= p.share[:, None] * slope_of(p, x)
+def force_of(
+    potentials: tuple[Potential, ...], x: np.ndarray, nodes: list[Nodes] | None = None
+) -> np.ndarray:
+    """Return -dV/dx (..., K, 3) [N] at nodes x (..., K, 3); nodes: of the first of the potentials,
+    where they act, if known."""
+    force, known = np.zeros_like(x), nodes or []
+    for k, p in enumerate(potentials):
+        at = known[k] if k < len(known) else _nodes_of(p)
+        force[..., at, :] -= p.share[at, None] * slope_of(p, x[..., at, :])
     return force
+
+
+def acted_on(potentials: tuple[Potential, ...], x: np.ndarray) -> list[Nodes]:
+    """Return which nodes each potential acts on in some frame of x (F, K, 3)."""
+    return [
+        _nodes_of(p) if p.hardness is None else np.flatnonzero(_acting(p, x).any(0))
+        for p in potentials
+    ]
+
+
+def _nodes_of(p: Potential) -> Nodes:
+    """Return which nodes a potential may act on: most tethers and fields act on few. One that has a
+    corner knows its nodes by their number."""
+    return slice(None) if p.cornered or p.share.all() else np.flatnonzero(p.share)
 
 
 def _acting(p: Potential, x: np.ndarray) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""First-order changes of an equilibrium in given directions: one more linear solve each."""
+"""First-order changes of an equilibrium in given directions: one more linear solve each.
+
+The directions are the last index of what is solved for, and the innermost loop: along memory.
+"""
 
 from __future__ import annotations
 
@@ -70,11 +73,13 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, dx, tu
     factor(w, 0.0, 0.0, rod.length)
     solve_columns(w, count + many, False)
     set_schur(w, count)
-    for c in range(many):
-        for s in range(count):
-            for i in range(n):
-                for a in range(3):
-                    right[s, c] += b[i, a, s] * w.solved[i, a, count + c]
+    for i in range(n):
+        for a in range(3):
+            for s in range(count):
+                share = b[i, a, s]
+                if share != 0.0:  # else beyond the node that is supported
+                    for c in range(many):
+                        right[s, c] += share * w.solved[i, a, count + c]
     if not solve_border(w.schur, right, w.small):
         dx[:] = np.nan
         return
@@ -87,8 +92,8 @@ def _add_bends(rod, change, w):
     dm = w.trial_x
     n, many, b = rod.length.shape[0], change.length.shape[0], w.border
     first = b.shape[2] - many
-    for c in range(many):
-        for j in range(n + 1):
+    for j in range(n + 1):
+        for c in range(many):
             for a in range(3):
                 strain = w.p[j, a + 1] - rod.rest[j, a + 1]
                 dm[a] = (
@@ -103,15 +108,17 @@ def _add_segments(rod, change, w, dx):
 
     Also writes the change of each edge, its frame held, into dx (P, N+1, 3).
     """
-    n, many, b = rod.length.shape[0], change.length.shape[0], w.border
+    n, many, b, beyond = rod.length.shape[0], change.length.shape[0], w.border, w.along
     first = b.shape[2] - many
-    for c in range(many):
-        f0, f1, f2 = 0.0, 0.0, 0.0
-        for i in range(n - 1, -1, -1):
-            f0 += change.load[c, i + 1, 0]
-            f1 += change.load[c, i + 1, 1]
-            f2 += change.load[c, i + 1, 2]
-            r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+    for a in range(3):
+        for c in range(many):
+            beyond[a, c] = 0.0
+    for i in range(n - 1, -1, -1):
+        r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
+        for c in range(many):
+            for a in range(3):
+                beyond[a, c] += change.load[c, i + 1, a]
+            f0, f1, f2 = beyond[0, c], beyond[1, c], beyond[2, c]
             v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2
             v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2
             v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2
@@ -125,6 +132,7 @@ def _add_segments(rod, change, w, dx):
             b[i, 2, first + c] -= h0 * u[1] - h1 * u[0] + g[0] * v1 - g[1] * v0
             for a in range(3):
                 dx[c, i + 1, a] = r[a, 0] * h0 + r[a, 1] * h1 + r[a, 2] * h2
+    for c in range(many):
         for end in range(2):
             i = 0 if end == 0 else n - 1
             r, m = w.frame[i], change.moment[c, end]
@@ -154,26 +162,17 @@ def _add_conditions(held, change, anchor, offset, dx, right):
 def _add_response(rod, held, w, right, dx, turn):
     """Write the turns (P, N, 3), and add what they and the reactions move to dx (P, N+1, 3)."""
     n, many, count = rod.length.shape[0], dx.shape[0], held.node.shape[0]
-    for c in range(many):
-        s0, s1, s2 = 0.0, 0.0, 0.0
-        if held.free:
-            s0, s1, s2 = right[count, c], right[count + 1, c], right[count + 2, c]
-        for a in range(3):
-            dx[c, 0, a] += (s0, s1, s2)[a]
-        for i in range(n):
-            r, u, g = w.frame[i], w.u[i], w.g[i]
-            f0, f1, f2 = 0.0, 0.0, 0.0
-            t0, t1 = -w.solved[i, 0, count + c], -w.solved[i, 1, count + c]
-            t2 = -w.solved[i, 2, count + c]
-            for s in range(count):
-                y = right[s, c]
-                t0 -= w.solved[i, 0, s] * y
-                t1 -= w.solved[i, 1, s] * y
-                t2 -= w.solved[i, 2, s] * y
-                if held.active[s] and held.node[s] > i:
-                    f0 += y * held.direction[s, 0]
-                    f1 += y * held.direction[s, 1]
-                    f2 += y * held.direction[s, 2]
+    z, along = w.solved, w.along
+    for a in range(3):
+        for c in range(many):
+            along[3 + a, c] = right[count + a, c] if held.free else 0.0
+            dx[c, 0, a] += along[3 + a, c]
+    for i in range(n):
+        r, u, g = w.frame[i], w.u[i], w.g[i]
+        _add_reactions(held, right, i, z, along)
+        for c in range(many):
+            f0, f1, f2 = along[0, c], along[1, c], along[2, c]
+            t0, t1, t2 = -z[i, 0, count + c], -z[i, 1, count + c], -z[i, 2, count + c]
             turn[c, i, 0], turn[c, i, 1], turn[c, i, 2] = t0, t1, t2
             v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2 + u[1] * t2 - u[2] * t1
             v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2 + u[2] * t0 - u[0] * t2
@@ -181,9 +180,29 @@ def _add_response(rod, held, w, right, dx, turn):
             e0 = t1 * g[2] - t2 * g[1] + w.yields[i, 0] * v0
             e1 = t2 * g[0] - t0 * g[2] + w.yields[i, 1] * v1
             e2 = t0 * g[1] - t1 * g[0] + w.yields[i, 2] * v2
-            s0 += r[0, 0] * e0 + r[0, 1] * e1 + r[0, 2] * e2
-            s1 += r[1, 0] * e0 + r[1, 1] * e1 + r[1, 2] * e2
-            s2 += r[2, 0] * e0 + r[2, 1] * e1 + r[2, 2] * e2
-            dx[c, i + 1, 0] += s0
-            dx[c, i + 1, 1] += s1
-            dx[c, i + 1, 2] += s2
+            for a in range(3):
+                along[3 + a, c] += r[a, 0] * e0 + r[a, 1] * e1 + r[a, 2] * e2
+                dx[c, i + 1, a] += along[3 + a, c]
+
+
+@helper
+def _add_reactions(held, right, i, z, along):
+    """Add what the supports' reactions turn segment i by, and write the force that those beyond it
+    pull with into the first rows of `along`."""
+    count, many = held.node.shape[0], along.shape[1]
+    passed = i == 0
+    for s in range(count):
+        passed = passed or held.node[s] == i
+        for a in range(3):
+            share = z[i, a, s]
+            for c in range(many):
+                z[i, a, count + c] += share * right[s, c]
+    if not passed:
+        return
+    for a in range(3):
+        for c in range(many):
+            along[a, c] = 0.0
+        for s in range(count):
+            if held.active[s] and held.node[s] > i:
+                for c in range(many):
+                    along[a, c] += right[s, c] * held.direction[s, a]
