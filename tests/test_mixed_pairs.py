@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ropefit.diagnosis import search
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidates import silent
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.mixed_pairs import _best_on_few_frames, two_instead
+from ropefit.diagnosis.rules import RULES
+from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.effects import PointMass, StiffSection, Tether
 from tests.concealed import recorded, rope
 from tests.test_calm import fitted
@@ -62,3 +68,23 @@ def test_what_stands_for_another_gives_way_beside_what_is_right(both):
     places = {hypothesis.name: values[-2:] for hypothesis, values in best}
     assert set(places) & {"point_mass", "tether"}  # a tether may pull as a weight does
     assert places["stiff_section"] == pytest.approx(STIFF[1:], abs=0.05)
+
+
+def test_two_of_a_kind_that_leave_nothing_are_compared_with_two_of_different_kinds(monkeypatch):
+    """Two opposite forces bend a rope nearly as it bends where it is soft, and noise hides what
+    they leave."""
+    setup = rope(144)
+    for weight in ((0.003, 0.25), (0.003, 0.75)):
+        setup = PointMass().apply(setup, np.array(weight))
+    nominal, compared = fitted(recorded(setup, seed=103)), []
+
+    def instead(current, accepted, *_, **__):
+        compared.append([one.candidate.hypothesis.name for one in accepted])
+        return current, accepted
+
+    monkeypatch.setattr(search, "two_instead", instead)
+    names = ("point_mass", "mass_section", "kink")
+    found = search.search(nominal, 0, silent, replace(RULES, effects=names))
+    assert len(found.accepted) == 2
+    assert not leaves_something(found.final)
+    assert compared == [["point_mass", "point_mass"]]

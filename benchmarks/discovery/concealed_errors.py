@@ -13,13 +13,19 @@ from reference_simulators.rod_equations import Array, Field, Point, Rod, rotatio
 
 
 def scale_error(setting: Setting, rng: np.random.Generator) -> Concealed:
-    """Draw an error of scale, of the camera alone or of the measured ends as well."""
+    """Draw an error of scale, of the camera alone or of the measured ends as well. That of the
+    camera alone is one of its depths: about the camera, that is the same."""
     sign, whole = float(rng.choice([-1, 1])), bool(rng.random() < 0.5)
 
     def change(world: World, size: float) -> World:
         scale = world.camera.scale + sign * size
         return replace(world, camera=replace(world.camera, scale=scale, ends_too=whole))
 
+    if not whole:
+        return Concealed(
+            "depth_bias", "measurement", change, 0.02, 0.06, "gain", "1", None,
+            lambda size: sign * size,
+        )  # fmt: skip
     return Concealed(
         "scale_error", "measurement", change, 0.02, 0.06, "factor", "1", None,
         lambda size: 1 + sign * size,

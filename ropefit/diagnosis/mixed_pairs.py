@@ -11,6 +11,7 @@ there: where the best pair leaves something, so is what scores highest beside ei
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -41,6 +42,7 @@ MOST_SINGLES, MOST_SECONDS = 3, 4  # candidates, and what is put beside each
 MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact are slow
 HARDLY_MORE = 1.2  # times the least cost so far: a fit without prospect of it is stopped
 LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
+ALIKE, ENOUGH = 1.0, 3  # of χ², by which fits of one pair differ, and how many of them
 MOST_FITTED = 3  # pairs fitted to all
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
@@ -136,9 +138,14 @@ def _best_on_few_frames(
 
 
 def _explored(few: Fit, pairs: list[list[Start]], least: float) -> list[Explored]:
-    """Return the fits of pairs to few frames; least: cost of the best one so far."""
+    """Return the fits of pairs to few frames; least: cost of the best one so far. Two hypotheses
+    are not begun from further places and widths where several fits of them have ended alike."""
     out: list[Explored] = []
+    ended: dict[frozenset[tuple[str, int]], list[float]] = defaultdict(list)
     for both in pairs:
+        costs = ended[frozenset(h.key for h, _ in both)]
+        if sum(cost < min(costs) + ALIKE for cost in costs) >= ENOUGH:
+            continue
         begun = settled_start(few, both)
         if begun is None:
             continue
@@ -148,6 +155,7 @@ def _explored(few: Fit, pairs: list[list[Start]], least: float) -> list[Explored
         )  # fmt: skip
         if fitted is None or fitted.stopped or len(fitted.z) != len(few.z):
             continue
+        costs.append(fitted.cost)
         least = min(least, fitted.cost)
         parts = fitted.forward.split(fitted.point.u)[-2:]
         values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]

@@ -163,10 +163,10 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
+            # Two of a kind may be what two of different kinds are, and leave nothing either.
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
-            if leaves_something(current):
-                current, accepted = instead(current, accepted, singles=singles)
-                compared = accepted
+            current, accepted = instead(current, accepted, singles=singles)
+            compared = accepted
             continue
         left = there or latent.evidence > latent.threshold
         if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
