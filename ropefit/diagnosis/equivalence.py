@@ -9,6 +9,7 @@ import numpy as np
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.nested import is_special_case
 from ropefit.effects import Effect
+from ropefit.effects.ends import end_next_to
 
 TIE_NATS = 3.0
 SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little behind
@@ -16,7 +17,6 @@ SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little b
 # explains that share is less than chance.
 SAME_LIKELIHOOD = 1.5
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
-NEXT_TO_END = 0.03  # of the length: places are told no better
 
 
 def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
@@ -127,9 +127,7 @@ def _end_beside(one: Candidate) -> int | None:
     if effect.locus != "point":
         return None
     arc_length = one.values()[effect.names.index("arc_length")]
-    share = arc_length / float(one.fit.forward.base.properties.length.sum())
-    near = [share < NEXT_TO_END, share > 1 - NEXT_TO_END]
-    return near.index(True) if any(near) else None
+    return end_next_to(arc_length / float(one.fit.forward.base.properties.length.sum()))
 
 
 def _measurement_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:

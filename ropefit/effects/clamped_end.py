@@ -8,7 +8,9 @@ import numpy as np
 
 from ropefit.effects.base import Derived, Effect, Quantity
 from ropefit.effects.drawn import Drawn, components
-from ropefit.effects.ends import turned_clamp, where
+from ropefit.effects.ends import end_next_to, turned_clamp, where
+from ropefit.effects.kink import Kink
+from ropefit.effects.misfit import Misfit
 from ropefit.rod.quaternion import smallest_rotation
 from ropefit.rod.setup import Setup
 
@@ -104,6 +106,17 @@ class TiltedClamp(Effect):
 
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return turned_clamp(setup, self.end, np.append(values, 0.0))
+
+    def starts_beside(
+        self, leader: Effect, values: np.ndarray, misfit: Misfit
+    ) -> list[list[np.ndarray]]:
+        """Propose the turn of a kink next to this end: a large one the scan does not show."""
+        if not isinstance(leader, Kink) or leader.vector is None:
+            return []
+        share = values[-1] / float(misfit.setup.properties.length.sum())
+        if end_next_to(share) != self.end:
+            return []
+        return [[values[:2] if self.end == 0 else -values[:2]]]
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["tilt_1"] ** 2 + values["tilt_2"] ** 2) ** 0.5

@@ -7,6 +7,14 @@ import numpy as np
 from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 
+NEXT_TO_END = 0.03  # of the length: places are told no better
+
+
+def end_next_to(share: float) -> int | None:
+    """Return which end a place, a share of the length, is next to, if any."""
+    near = [share < NEXT_TO_END, share > 1 - NEXT_TO_END]
+    return near.index(True) if any(near) else None
+
 
 def one_end(end: int, value: np.ndarray) -> np.ndarray:
     """Return (2, ...) with value (...) at one end and zero at the other."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.effects.base import Calibration, Effect, Quantity
+from ropefit.effects.distributed_load import DistributedLoad
 from ropefit.effects.drawn import Drawn
 from ropefit.effects.misfit import Misfit
 from ropefit.effects.place import horizontal
@@ -50,13 +51,19 @@ class GravityMisalignment(Effect):
         sag = misfit.points[frame, slot] - ends[frame, 0]
         sag -= (sag * chord).sum(1)[:, None] * chord
         down, stated = (v / np.linalg.norm(v) for v in (sag.mean(0), gravity))
-        axis = np.cross(stated, down)
-        size, angle = np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), stated @ down)
-        first, second = horizontal(setup.gravity)
-        axis = axis / size if size > 1e-6 else first
-        if not angle > CONFUSED:
+        angles = turning(stated, down)
+        return [[angles]] if np.linalg.norm(angles) > CONFUSED else []
+
+    def starts_beside(
+        self, leader: Effect, values: np.ndarray, misfit: Misfit
+    ) -> list[list[np.ndarray]]:
+        """Propose the direction of the weight and a uniform load together."""
+        setup = misfit.setup
+        if not isinstance(leader, DistributedLoad) or self.name in misfit.terms:
             return []
-        return [[angle * np.array([axis @ first, axis @ second])]]
+        weight = setup.weight * setup.gravity / np.linalg.norm(setup.gravity)
+        whole = weight + values * float(setup.properties.length.sum())
+        return [[turning(setup.gravity, whole)]]
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["angle_1"] ** 2 + values["angle_2"] ** 2) ** 0.5
@@ -66,6 +73,16 @@ class GravityMisalignment(Effect):
     def drawn(self, values: dict[str, float], gravity: np.ndarray) -> Drawn:
         angles = np.array([values["angle_1"], values["angle_2"]])
         return Drawn("gravity", vector=turned(gravity, angles))
+
+
+def turning(gravity: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """Return the angles (2,) [rad] about the horizontal axes that turn gravity (3,) towards `down`
+    (3,)."""
+    axis = np.cross(gravity, down)
+    size = np.linalg.norm(axis)
+    first, second = horizontal(gravity)
+    axis = axis / size if size > 1e-6 * np.linalg.norm(gravity) * np.linalg.norm(down) else first
+    return np.arctan2(size, gravity @ down) * np.array([axis @ first, axis @ second])
 
 
 def _degrees(angle: float) -> str:
