@@ -358,7 +358,7 @@ def test_a_fit_without_prospect_of_what_is_needed_is_stopped():
     assert reached.cost == pytest.approx(whole.cost, rel=1e-9)
 
 
-def test_a_fit_ends_where_slopes_foresee_what_is_not_to_be_had(monkeypatch):
+def test_a_fit_ends_where_the_predicted_decrease_is_not_achieved(monkeypatch):
     base = setup(30, ends())
     forward = Equilibrium(base, [free("EI", 2e-3)])
     problem = FitProblem(markers(setup(60, ends())), Noise(marker=SD), BINS)
@@ -366,7 +366,9 @@ def test_a_fit_ends_where_slopes_foresee_what_is_not_to_be_had(monkeypatch):
     exact = Objective.jacobian
 
     def misled(self, u):
-        return exact(self, u) + 0.5 * self.at(u)[2][:, None]  # along what is left: a gain
+        return (
+            exact(self, u) + 0.5 * self.at(u)[2][:, None]
+        )  # along the residual: a decrease is predicted
 
     monkeypatch.setattr(Objective, "jacobian", misled)
     again = fit(forward.starting_from(best.point.solution), problem, best.point.u)

@@ -12,7 +12,7 @@ from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.candidates import silent
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.mixed_pairs import _best_on_few_frames, two_instead
+from ropefit.diagnosis.mixed_pairs import ENOUGH, _best_on_few_frames, _explored, two_instead
 from ropefit.diagnosis.rules import RULES
 from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.effects import PointMass, StiffSection, Tether
@@ -88,3 +88,9 @@ def test_two_of_a_kind_that_leave_nothing_are_compared_with_two_of_different_kin
     assert len(found.accepted) == 2
     assert not leaves_something(found.final)
     assert compared == [["point_mass", "point_mass"]]
+
+
+def test_a_pair_whose_fits_end_alike_is_not_begun_again(both):
+    weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
+    stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
+    assert len(_explored(both, [[weight, stiff]] * (ENOUGH + 2), np.inf)) == ENOUGH

@@ -1,4 +1,4 @@
-"""Where one effect explains most, what is the same seen otherwise is tried from its values."""
+"""Starts of an effect from the values of the leading one, where both are nearly equivalent."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ from ropefit.artifacts import Diagnosis
 from ropefit.runs.loading import load
 
 TILT, CLAMP, SCALE, WEAK_GRAVITY = np.radians(3.0), np.radians(5.0), 0.01, 4.81
-# How many times as large each of them is stated: what is left unexplained of a real rope hides
-# the least. Gravity is divided by the first, a half and a quarter of it.
+# Multiples of these errors: the smallest are hidden by what the nominal model leaves unexplained.
+# Gravity is stated as that value, half of it and a quarter.
 TIMES = (1, 3, 9)
 
 

@@ -163,7 +163,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
         if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
-            # Two of a kind may be what two of different kinds are, and leave nothing either.
+            # Two effects of one kind may stand for two of different kinds and leave only noise.
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
             current, accepted = instead(current, accepted, singles=singles)
             compared = accepted

@@ -25,9 +25,9 @@ STOPPED, ENDED = -2, 1  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
-NEGLIGIBLE = 5e-3  # of χ²: a fit in motion, where steps are costly, ends with less to be gained
-# Steps in a row that gain no more, where a fit ends: its slopes foresee what is not to be had, as
-# where points change their stations. With friction, where nodes stick and slide in turn.
+NEGLIGIBLE = 5e-3  # of χ²: a decrease below which a fit ends
+# Evaluations in a row without such a decrease, after which a fit ends: what a linear step predicts
+# is not achieved, as where points change stations; with friction, where nodes stick and slip.
 FRUITLESS, FRUITLESS_WITH_FRICTION = 5, 3
 SHORTER = (0.5, 0.25, 0.1)  # of a linear step, on which a contact may be lost
 PROMISING = 2.0  # of χ²: what a linear step must foresee to be taken in part
@@ -127,7 +127,7 @@ class Objective:
         return self.latest.copy()
 
     def patient_rows(self, u: np.ndarray, begun: int) -> np.ndarray:
-        """Return the rows; end the fit where steps since evaluation `begun` lead nowhere."""
+        """Return the rows; end the fit where evaluations since `begun` have not lowered χ²."""
         out = self.rows(u)
         steps = FRUITLESS_WITH_FRICTION if self.rubs else FRUITLESS
         if len(self.trace) - begun > steps:

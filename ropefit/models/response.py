@@ -276,16 +276,9 @@ def same_rod(a: Setup, b: Setup) -> bool:
 
 def _built_from(setup: Setup) -> list[np.ndarray]:
     """Return what a rod is built from."""
-    loads = (
-        setup.gravity,
-        setup.load,
-        setup.mass,
-        setup.moment,
-        setup.clamp_compliance,
-        setup.kinks,
-        setup.stretch,
-    )
-    return [*setup.properties, *loads]
+    s = setup
+    loads = s.gravity, s.load, s.mass, s.moment
+    return [*s.properties, *loads, s.clamp_compliance, s.kinks, s.stretch]
 
 
 def _equal(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> bool:
