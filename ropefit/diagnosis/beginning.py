@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ropefit.diagnosis.calm import calm
+from ropefit.diagnosis.calm import calm, distorted
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection
 from ropefit.inference.known import settled
@@ -20,7 +20,6 @@ from ropefit.rod.setup import Setup
 
 START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
-DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
 MUCH_LESS = 0.5  # of the rms of the data about the model
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
@@ -128,12 +127,6 @@ def _revived(smaller: Fit) -> np.ndarray:
     unseen = np.linalg.norm(smaller.jacobian, axis=0) < INSENSITIVE
     u[logs & unseen & ~np.isfinite(smaller.prior)] = 0.0
     return u
-
-
-def distorted(smaller: Fit) -> bool:
-    """Return whether a calibration error is too large to be one: it stands for missing physics."""
-    held = np.isfinite(smaller.prior)
-    return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
 
 
 def _undistorted(smaller: Fit, begun: Beginning, moved: np.ndarray) -> np.ndarray:

@@ -8,14 +8,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.diagnosis.quiet_frames import on_quiet_frames
 from ropefit.effects.misfit import Push
 from ropefit.inference.least_squares import Fit, attempted, by_parts
 
 OUTSTANDING_SD = 3.0  # standard errors by which such a frame is worse than usual
 MOST_DROPPED = 0.6  # of the frames
+DISTORTED_SD = 6.0  # prior sd: a calibration error beyond stands for what the model lacks
 ROUNDS, EVALUATIONS = 3, 8
 PLACES = 31  # along the rope, at which a push is tried
 WEAKEST_PUSH = 1e-3  # of the best: a direction in which the frame says nothing of a force
+
+
+def distorted(smaller: Fit) -> bool:
+    """Return whether a calibration error is too large to be one: it stands for missing physics."""
+    held = np.isfinite(smaller.prior)
+    return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
 
 
 def excess(fitted: Fit) -> np.ndarray:
@@ -35,7 +43,9 @@ def calm(fitted: Fit) -> Fit:
     if not fitted.forward.instantaneous:
         return fitted
     if fitted.calm is None:
-        fitted.calm = _calm(fitted)
+        found = _calm(fitted)
+        quiet = on_quiet_frames(fitted) if distorted(found) else None
+        fitted.calm = quiet or found
     return fitted.calm
 
 

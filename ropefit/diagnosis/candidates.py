@@ -9,8 +9,9 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import significant
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
-from ropefit.diagnosis.beginning import LATE_GAIN, distorted
+from ropefit.diagnosis.beginning import LATE_GAIN
 from ropefit.diagnosis.branch_repair import on_right_branches
+from ropefit.diagnosis.calm import distorted
 from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate, gain_of
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import on_few_frames
