@@ -60,7 +60,7 @@ def _better_nearby(current: Fit, terms: list[Term], least_gain: float) -> Fit | 
         return again
     forward = current.forward.starting_from(current.point.solution)
     tried = (
-        attempted(forward, current.problem, start, EXPLORING, 1e-4, matched=False)
+        attempted(forward, current.problem, start, EXPLORING, 1e-4, needed=enough, matched=False)
         for start in _shifted(current, terms)
     )
     found = [f for f in tried if f is not None and comparable(f, current)]

@@ -101,8 +101,13 @@ def _middle(a, first, last, k):
 @exact_helper
 def _median(a, first, last):
     """Return the median of a[first : last], with a rearranged."""
-    low = _middle(a, first, last, first + (last - first - 1) // 2)
-    return 0.5 * (low + _middle(a, first, last, first + (last - first) // 2))
+    k = first + (last - first - 1) // 2
+    low = high = _middle(a, first, last, k)
+    if (last - first) % 2 == 0:
+        high = a[k + 1]
+        for i in range(k + 2, last):
+            high = min(high, a[i])
+    return 0.5 * (low + high)
 
 
 @exact_helper

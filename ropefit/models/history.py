@@ -175,10 +175,9 @@ def walk(
         every = _without_past(whole, rod, elastic, near, picked)
         if every.converged.all():
             return _walked(u, setup, law, memory.restarts(whole.clock), every, spins)
-    if parts is None and rough:
+    if parts is None:
         smooth = _without_past(whole, rod, elastic, near, picked)
-        parts = increments_of(whole, rough, smooth.x)
-    parts = np.ones(len(whole.ends), dtype=int) if parts is None else parts
+        parts = increments_of(whole, rough, law, smooth, spins)
     whole, picked = in_increments(whole, parts), (np.cumsum(parts) - 1)[picked]
     frames, rod, law = len(whole.ends), whole.rod(), laws_of(whole)
     path = path if path is not None and len(path.x) == frames else None
