@@ -176,8 +176,12 @@ def walk(
         if every.converged.all():
             return _walked(u, setup, law, memory.restarts(whole.clock), every, spins)
     if parts is None:
-        smooth = _without_past(whole, rod, elastic, near, picked)
-        parts = increments_of(whole, rough, law, smooth, spins)
+
+        def without_past(parts: np.ndarray) -> Solution:
+            fine = in_increments(whole, parts)
+            return _without_past(fine, fine.rod(), elastic, near, (np.cumsum(parts) - 1)[picked])
+
+        parts = increments_of(whole, rough, law, spins, without_past)
     whole, picked = in_increments(whole, parts), (np.cumsum(parts) - 1)[picked]
     frames, rod, law = len(whole.ends), whole.rod(), laws_of(whole)
     path = path if path is not None and len(path.x) == frames else None
