@@ -64,7 +64,7 @@ class RodProblem:
                 stiffness, direction = spring
                 moment = moment - outward * stiffness * np.cross(tangent, direction)
             error = wanted.swapaxes(-1, -2) @ frame
-            twist = error[:, 1, 0] - error[:, 0, 1]
+            twist = _roll(error)
             spin = (moment * tangent).sum(-1)
             lean = error[:, :2, 2]
             if kind == FREE:
@@ -83,6 +83,15 @@ class RodProblem:
                 rows.append((y[:, 3:7] * y[:, 3:7]).sum(-1)[:, None] - 1.0)
             sides.append(np.concatenate(rows, axis=1))
         return sides[0], sides[1]
+
+
+def _roll(turn: Array) -> Array:
+    """Return the angles (T,) [rad] of turns (T, 3, 3) about their third axes, complex-safe. Their
+    sines would be zero for half a turn, too: a rope twisted by 2 rad would end at 2 - pi."""
+    side, ahead = turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1]
+    angle = np.arctan2(side.real, ahead.real)
+    c, s = np.cos(angle), np.sin(angle)
+    return angle + np.arctan((side * c - ahead * s) / (ahead * c + side * s))
 
 
 def problem(rod: Rod, held: Ends, elements: int = 80, breaks: list[float] | None = None):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
 
 from benchmarks.discovery.following import followed
 from reference_simulators.collocation import solve
@@ -23,7 +24,7 @@ from reference_simulators.kirchhoff_rod import (
     hang,
     problem,
 )
-from reference_simulators.rod_equations import Point, Rod, rotation
+from reference_simulators.rod_equations import Point, Rod, Section, rotation
 from tests.conftest import ROOT
 
 WEIGHT = 0.05 * 9.81  # N/m
@@ -167,3 +168,39 @@ def test_shapes_follow_from_frame_to_frame():
     jumped[4:, :, 2] += 0.02
     np.testing.assert_allclose(followed(heavier, plain, jumped), right, atol=1e-8)
     assert followed(heavier, plain, right) is right
+
+
+def test_half_a_turn_about_the_rope_is_not_the_orientation_that_a_clamp_holds():
+    rod = Rod(1.0, 0.05, 1e-3, 1e-3)
+    level = facing(np.array([1.0, 0.0, 0.0]))
+    turns = [level * Rotation.from_rotvec([0.0, 0.0, angle]) for angle in (0.0, 2.0, np.pi)]
+    wanted, *turned = (np.roll(turn.as_quat(), 1) for turn in turns)
+    held = Ends(np.zeros((1, 2, 3)), np.tile(wanted, (1, 2, 1)), (CLAMPED, CLAMPED))
+    for frame, angle in zip(turned, (2.0, np.pi), strict=True):
+        y = np.zeros((1, 13))
+        y[:, 3:7] = frame
+        first, last = problem(rod, held).ends(np.array([0]), y, y)
+        np.testing.assert_allclose(np.abs(first[0, :5]), [0, 0, 0, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(np.abs([first[0, 5], last[0, 5]]), angle, atol=1e-12)
+
+
+def test_a_rope_that_rests_curved_is_twisted_by_as_much_as_its_clamp_is_turned():
+    """With sines for the angle of a clamp Newton ended half a turn off."""
+    rod = Rod(0.86, 0.034, 3.5e-5, 2.7e-5)
+    ends = np.array([[[0.35, 0.05, 0.1], [0.0, 0.0, 0.0]]])
+    down = np.array([[-0.3, 0.0, -1.0], [-0.3, 0.0, 1.0]])
+    turns = [np.roll(facing(d / np.linalg.norm(d)).as_quat(), 1) for d in down]
+    plain, y = hang(rod, Ends(ends, np.array([turns]), (CLAMPED, CLAMPED)))
+    free = np.stack([y[:, 0, 3:7], y[:, -1, 3:7]], axis=1)
+    section = Section(0.16, 0.75, curvature=(-1.04, -3.86))
+    fixed = Ends(ends, free, (CLAMPED, CLAMPED))
+    goal = replace(plain, rod=rod, held=fixed, gauge=False)
+    for angle in (1.0, 2.0857):
+        a, b, c, d = free[0, 0]
+        w, z = np.cos(angle / 2), np.sin(angle / 2)
+        wanted = free.copy()
+        wanted[0, 0] = [a * w - d * z, b * w + c * z, c * w - b * z, d * w + a * z]
+        curved = replace(rod, sections=(section,))
+        end = replace(goal, rod=curved, held=replace(fixed, orientations=wanted))
+        states = follow(lambda _, end=end: end, y)
+        assert abs(states[0, 0, 3:7] @ wanted[0, 0]) == pytest.approx(1.0, abs=1e-9)

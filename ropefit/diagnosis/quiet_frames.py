@@ -53,7 +53,7 @@ def _begun(fitted: Fit) -> tuple[np.ndarray, np.ndarray] | None:
     best = None
     for share in np.linspace(0.0, 1.0, RIGIDITIES + 2)[1:-1]:
         u = np.where(held, 0.0, fitted.point.u)
-        u[rigid] = (low + share * (high - low))[rigid]
+        u[rigid] = (1 - share) * low[rigid] + share * high[rigid]
         rms = _rms(fitted, settled(forward, u))
         level = float(np.sort(rms)[:FEWEST].mean())
         if best is None or level < best[0]:
