@@ -116,7 +116,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         needed = limits.needed(inexact)
         anew = scan.anything(rules) and contact_anew(current, accepted, limits.threshold)
         if anew:
-            current, accepted = _weighed_again(*anew, limits.threshold, len(scan.scores), rules)
+            current, accepted, compared = _weighed_again(
+                *anew, limits.threshold, len(scan.scores), rules, singles
+            )
             continue
         instead = partial(two_instead, threshold=limits.threshold, names=rules.effects)
         if len(accepted) == most:
@@ -183,8 +185,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         every = _with_known_past(every, current, best)
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
-        current, accepted = _weighed_again(
-            current, accepted, limits.threshold, len(scan.sensitivities), rules
+        current, accepted, compared = _weighed_again(
+            current, accepted, limits.threshold, len(scan.sensitivities), rules, singles
         )
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
@@ -198,14 +200,20 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
 
 
 def _weighed_again(
-    current: Fit, accepted: list[Accepted], threshold: float, tried: int, rules: Rules
-) -> tuple[Fit, list[Accepted]]:
-    """Return the fit and the accepted effects, each weighed again beside the newest."""
+    current: Fit, accepted: list[Accepted], threshold: float, tried: int, rules: Rules,
+    singles: list[Candidate],
+) -> tuple[Fit, list[Accepted], list[Accepted] | None]:  # fmt: skip
+    """Return the fit and the accepted effects, each weighed again beside the newest; again these,
+    if they are two that were compared with every pair."""
     current, accepted = reassessed(current, accepted, threshold, tried, rules.effects)
     current, accepted = as_points(current, accepted, threshold)
-    if len(accepted) == 2 and current.forward.instantaneous:
-        current, accepted = two_instead(current, accepted, threshold, rules.effects)
-    return current, accepted
+    if len(accepted) != 2 or not current.forward.instantaneous:
+        return current, accepted, None
+    left = leaves_something(current)
+    current, accepted = two_instead(
+        current, accepted, threshold, rules.effects, singles if left else ()
+    )
+    return current, accepted, accepted if left else None
 
 
 def _in_motion(

@@ -17,7 +17,7 @@ import numpy as np
 
 from ropefit.models.response import Change, Point
 from ropefit.models.terms import Term, applied, value_at
-from ropefit.models.watched import Done, differing, done
+from ropefit.models.watched import Done, differing, done, followed, made_again
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
 from ropefit.solvers.equilibrium.solution import States
@@ -153,7 +153,7 @@ class Model(ABC):
             value = term.value(part)
             made.append(done(setup, lambda s, t=term, v=value: t.apply(s, v)))
             setup = made[-1].after
-        return base, made
+        return base, followed(made)
 
     def _change(
         self, base: Setup, made: list[Done], parts: list[np.ndarray], number: int, k: int,
@@ -163,7 +163,4 @@ class Model(ABC):
         term = self.terms[number]
         before = made[number - 1].after if number else base
         setup = term.apply(before, value_at(term, parts[number], k, step))
-        moved = differing(setup, made[number].after)
-        for later in made[number + 1 :]:
-            setup, moved = later.again(setup, moved)
-        return setup
+        return made_again(setup, differing(setup, made[number].after), made[number + 1 :])

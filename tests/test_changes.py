@@ -1,0 +1,101 @@
+"""Changes of a setup by one search variable, of which only what depends on it is made again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ropefit.effects import (
+    Effect,
+    GravityMisalignment,
+    IntrinsicCurvature,
+    PlasticSet,
+    SupportPlane,
+)
+from ropefit.effects.mass_section import MassSection
+from ropefit.models.equilibrium import Equilibrium
+from ropefit.models.parameters import PARAMETERS, Range
+from ropefit.models.priors import Priors, calibration
+from ropefit.models.watched import differing, done, followed, made_again
+from ropefit.rod.setup import Setup
+from tests.concealed import rope
+from tests.test_memory import there_and_back
+
+STEP = 1e-3
+
+
+def arrays(value: Any) -> list[np.ndarray]:
+    """Return all arrays in (nested) tuples."""
+    if isinstance(value, tuple):
+        return [array for item in value for array in arrays(item)]
+    return [value] if isinstance(value, np.ndarray) else []
+
+
+def assert_alike(one: Any, other: Any) -> None:
+    x = np.linspace(0, 1, 30).reshape(1, 10, 3)
+    for name, a, b in zip(Setup._fields, one, other, strict=True):
+        if name == "potentials":
+            a, b = (tuple(p.energy(x) for p in all_) for all_ in (a, b))
+        for p, q in zip(arrays(a), arrays(b), strict=True):
+            np.testing.assert_array_equal(p, q, err_msg=name)
+
+
+def added(setup: Setup, effect: Effect, values: list[float]) -> Setup:
+    return effect.apply(setup, np.array(values))
+
+
+@pytest.mark.parametrize("remembers", [False, True])
+def test_a_change_is_that_of_the_whole_setup(remembers: bool):
+    setup = there_and_back(20) if remembers else rope(20)
+    setup = setup._replace(past=None)
+    terms = [PARAMETERS["EI"].within(Range(3e-4, 3e-8, 3.0)), *calibration(setup, Priors(), False)]
+    forward = Equilibrium(setup, terms)
+    rng = np.random.default_rng(1)
+    u = 0.1 * rng.normal(size=forward.size)
+    for k, change in enumerate(forward.changes(u)):
+        moved = u.copy()
+        moved[k] += STEP
+        assert_alike(change(STEP), forward.setup_at(moved))
+
+
+def test_changes_are_made_again_only_as_far_as_they_depend_on_what_moved():
+    calls: list[str] = []
+
+    def counted(name: str, effect: Effect, values: list[float]):
+        def change(setup: Setup) -> Setup:
+            calls.append(name)
+            return added(setup, effect, values)
+
+        return change
+
+    steps = [
+        counted("section", MassSection(), [0.01, 0.5, 0.2]),
+        counted("gravity", GravityMisalignment(), [0.01, 0.02]),
+        counted("curved", IntrinsicCurvature(), [1.0, 0.5, 0.5, 0.3]),
+        counted("plane", SupportPlane(), [-0.3, 0.0, 0.0]),
+        counted("set", PlasticSet(), [0.4, 4.0]),
+    ]
+    base = there_and_back(20)._replace(past=None)
+    made, setup = [], base
+    for step in steps:
+        made.append(done(setup, step))
+        setup = made[-1].after
+    made = followed(made)
+    stiffer = base.properties._replace(bend=1.1 * base.properties.bend)
+    for changed in (
+        base._replace(gravity=base.gravity * 1.01),
+        base._replace(ends=base.ends + 0.1),
+        base._replace(properties=stiffer),
+        base._replace(time=np.arange(24.0)),
+    ):
+        moved = differing(changed, base)
+        whole = changed
+        for step in steps:
+            whole = step(whole)
+        calls.clear()
+        assert_alike(made_again(changed, moved, made), whole)
+        assert len(calls) < len(steps)
+        if moved == {"time"}:
+            assert calls == []
