@@ -98,6 +98,38 @@ def test_a_part_of_a_step_is_taken_where_the_whole_loses_contact():
     assert Cliff()._by_shorter_step(np.array([0.95, 0.0])) is None  # hardly anything to gain
 
 
+class CutOff(Cliff):
+    """The same, whose trust region stays at the edge after one evaluation."""
+
+    touches, rubs = True, False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.forward.with_unit_directions = lambda u: u
+
+    def rows(self, u: np.ndarray) -> np.ndarray:
+        out = super().rows(u)
+        self.trace.append(float(out @ out))
+        return out
+
+    def at(self, u: np.ndarray) -> Any:
+        return SimpleNamespace(u=u), None, None
+
+    def _by_trust_region(self, u: np.ndarray, evaluations: int, tolerance: float) -> Any:
+        assert evaluations > 0
+        self.rows(u)
+        return u, np.array([0.5 * self.trace[-1], 0, 1])
+
+
+def test_a_fit_ends_with_a_part_of_a_step_where_that_takes_the_last_evaluation():
+    objective = CutOff()
+    found, point = objective.minimum(np.array([0.62, 0.0]), 5, 1e-4)
+    assert len(objective.trace) == 5
+    assert found["u"][0] == pytest.approx(0.658, abs=1e-3)
+    assert point.u is found["u"]  # type: ignore[attr-defined]
+    assert found["summary"][:2] == pytest.approx([0.5 * objective.trace[-1], 0])
+
+
 @pytest.fixture(scope="module")
 def bar() -> Any:
     """A rope on a bar, with the fit of that bar, cut off after a few steps from beside it."""

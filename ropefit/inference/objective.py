@@ -175,6 +175,10 @@ class Objective:
                     if further is None:
                         break
                     left = evaluations - len(self.trace)
+                    if left < 1:  # the last one was that step's
+                        best = further
+                        summary = np.array([0.5 * self.trace[-1], 0, len(self.trace)])
+                        break
                     best, summary = self._by_trust_region(further, left, tolerance)
         except _Stopped as stopped:
             best, cost, status = stopped.args
