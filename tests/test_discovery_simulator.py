@@ -196,10 +196,9 @@ def test_a_rope_that_rests_curved_is_twisted_by_as_much_as_its_clamp_is_turned()
     fixed = Ends(ends, free, (CLAMPED, CLAMPED))
     goal = replace(plain, rod=rod, held=fixed, gauge=False)
     for angle in (1.0, 2.0857):
-        a, b, c, d = free[0, 0]
-        w, z = np.cos(angle / 2), np.sin(angle / 2)
+        turned = Rotation.from_quat(np.roll(free[0, 0], -1)) * Rotation.from_rotvec([0, 0, angle])
         wanted = free.copy()
-        wanted[0, 0] = [a * w - d * z, b * w + c * z, c * w - b * z, d * w + a * z]
+        wanted[0, 0] = np.roll(turned.as_quat(), 1)
         curved = replace(rod, sections=(section,))
         end = replace(goal, rod=curved, held=replace(fixed, orientations=wanted))
         states = follow(lambda _, end=end: end, y)

@@ -12,6 +12,7 @@ from ropefit.effects.gradual_friction import GradualFriction
 from ropefit.models import history, increments
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.increments import MOST_INCREMENTS, in_increments
+from ropefit.rod.quaternion import from_rotation_vector, multiply
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.solution import Solution
 from tests.test_memory import settled, there_and_back, with_effect
@@ -25,21 +26,8 @@ def turning(frames: int) -> Setup:
     setup = there_and_back(60, frames)
     angle = 0.25 * np.pi + 1.2 * np.sin(2 * np.pi * np.arange(frames) / (frames - 1))
     level = np.array([0.5**0.5, 0.0, 0.5**0.5, 0.0])  # the z axis onto x
-    about = np.zeros((frames, 4))
-    about[:, 0], about[:, 3] = np.cos(0.5 * angle), np.sin(0.5 * angle)
-    a, b, c, d = about.T
-    w, x, y, z = level
-    clamp = np.empty((frames, 2, 4))
-    clamp[:, 1] = [0.5**0.5, 0.0, 0.5**0.5, 0.0]
-    clamp[:, 0] = np.stack(
-        [
-            a * w - b * x - c * y - d * z,
-            a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x,
-            a * z + b * y - c * x + d * w,
-        ],
-        axis=1,
-    )
+    about = from_rotation_vector(angle[:, None] * np.array([0.0, 0.0, 1.0]))
+    clamp = np.stack([multiply(about, level), np.tile(level, (frames, 1))], axis=1)
     return setup._replace(clamp=clamp, time=np.arange(frames, dtype=float))
 
 
@@ -83,16 +71,13 @@ def test_directors_of_a_rope_that_spins_freely_do_not_count():
     law, rng = history.laws_of(whole), np.random.default_rng(3)
     begins = np.arange(12) == 0
     fine = between(whole, np.where(begins, 1, MOST_INCREMENTS))
-    half = 0.5 * rng.uniform(-3, 3, (len(fine.q), 1, 1))
-    about = np.concatenate(
-        [-fine.q[..., 3:], fine.q[..., 2:3], -fine.q[..., 1:2], fine.q[..., :1]], -1
-    )
-    spun = replace(fine, q=np.cos(half) * fine.q + np.sin(half) * about)
-    told = increments._bent(law, fine, begins, True)
-    np.testing.assert_array_equal(increments._bent(law, spun, begins, True), told)
+    spin = rng.uniform(-3, 3, (len(fine.q), 1, 1)) * np.array([0.0, 0.0, 1.0])
+    spun = replace(fine, q=multiply(fine.q, from_rotation_vector(spin)))
+    told = increments._until_exact(law, fine, begins, True)
+    np.testing.assert_array_equal(increments._until_exact(law, spun, begins, True), told)
     assert told.max() > 1
     assert 1 in told[1:]
-    assert increments._bent(law, spun, begins, False).sum() > 1.5 * told.sum()
+    assert increments._until_exact(law, spun, begins, False).sum() > 1.5 * told.sum()
 
 
 def test_frames_that_do_not_settle_without_memory_are_followed_most_closely():

@@ -366,9 +366,8 @@ def test_a_fit_ends_where_the_predicted_decrease_is_not_achieved(monkeypatch):
     exact = Objective.jacobian
 
     def misled(self, u):
-        return (
-            exact(self, u) + 0.5 * self.at(u)[2][:, None]
-        )  # along the residual: a decrease is predicted
+        # Along the residual: a decrease is predicted.
+        return exact(self, u) + 0.5 * self.at(u)[2][:, None]
 
     monkeypatch.setattr(Objective, "jacobian", misled)
     again = fit(forward.starting_from(best.point.solution), problem, best.point.u)

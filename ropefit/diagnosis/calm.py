@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ropefit.diagnosis.quiet_frames import on_quiet_frames
+from ropefit.diagnosis.inlier_frames import on_inlier_frames
 from ropefit.effects.misfit import Push
 from ropefit.inference.least_squares import Fit, attempted, by_parts
 
@@ -44,8 +44,8 @@ def calm(fitted: Fit) -> Fit:
         return fitted
     if fitted.calm is None:
         found = _calm(fitted)
-        quiet = on_quiet_frames(fitted) if distorted(found) else None
-        fitted.calm = quiet or found
+        inliers = on_inlier_frames(fitted) if distorted(found) else None
+        fitted.calm = inliers or found
     return fitted.calm
 
 

@@ -21,9 +21,9 @@ from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium.solution import Solution
 
 STRIDE = 0.016  # of the length: with a fifth of it the χ² of a dragged rope changed by 5 %
-BENT = 0.008  # of the largest curvature: how exactly what has slipped there is followed
+SLIP_ERROR = 0.008  # of the largest elastic moment: tolerated of what slipped between frames
 MOST_INCREMENTS = 6  # from one frame to the next
-SHARES = 1, 2, 3  # increments, of which the most are a multiple
+FEWER = 1, 2, 3  # increments; divisors of the most
 
 
 def increments_of(
@@ -38,15 +38,15 @@ def increments_of(
     """
     begins, out = memory.restarts(whole.clock), np.ones(len(whole.ends), dtype=int)
     if rough:
-        strides = _rubbed(whole, rough, without_past(out).x)
+        strides = _strides(whole, rough, without_past(out).x)
         out = np.maximum(out, np.clip(np.ceil(strides), 1, MOST_INCREMENTS).astype(int))
     if _slips(law).any():
         fine = without_past(np.where(begins, 1, MOST_INCREMENTS))
-        out = np.maximum(out, _bent(law, fine, begins, spins))
+        out = np.maximum(out, _until_exact(law, fine, begins, spins))
     return np.where(begins, 1, out)
 
 
-def _rubbed(whole: Setup, rough: list[Potential], x: np.ndarray) -> np.ndarray:
+def _strides(whole: Setup, rough: list[Potential], x: np.ndarray) -> np.ndarray:
     """Return (H,) how many strides the ends move in frames in which nodes x (H, N+1, 3) [m] touch
     down; zero in the others."""
     down = np.zeros(len(x), dtype=bool)
@@ -63,47 +63,52 @@ def _slips(law: Laws) -> np.ndarray:
     return (law.drag > 0).any(axis=1) & np.isfinite(law.slip).all(axis=1) & ~law.gradual
 
 
-def _bent(law: Laws, fine: Solution, begins: np.ndarray, spins: bool) -> np.ndarray:
+def _until_exact(law: Laws, fine: Solution, begins: np.ndarray, spins: bool) -> np.ndarray:
     """Return (H,) in how many increments each frame is reached so that what slips on the way, which
     is that of the `fine` frames, ends where it does in the most."""
     sharp, out = _slips(law), np.ones(len(begins), dtype=int)
     rest, stiffness = (
         a.reshape(-1, law.drag.shape[1], 3)[0] for a in (fine.rod.rest, fine.rod.stiffness)
     )
-    slip, v, unloaded = law.slip[sharp], vectors(fine) @ [1, 1j], rest[:, :2] @ [1, 1j]
+    slip, v, unloaded = law.slip[sharp], vectors(fine), rest[:, :2]
+    moment = stiffness[:, 0] * np.nanmax(np.linalg.norm(v - unloaded, axis=-1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        least = BENT * np.nanmax(np.abs(v - unloaded)) * stiffness[:, 0] / law.drag[sharp]
-    least = np.nan_to_num(least, nan=np.inf, posinf=np.inf)  # where nothing bends
-    settled = np.flatnonzero(np.isfinite(v).all(axis=1)) if spins else []
-    for before, t in pairwise(settled):
-        v[t] *= np.exp(1j * np.angle(np.vdot(v[t], v[before])))
-    strain, last = np.zeros_like(slip, dtype=complex), 0
+        tolerated = SLIP_ERROR * moment / law.drag[sharp]
+    tolerated = np.nan_to_num(tolerated, nan=np.inf, posinf=np.inf)  # where nothing bends
+    if spins:
+        v = _aligned(v)
+    strain, last = np.zeros((*slip.shape, 2)), 0
     for t, first in enumerate(begins):
         if first:
-            strain = _clipped(np.where(law.fresh[sharp, None], v[last] - unloaded, 0.0), slip)
+            loaded = np.where(law.fresh[sharp, None, None], v[last] - unloaded, 0.0)
+            strain = memory.clipped(loaded, slip)[0]
             last += 1
             continue
         way = v[last - 1 : last + MOST_INCREMENTS]
-        exact, last = _led(strain, way, slip), last + MOST_INCREMENTS
-        errors = (
-            (parts, np.abs(_led(strain, way[:: MOST_INCREMENTS // parts], slip) - exact))
-            for parts in SHARES
-        )
-        fine_enough = (parts for parts, error in errors if (error <= least).all())
-        out[t] = next(fine_enough, MOST_INCREMENTS)
+        exact, last = _slipped(strain, way, slip), last + MOST_INCREMENTS
+        for parts in (*FEWER, MOST_INCREMENTS):
+            out[t] = parts
+            error = _slipped(strain, way[:: MOST_INCREMENTS // parts], slip) - exact
+            if (np.linalg.norm(error, axis=-1) <= tolerated).all():
+                break
         strain = np.where(np.isfinite(exact), exact, strain)
     return out
 
 
-def _led(strain: np.ndarray, way: np.ndarray, slip: np.ndarray) -> np.ndarray:
-    """Return strains (B, N+1) in the complex plane after a way (n + 1, N+1) of the elements."""
+def _aligned(vector: np.ndarray) -> np.ndarray:
+    """Return vectors (n, N+1, 2) of a rope that is free to spin, each frame turned about the rope
+    as near as it comes to the one before that settled."""
+    v = vector @ [1, 1j]
+    for before, t in pairwise(np.flatnonzero(np.isfinite(v).all(axis=1))):
+        v[t] *= np.exp(1j * np.angle(np.vdot(v[t], v[before])))
+    return np.stack([np.real(v), np.imag(v)], axis=-1)
+
+
+def _slipped(strain: np.ndarray, way: np.ndarray, slip: np.ndarray) -> np.ndarray:
+    """Return strains (B, N+1, 2) after a way (n + 1, N+1, 2) of the elements."""
     for change in np.diff(way, axis=0):
-        strain = _clipped(strain + change, slip)
+        strain = memory.clipped(strain + change, slip)[0]
     return strain
-
-
-def _clipped(strain: np.ndarray, slip: np.ndarray) -> np.ndarray:
-    return strain * np.minimum(1.0, slip / np.maximum(np.abs(strain), 1e-300))
 
 
 def in_increments(whole: Setup, parts: np.ndarray) -> Setup:

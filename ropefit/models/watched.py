@@ -51,7 +51,8 @@ class Done(NamedTuple):
         if self.reads & moved:
             out = self.change(setup)
             return out, differing(out, self.after)
-        return with_fields(self.after, setup, moved - self.writes), moved - self.writes
+        moved -= self.writes
+        return with_fields(self.after, setup, moved), moved
 
 
 def with_fields(one: Setup, other: Setup, names: frozenset[str]) -> Setup:
@@ -80,7 +81,8 @@ def done(setup: Setup, change: Callable[[Setup], Setup]) -> Done:
 
 
 def followed(made: list[Done]) -> list[Done]:
-    """Return changes made one after the other, each with what it and those after it depend on."""
+    """Return changes made one after the other, each with what it and those after it read and
+    write."""
     reads, writes, out = frozenset[str](), frozenset[str](), []
     for one in reversed(made):
         reads, writes = reads | one.reads, writes | one.writes

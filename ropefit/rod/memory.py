@@ -115,7 +115,7 @@ def after(law: Laws, t: int, first: bool, before: State, vector: np.ndarray) -> 
     """Return the state once frame t has settled at vector (N+1, 2)."""
     kept, given = _steps(law, t, first)
     moved = vector - before.vector
-    strain = _clip(kept * before.strain + given * moved, law.slip)[0]
+    strain = clipped(kept * before.strain + given * moved, law.slip)[0]
     if law.gradual.any():
         g = law.gradual
         strain[g] = strained(before.strain[g], moved[None], law.slip[g]).strain
@@ -145,7 +145,7 @@ def answer(
     (`slope`) and with the state before (`change`)."""
     kept, given = _steps(law, t, first)
     moved = vector - before.vector
-    strain, across, direction = _clip(kept * before.strain + given * moved, law.slip)
+    strain, across, direction = clipped(kept * before.strain + given * moved, law.slip)
     left = across[..., None, None] * (
         np.eye(2) - direction[..., :, None] * direction[..., None, :]
     )  # what is along the slip's direction is lost
@@ -178,7 +178,7 @@ def _steps(law: Laws, t: int, first: bool) -> tuple[np.ndarray, np.ndarray]:
     return law.kept[t, :, None, None], law.given[t, :, None, None]
 
 
-def _clip(strain: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def clipped(strain: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return strains (B, N+1, 2) no longer than slip (B, N+1), by how much they were shortened, and
     their unit vectors where they were."""
     size = np.linalg.norm(strain, axis=-1)

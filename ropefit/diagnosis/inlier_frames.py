@@ -1,4 +1,4 @@
-"""A model as fitted to the few frames that it explains, where most are far off.
+"""A model as fitted to the few frames that it explains, as by least trimmed squares.
 
 What acts in most frames (a table that the rope is dragged over) leaves no usual frame to compare
 with: a fit to all of them, and to those that stand out least, has calibration errors without limit
@@ -15,12 +15,12 @@ from ropefit.models.response import Point
 
 FEWEST = 3  # frames that must be explained
 RIGIDITIES = 14  # tried, over what the rope's weight and length allow
-ALIKE = 2.0  # times the rms of those, up to which frames are quiet, too
+ALIKE = 2.0  # times the rms of those, up to which other frames are inliers, too
 FAR = 5.0  # times, by which the median frame is worse than those
 ROUNDS, EVALUATIONS = 3, 8
 
 
-def on_quiet_frames(fitted: Fit) -> Fit | None:
+def on_inlier_frames(fitted: Fit) -> Fit | None:
     """Return the model, with all frames, as fitted to those that it can explain with nearly no
     calibration errors; None where these are fewer than three, or the other frames hardly worse."""
     found = _begun(fitted)
@@ -51,7 +51,8 @@ def _begun(fitted: Fit) -> tuple[np.ndarray, np.ndarray] | None:
     rigid = ~held & np.repeat([t.log and t.effect is None for t in terms], [t.size for t in terms])
     low, high = forward.bounds()
     best = None
-    for share in np.linspace(0.0, 1.0, RIGIDITIES + 2)[1:-1]:
+    shares = np.linspace(0.0, 1.0, RIGIDITIES + 2)[1:-1]
+    for share in shares if rigid.any() else shares[:1]:
         u = np.where(held, 0.0, fitted.point.u)
         u[rigid] = (1 - share) * low[rigid] + share * high[rigid]
         rms = _rms(fitted, settled(forward, u))

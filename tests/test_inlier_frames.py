@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ropefit.diagnosis.calm import calm, distorted
-from ropefit.diagnosis.quiet_frames import on_quiet_frames
+from ropefit.diagnosis.inlier_frames import on_inlier_frames
 from ropefit.effects import PointMass, SupportPlane
 from ropefit.inference.least_squares import Fit
 from ropefit.models.equilibrium import Equilibrium
@@ -27,15 +27,15 @@ def test_the_frames_that_hang_free_tell_the_rope_where_most_lie_on_a_table():
     nominal = nominal_fit(recorded(there, seed=4))
     assert distorted(nominal)
     assert abs(np.log(rigidity(nominal) / EI)) > 1
-    quiet = on_quiet_frames(nominal)
-    assert quiet is not None
-    assert not distorted(quiet)
-    assert abs(np.log(rigidity(quiet) / EI)) < 0.2
-    assert calm(nominal).point.u == pytest.approx(quiet.point.u, abs=1e-4)
+    inliers = on_inlier_frames(nominal)
+    assert inliers is not None
+    assert not distorted(inliers)
+    assert abs(np.log(rigidity(inliers) / EI)) < 0.2
+    assert calm(nominal).point.u == pytest.approx(inliers.point.u, abs=1e-4)
 
 
-def test_no_frames_are_quiet_where_all_have_the_same_cause():
+def test_no_frames_are_inliers_where_all_have_the_same_cause():
     heavy = with_effect(PointMass(), [0.04, 0.45])
     nominal = nominal_fit(recorded(heavy, seed=5))
     assert distorted(nominal)
-    assert on_quiet_frames(nominal) is None
+    assert on_inlier_frames(nominal) is None
