@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from ropefit.inference.bins import Stations
-from ropefit.inference.discrepancy import ALIGNED, inflation, misled, unequal
+from ropefit.inference.discrepancy import (
+    ALIGNED,
+    inflation,
+    inflation_of_repeated,
+    misled,
+    unequal,
+)
 from ropefit.inference.noise import Noise
 from ropefit.models.correlated import correlated
 from ropefit.models.parameters import PARAMETERS
@@ -100,3 +106,12 @@ def test_values_that_are_known_only_together_keep_their_covariance():
     term = correlated("rest_curve", terms, covariance)
     np.testing.assert_allclose(term.root @ term.root.T, covariance, atol=1e-7)
     np.testing.assert_allclose(term.value(term.search(axis)), axis, atol=1e-3)
+
+
+def test_of_a_noise_that_repeats_as_many_samples_count_as_are_independent():
+    """What is as large as that noise inflates nothing, twice as large four times."""
+    rng, many = np.random.default_rng(8), 25
+    shared = np.repeat(rng.normal(size=4000), many) / np.sqrt(many)  # whitened by noise x repeats
+    assert inflation_of_repeated(shared, many, 3) == pytest.approx(1.0, abs=0.1)
+    assert inflation_of_repeated(2 * shared, many, 3) == pytest.approx(4.0, rel=0.1)
+    assert inflation_of_repeated(0.5 * shared, many, 3) == 1.0

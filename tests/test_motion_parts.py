@@ -4,9 +4,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ropefit.adapters.motion_of import clips_of, rates
+from ropefit.adapters.motion_of import clips_of
 from ropefit.fitting.motion import held_back
 from ropefit.models.dynamics import finer, refine
+from ropefit.models.rates import rates
 from ropefit.recordings.ends import quaternion_along
 from ropefit.rod.parallel_transport import along, continuous, third, unrolled
 from ropefit.solvers.dynamics.problem import Drive

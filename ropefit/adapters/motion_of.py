@@ -8,11 +8,9 @@ from scipy.interpolate import CubicSpline
 from ropefit.artifacts import Observations
 from ropefit.errors import BadInput
 from ropefit.gaps import unbroken
+from ropefit.models.rates import WINDOW, rates
 from ropefit.rod.setup import Motion
 
-WINDOW = 3  # frames on either side that a parabola in time is fitted to
-# On either side of a quartic: three quarters of the noise, a quarter of the bias.
-WIDER = 6
 SLOWEST = 0.1  # s: frames further apart than this show no motion
 JUMP = 0.05  # of the length: nodes move less than this from frame to frame, or it is no film
 FEWEST = 5  # markers, or nodes that were seen, that make a line
@@ -90,23 +88,3 @@ def times_of(o: Observations) -> np.ndarray:
 def clips_of(time: np.ndarray) -> list[np.ndarray]:
     """Return indices of the frames that follow each other without a gap, `SLOWEST` included."""
     return unbroken(time, SLOWEST)
-
-
-def rates(
-    time: np.ndarray, values: np.ndarray, clips: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and second derivative in time of values (F, ...), by a polynomial through
-    the frames about each: a quartic, and a parabola where a clip begins and ends."""
-    first, second = np.zeros_like(values), np.zeros_like(values)
-    for clip in clips:
-        last = len(clip) - 1
-        for place, t in enumerate(clip):
-            inside = WIDER <= place <= last - WIDER
-            half, degree = (WIDER, 4) if inside else (WINDOW, 2)
-            low = int(np.clip(place - half, 0, last - 2 * half))
-            near = clip[low : low + 2 * half + 1]
-            step = float(np.ptp(time[near])) / len(near)
-            powers = np.vander((time[near] - time[t]) / step, degree + 1, increasing=True)
-            fitted = np.einsum("pk,k...->p...", np.linalg.pinv(powers), values[near])
-            first[t], second[t] = fitted[1] / step, 2 * fitted[2] / step**2
-    return first, second

@@ -45,9 +45,11 @@ LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 ALIKE, ENOUGH = 1.0, 3  # of χ², within which fits of one pair are the same; so many are enough
 MOST_FITTED = 3  # pairs fitted to all
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
+FAR_BEHIND = 10.0  # nats, in few frames, and by that share: such a pair is not fitted to all
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
 
 ScannedPair = tuple[float, Start, Start]  # log evidence [nats]
+Ended = dict[frozenset[tuple[str, int]], list[float]]
 
 
 def two_instead(
@@ -130,18 +132,21 @@ def _best_on_few_frames(
     """Return where fits of pairs begin that explain few frames best, as fitted to these; where the
     best leaves something, also of those with one of the two and what scores highest beside it."""
     few = on_few_frames(base) or base
-    best = _best(_explored(few, pairs, np.inf))
+    ended: Ended = defaultdict(list)
+    best = _best(_explored(few, pairs, np.inf, ended))
     if best and leaves_something(best[0].fit, LEFT_OF_FEW):
         further = [both for one in best for both in _with_another(one, few, names)]
-        best = _best([*best, *_explored(few, further, best[0].fit.cost)])
-    return [one.starts for one in best]
+        best = _best([*best, *_explored(few, further, best[0].fit.cost, ended)])
+    most = max((one.evidence for one in best), default=0.0)
+    least = min(LEAST_SHARE * most, most - FAR_BEHIND)
+    return [one.starts for one in best if one.evidence > least]
 
 
-def _explored(few: Fit, pairs: list[list[Start]], least: float) -> list[Explored]:
-    """Return the fits of pairs to few frames; least: cost of the best one so far. Two hypotheses
-    are not begun from further places and widths where several fits of them have ended alike."""
+def _explored(few: Fit, pairs: list[list[Start]], least: float, ended: Ended) -> list[Explored]:
+    """Return the fits of pairs to few frames; least: cost of the best one so far; ended: costs of
+    the fits of every two hypotheses, which are not begun from further places and widths where
+    several have ended alike."""
     out: list[Explored] = []
-    ended: dict[frozenset[tuple[str, int]], list[float]] = defaultdict(list)
     for both in pairs:
         costs = ended[frozenset(h.key for h, _ in both)]
         if sum(cost < min(costs) + ALIKE for cost in costs) >= ENOUGH:

@@ -32,6 +32,7 @@ from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import clean_limits
 from ropefit.diagnosis.mixed_pairs import beside_contact, two_instead
+from ropefit.diagnosis.own_motion import with_own_motion
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.quick_fits import unknown_frames
@@ -191,7 +192,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
     assert limits is not None
-    current = last_fit(current) if accepted else current
+    current = with_own_motion(last_fit(current)) if accepted else current
     verdict = verdict_of(nominal, current, accepted, latent, crowded, refused)
     return Diagnosis(
         verdict, accepted, nominal, current, scores,

@@ -8,6 +8,9 @@ from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.least_squares import Fit
 
 LEFT_SD = 3.0  # standard errors of χ²: more is left by something
+# Times the variance of what a rope is missed by in the recording that it is known from: as much
+# differs from one load to another.
+UNLIKE_ELSEWHERE = 2.0
 
 
 def explained(smaller: Fit, fitted: Fit) -> bool:
@@ -23,3 +26,10 @@ def unexplained(fitted: Fit) -> float:
 def leaves_something(fitted: Fit, sd: float = LEFT_SD) -> bool:
     """Return whether a fit leaves more than noise alone may, by so many standard errors of χ²."""
     return unexplained(fitted) > sd * np.sqrt(2 * len(fitted.z))
+
+
+def misses_more_than_elsewhere(fitted: Fit) -> bool:
+    """Return whether a rope at rest is missed by significantly more than in the recording that it
+    is known from."""
+    by_chance = LEFT_SD * np.sqrt(2 * fitted.problem.noise.repeats / len(fitted.z))
+    return fitted.spread > max(UNLIKE_ELSEWHERE, 1 + by_chance)

@@ -13,7 +13,7 @@ from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.full_scan import Scan
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import Limits
-from ropefit.diagnosis.unexplained import unexplained
+from ropefit.diagnosis.unexplained import misses_more_than_elsewhere, unexplained
 from ropefit.inference.least_squares import Fit
 
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
@@ -53,7 +53,7 @@ def verdict_of(
         return "unknown"
     noise = final.problem.noise  # with what the rope missed in the recording it is known from
     known = final.forward.instantaneous and noise.marker > BEYOND_SENSOR * noise.sensor > 0
-    if not accepted and refused and known:
+    if not accepted and known and (refused or misses_more_than_elsewhere(final)):
         return "unknown"
     return "found" if accepted else "none"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ropefit.rod.setup import Setup
@@ -77,13 +79,21 @@ def nearest_node(setup: Setup, place: float, nodes: int) -> int:
 
 def horizontal(gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return two horizontal unit vectors, which follow gravity (3,) smoothly while it is tilted."""
+    return _horizontal(tuple(gravity.tolist()))
+
+
+@lru_cache(maxsize=64)
+def _horizontal(gravity: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     size = np.linalg.norm(gravity)
-    down = gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
+    down = np.array(gravity) / size if size > 0 else np.array([0.0, 0.0, -1.0])
     axis = np.zeros(3)
     axis[(int(np.abs(down).argmax()) + 1) % 3] = 1.0
     first = np.cross(down, axis)
     first = first / np.linalg.norm(first)
-    return first, np.cross(down, first)
+    second = np.cross(down, first)
+    for vector in (first, second):
+        vector.setflags(write=False)
+    return first, second
 
 
 def middle_of(setup: Setup) -> np.ndarray:

@@ -16,6 +16,7 @@ class WeightError(Effect):
     of_simulators = True
     kind = "measurement"
     quantities = (Quantity("excess", "1", 0.1, -0.9, 9.0),)
+    implausible = np.inf  # masses are stated in wrong units: the bounds decide
 
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         return setup._replace(gravity=setup.gravity * (1 + values[0]))

@@ -38,6 +38,13 @@ def inflation(
     return 1 + missed, min((1 + missed) ** 2 / (1 + missed**2 * many), 1.0)
 
 
+def inflation_of_repeated(z: np.ndarray, repeats: float, free: int) -> float:
+    """Return by how much the variance of estimates exceeds that by a noise of which `repeats`
+    samples count as one, from whitened residuals z (M D,) of a fit of `free` values; at least 1,
+    as that noise is known from elsewhere."""
+    return max(float(z @ z) / max(len(z) / repeats - free, 1.0), 1.0)
+
+
 def misled(s: Stations, lever: np.ndarray, least: float) -> np.ndarray:
     """Return (P,) one sigma of the errors of estimates by what their model misses of markers at
     rest (model inadequacy: Kennedy & O'Hagan 2001).

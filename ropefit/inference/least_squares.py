@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 from ropefit.inference import clipwise
 from ropefit.inference.bins import Stations, aligned, collected
 from ropefit.inference.directions import TangentBasis, tangent_basis
-from ropefit.inference.discrepancy import inflation, misled
+from ropefit.inference.discrepancy import inflation, inflation_of_repeated, misled
 from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.objective import STOPPED, Objective
 from ropefit.inference.problem import FitProblem
@@ -190,11 +190,13 @@ def fit(
     free = int((~held).sum())
     freedom = max(len(z) - free, 1)
     stations = objective.stations
-    elsewhere = problem.noise.repeats > 1
-    spread, share = inflation(
-        objective.stations, z, float(np.sqrt(z @ z / freedom)), point.seen, elsewhere
-    )
-    samples = max(share * len(z) / problem.noise.repeats - free, 1.0)
+    repeats = problem.noise.repeats
+    if repeats > 1 and forward.instantaneous:
+        spread, share = inflation_of_repeated(z, repeats, free), 1.0
+    else:
+        scale = float(np.sqrt(z @ z / freedom))
+        spread, share = inflation(objective.stations, z, scale, point.seen, repeats > 1)
+    samples = max(share * len(z) / repeats - free, 1.0)
     current = replace(stations, residual=aligned(now, stations, now.residual))
     return Fit(
         forward, problem, point, current, objective.whitener, z, jacobian, prior,

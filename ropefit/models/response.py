@@ -27,6 +27,7 @@ Change = Callable[[float], Setup]  # the setup where one value has moved by so m
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
 DIFFERENCE_STEP = 1e-5
 LOAD = Rod._fields.index("load")
+SMALL_ERRORS = {"rotation", "gain", "shift", "depth"}  # of a sensor, in which it is linear
 AT_ONCE, FEWEST = 4e6, 8  # bytes of answers in memory at once, of that many frames at least
 
 
@@ -239,12 +240,14 @@ def _slopes(
     # What does not depend on the value is the same object.
     a, b = changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)
     rod, law = still, None
-    same = same_rod(a, b)
-    if not same or a.bending is not b.bending:
+    if a.bending is not b.bending or not _equal(_built_from(a), _built_from(b)):
         rods = a.rod(), b.rod()
-        rod = still if same else [slope(p, q) for p, q in zip(*rods, strict=True)]
+        rod = [slope(p, q) for p, q in zip(*rods, strict=True)]
         if a.bending is not None or b.bending is not None:
             law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
+    elif not _equal(_loaded_by(a), _loaded_by(b)):  # a rod takes longer to build
+        rod = list(still)
+        rod[LOAD] = slope(a.node_loads(), b.node_loads())
     force = None
     if a.potentials is not b.potentials:
         low, high = (force_of(s.potentials, x, nodes) for s in (a, b))
@@ -265,20 +268,36 @@ def _slopes(
 
 def sensor_slope(a: Setup, b: Setup, x: np.ndarray) -> np.ndarray:
     """Return (F, K, 3) the central difference of what is seen of nodes x that stay; (1,) zero where
-    the sensor does not change."""
-    return np.zeros(1) if _equal(a.sensor, b.sensor) else slope(a.sensor(x), b.sensor(x))
+    the sensor does not change. Of the small errors, which are linear, the difference is exact."""
+    if a.sensor is b.sensor:
+        return np.zeros(1)
+    pairs = zip(SensorModel._fields, a.sensor, b.sensor, strict=True)
+    changed = {name for name, p, q in pairs if not (p is q or np.array_equal(p, q))}
+    if not changed:
+        return np.zeros(1)
+    if not changed <= SMALL_ERRORS or a.sensor.flat.any():
+        return slope(a.sensor(x), b.sensor(x))
+    fields = {
+        name: slope(getattr(a.sensor, name), getattr(b.sensor, name)) for name in SMALL_ERRORS
+    }
+    return a.sensor._replace(**fields).errors(a.sensor.nodes(x))
 
 
 def same_rod(a: Setup, b: Setup) -> bool:
     """Return whether two setups have the same rod: all that it is built from is equal."""
-    return _equal(_built_from(a), _built_from(b))
+    parts = _built_from, _loaded_by
+    return all(_equal(of(a), of(b)) for of in parts)
 
 
 def _built_from(setup: Setup) -> list[np.ndarray]:
-    """Return what a rod is built from."""
+    """Return what a rod is built from, but the dead loads of its nodes."""
     s = setup
-    loads = s.gravity, s.load, s.mass, s.moment
-    return [*s.properties, *loads, s.clamp_compliance, s.kinks, s.stretch]
+    return [*s.properties, s.moment, s.clamp_compliance, s.kinks, s.stretch]
+
+
+def _loaded_by(setup: Setup) -> list[np.ndarray]:
+    """Return what the dead loads of the nodes are made from, besides what the rod is."""
+    return [setup.gravity, setup.load, setup.mass]
 
 
 def _equal(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> bool:
@@ -297,4 +316,5 @@ def turn_slope(now: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.nda
 def slope(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Return the central difference; zero where the values are not finite."""
     with np.errstate(invalid="ignore"):
-        return np.nan_to_num((after - before) / (2 * DIFFERENCE_STEP), posinf=0.0, neginf=0.0)
+        out = (after - before) / (2 * DIFFERENCE_STEP)
+    return out if np.isfinite(out).all() else np.nan_to_num(out, posinf=0.0, neginf=0.0)

@@ -8,13 +8,26 @@ import numpy as np
 from array_api_compat import array_namespace, device, is_torch_array
 
 Array = Any  # of numpy; a tensor where gradients are asked for
+NUMPY = array_namespace(np.empty(0))
+
+
+def namespace(*arrays: Array) -> Any:
+    """Return the library that arrays are of, in the array API's terms: of numpy's at once, as small
+    ones are asked for a million times."""
+    return NUMPY if _of_numpy(*arrays) else array_namespace(*arrays)
+
+
+def _of_numpy(*arrays: Any) -> bool:
+    return all(type(array) is np.ndarray for array in arrays)
 
 
 def like(values: Any, array: Array) -> Array:
     """Return values as an array of the same library, type and device as another."""
+    if _of_numpy(values, array) and values.dtype == array.dtype:
+        return values
     if is_torch_array(values):
         return values.to(array)
-    xp = array_namespace(array)
+    xp = namespace(array)
     return xp.asarray(values, dtype=array.dtype, device=device(array))
 
 
@@ -33,4 +46,4 @@ def plain(array: Array) -> np.ndarray:
 
 def broadcast_to(array: Array, shape: tuple[int, ...]) -> Array:
     """Return a view of an array in a larger shape."""
-    return array_namespace(array).broadcast_to(array, shape)
+    return namespace(array).broadcast_to(array, shape)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from ropefit.rod.either import Array, like
+from ropefit.rod.either import Array, like, namespace
 from ropefit.rod.fields import BODIES, OCTAVES
 from ropefit.rod.rod import Properties, Rod, at_nodes
 
@@ -52,7 +51,7 @@ class Moving(NamedTuple):
 
 def undamped(p: Properties) -> Damping:
     """Return no resistance at all."""
-    zero = array_namespace(p.length).zeros_like(p.length)
+    zero = namespace(p.length).zeros_like(p.length)
     return Damping(zero, zero, zero, zero)
 
 
@@ -73,7 +72,7 @@ def moving(
     The viscosity of a bend is its stiffness times the relaxation times bend/EI and twist/GJ [s] of
     the segments beside it, averaged by length.
     """
-    xp = array_namespace(p.length)
+    xp = namespace(p.length)
     touched = like(np.zeros((0, 8)) if bodies is None else bodies, p.length)
     if len(touched) > BODIES:
         raise ValueError(f"a rope in motion can touch {BODIES} bodies, not {len(touched)}")

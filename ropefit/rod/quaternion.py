@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 from jaxtyping import Float
 
-from ropefit.rod.either import like
+from ropefit.rod.either import like, namespace
 
 Quaternion = Float[Any, "*#batch 4"]
 Vector = Float[Any, "*#batch 3"]
@@ -57,7 +56,7 @@ def director(q: Quaternion) -> Vector:
 
 def conjugate_product(p: Quaternion, q: Quaternion) -> Quaternion:
     """Return (..., 4) p* q: the rotation from frame p to frame q, seen from p."""
-    xp = array_namespace(p, q)
+    xp = namespace(p, q)
     a, v = p[..., :1], p[..., 1:]
     b, w = q[..., :1], q[..., 1:]
     real = a * b + (v * w).sum(-1)[..., None]
@@ -66,7 +65,7 @@ def conjugate_product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 def cross(a: Vector, b: Vector) -> Vector:
     """Return (..., 3) a x b."""
-    xp = array_namespace(a, b)
+    xp = namespace(a, b)
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
     u, v, w = b[..., 0], b[..., 1], b[..., 2]
     return xp.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
@@ -75,12 +74,12 @@ def cross(a: Vector, b: Vector) -> Vector:
 def norms(a: Vector) -> Float[Any, "*batch 1"]:
     """Return (..., 1) the lengths of vectors."""
     x, y, z = a[..., :1], a[..., 1:2], a[..., 2:]
-    return array_namespace(a).sqrt(x * x + y * y + z * z)
+    return namespace(a).sqrt(x * x + y * y + z * z)
 
 
 def normalise(q: Float[Any, "*batch n"]) -> Float[Any, "*batch n"]:
     """Return (..., n) q / |q|; a zero quaternion (or vector) stays zero."""
-    return q / array_namespace(q).sqrt((q * q).sum(-1)[..., None] + 1e-300)
+    return q / namespace(q).sqrt((q * q).sum(-1)[..., None] + 1e-300)
 
 
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
@@ -97,7 +96,7 @@ def rotate(q: Quaternion, v: Vector) -> Vector:
 
 def from_rotation_vector(v: Vector) -> Quaternion:
     """Return (..., 4) the rotation by |v| radians about v (..., 3), smooth at zero."""
-    xp = array_namespace(v)
+    xp = namespace(v)
     square = (v * v).sum(-1)[..., None]
     half = xp.sqrt(square + 1e-32) / 2
     return xp.concat([xp.cos(half), v * xp.sinc(half / np.pi) / 2], axis=-1)
@@ -112,7 +111,7 @@ def transport(
     smallest rotation from e3. Each next frame is the last one turned by the smallest rotation
     between tangents.
     """
-    xp = array_namespace(tangents)
+    xp = namespace(tangents)
     if first is None:
         e3 = xp.zeros_like(tangents[..., 0, :])
         e3[..., 2] = 1.0
@@ -127,7 +126,7 @@ def transport(
 def smallest_rotation(a: Vector, b: Vector) -> Quaternion:
     """Return (..., 4) the rotation of least angle with R a = b (unit vectors); any axis for a half
     turn."""
-    xp = array_namespace(a, b)
+    xp = namespace(a, b)
     real = 1.0 + (a * b).sum(-1)[..., None]
     # Opposite vectors: any axis across a will do, here across the axis that a has least of.
     smallest = xp.argmin(xp.abs(a), axis=-1)

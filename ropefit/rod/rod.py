@@ -10,10 +10,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace
 from jaxtyping import Float
 
-from ropefit.rod.either import Array, alike, broadcast_to, like, plain
+from ropefit.rod.either import Array, alike, broadcast_to, like, namespace, plain
 from ropefit.rod.fields import ROD
 
 
@@ -131,7 +130,7 @@ def build(
     beside it, so properties may jump.
     """
     p = Properties(*alike(*p))
-    xp = array_namespace(p.length)
+    xp = namespace(p.length)
     half_bend, half_twist = 0.5 * p.length / p.bend, 0.5 * p.length / p.twist
     soft = at_nodes(half_bend)
     soft = xp.stack([soft, soft, at_nodes(half_twist)], axis=-1)
@@ -156,7 +155,7 @@ def build(
 
 def half_turn(turn: Float[Any, "*batch 3"]) -> Float[Any, "*batch 3"]:
     """Return the vector part (..., 3) of the quaternion that turns by |turn| [rad] about turn."""
-    xp = array_namespace(turn)
+    xp = namespace(turn)
     square = (turn * turn).sum(-1)[..., None]
     half = xp.sqrt(square + 1e-30) / 2
     return turn * xp.sinc(half / math.pi) / 2
@@ -164,14 +163,14 @@ def half_turn(turn: Float[Any, "*batch 3"]) -> Float[Any, "*batch 3"]:
 
 def at_nodes(value: Array, axis: int = -1) -> Array:
     """Return the sum over the segments beside each node: (..., N) -> (..., N+1)."""
-    xp = array_namespace(value)
+    xp = namespace(value)
     none = xp.zeros_like(value[..., :1] if axis == -1 else value[..., :1, :])
     return xp.concat([value, none], axis=axis) + xp.concat([none, value], axis=axis)
 
 
 def _with_clamp_compliance(soft: Array, clamp_compliance: Array) -> Array:
     """Return the compliances of the bends (..., N+1, 3) with those of the clamps at both ends."""
-    xp = array_namespace(soft, clamp_compliance)
+    xp = namespace(soft, clamp_compliance)
     bend, twist = clamp_compliance[..., 0], clamp_compliance[..., 1]
     extra = xp.stack([bend, bend, twist], axis=-1)  # (..., 2, 3)
     shape = np.broadcast_shapes(soft.shape[:-2], extra.shape[:-2])

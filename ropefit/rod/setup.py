@@ -17,7 +17,7 @@ from ropefit.rod.moving import Damping
 from ropefit.rod.path import EndPath
 from ropefit.rod.potential import Potential
 from ropefit.rod.quaternion import cross, norms
-from ropefit.rod.rod import Properties, Rod, arc_length, build
+from ropefit.rod.rod import Properties, Rod, arc_length, at_nodes, build
 
 RIGIDITY = 300.0  # times a rope's: of a rigid piece
 
@@ -48,14 +48,8 @@ class SensorModel(NamedTuple):
 
     def __call__(self, x: Array) -> Array:
         """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
-        if acts(self.lag, self.drift):
-            x = x + self.lag * (self.toward - x) + self.drift
-        seen = x
-        if acts(self.rotation, self.gain, self.shift, self.depth):
-            arm = x - self.place
-            ray = arm / norms(arm)
-            turned = cross(self.rotation, arm)
-            seen = x + turned + self.gain * arm + self.shift + self.depth * ray
+        x = self.nodes(x)
+        seen = x + self.errors(x)
         if acts(self.flat):
             visible = seen
             if acts(self.standoff):
@@ -73,6 +67,22 @@ class SensorModel(NamedTuple):
             value = getattr(self, name)
             few[name] = value if value.ndim == 1 else value[index]
         return self._replace(**few)
+
+    def errors(self, x: Array) -> Array:
+        """Return (F, N+1, 3) [m] by how much small errors move what is reported of nodes x (F, N+1,
+        3) [m]; linear in rotation, gain, shift and depth."""
+        out, arm = self.shift, x - self.place
+        if acts(self.rotation):
+            out = out + cross(self.rotation, arm)
+        if acts(self.gain):
+            out = out + self.gain * arm
+        if acts(self.depth):
+            out = out + self.depth * (arm / norms(arm))
+        return out
+
+    def nodes(self, x: Array) -> Array:
+        """Return nodes x (F, N+1, 3) [m] with the errors of a solver."""
+        return x + self.lag * (self.toward - x) + self.drift if acts(self.lag, self.drift) else x
 
 
 def acts(*errors: Array) -> bool:
@@ -235,10 +245,15 @@ class Setup(NamedTuple):
         rod = build(p, self.gravity, self.clamped, self.clamp_compliance, self.kinks)
         stretch = self.stretch[..., None] * like([0.0, 0.0, 1.0], rod.flexibility)
         return rod._replace(
-            load=rod.load + self.mass[:, None] * self.gravity + self.load,
+            load=self.node_loads(),
             moment=rod.moment + self.moment,
             flexibility=rod.flexibility + stretch,
         )
+
+    def node_loads(self) -> Array:
+        """Return (N+1, 3) or (F, N+1, 3) [N] the dead loads on the nodes."""
+        mass = at_nodes(0.5 * self.properties.density * self.properties.length) + self.mass
+        return mass[..., None] * self.gravity + self.load
 
 
 def twist_held(setup: Setup) -> bool:

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from array_api_compat import array_namespace
 from jaxtyping import Float
 
-from ropefit.rod.either import Array, like
+from ropefit.rod.either import Array, like, namespace
 from ropefit.rod.quaternion import DARBOUX, director_gradient
 
 # Of the vector part of p* q: its derivatives in p and q are linear in the other.
@@ -72,8 +71,8 @@ def bend_twist(q: Float[Any, "*batch segments 4"], rest: Rest) -> BendTwist:
     imaginary = (grad_second @ second[..., None])[..., 0]
     real = (first * second).sum(-1, keepdim=True)
     along = (imaginary * rest.darboux[:, 1:]).sum(-1, keepdim=True) + real * rest.darboux[:, :1]
-    one = array_namespace(along).ones_like(along)
-    sign = array_namespace(along).where(along < 0, -one, one)
+    one = namespace(along).ones_like(along)
+    sign = namespace(along).where(along < 0, -one, one)
     return BendTwist(imaginary - sign * rest.darboux[:, 1:], grad_first, grad_second)
 
 
@@ -90,5 +89,5 @@ def distance(edges: Float[Any, "*batch segments 3"], rest: Rest) -> Distance:
     The gradient is the unit vector along the edge. (The paper divides by the rest length instead,
     which is the same once the constraint holds.)
     """
-    norm = array_namespace(edges).sqrt((edges * edges).sum(-1) + TINY)
+    norm = namespace(edges).sqrt((edges * edges).sum(-1) + TINY)
     return Distance(norm - rest.length, edges / norm[..., None])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from ropefit.rod.either import Array, like
+from ropefit.rod.either import Array, like, namespace
 from ropefit.rod.quaternion import transport
 from ropefit.solvers.arrays import as_numpy, in_threads
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -43,7 +42,7 @@ def frames_along(x: Array, first: Array | None = None, last: Array | None = None
     run from the first clamp if there is one, so that their arbitrary turn about the tangent is the
     clamp's.
     """
-    xp = array_namespace(x)
+    xp = namespace(x)
     edges = x[..., 1:, :] - x[..., :-1, :]
     norm = xp.sqrt((edges * edges).sum(-1)[..., None] + 1e-24)
     tangents = xp.where(norm > 1e-11, edges / norm, like([0.0, 0.0, 1.0], x))

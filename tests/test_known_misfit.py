@@ -1,0 +1,55 @@
+"""What a rope is missed by in the recording that it is known from is noise, and more is not."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.verdicts import verdict_of
+from ropefit.effects import WeightError
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from tests.concealed import nominal_fit, recorded, rope
+
+MISFIT = Noise(marker=0.01, sensor=1e-4, repeats=20)
+
+
+def verdict(spread: float, noise: Noise = MISFIT, samples: int = 800) -> str:
+    """What is said of a rope at rest of which nothing was accepted, missed by so many times the
+    variance."""
+    final: Any = SimpleNamespace(
+        z=np.zeros(samples), spread=spread, problem=SimpleNamespace(noise=noise),
+        forward=SimpleNamespace(instantaneous=True),
+    )  # fmt: skip
+    latent: Any = SimpleNamespace(evidence=0.0, threshold=10.0)
+    return verdict_of(final, final, [], latent, False, [])
+
+
+@pytest.mark.parametrize(("spread", "said"), [(1.0, "none"), (1.9, "none"), (4.0, "unknown")])
+def test_a_rope_missed_by_more_than_elsewhere_is_unknown(spread, said):
+    assert verdict(spread) == said
+
+
+def test_few_independent_samples_scatter_by_more():
+    assert (verdict(2.5), verdict(2.5, samples=100)) == ("unknown", "none")
+
+
+def test_noise_that_is_larger_than_told_is_no_sign_of_a_cause():
+    """Where the rope is not known from another recording, what is left is measured as noise."""
+    assert verdict(4.0, Noise(marker=1e-4, sensor=1e-4)) == "none"
+
+
+def test_a_rope_eight_times_as_heavy_as_stated_is_a_plausible_error_of_its_weight():
+    heavy = rope(288)
+    heavy = heavy._replace(gravity=8 * heavy.gravity)
+    nominal = nominal_fit(recorded(heavy, seed=2))
+    # Shapes at rest show the ratio to the rigidity only, which is known here.
+    known = nominal.forward.with_terms([t for t in nominal.forward.terms if t.name != "EI"])
+    smaller = fit(known, nominal.problem)
+    found = fit_candidate(smaller, Hypothesis(WeightError(), NO_PLACE), np.array([5.0]))
+    assert found is not None
+    assert found.plausible()
+    assert 1 + found.values()[0] == pytest.approx(8.0 * 3e-4 / 5e-4, rel=0.05)
