@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -93,4 +94,6 @@ def test_two_of_a_kind_that_leave_nothing_are_compared_with_two_of_different_kin
 def test_a_pair_whose_fits_end_alike_is_not_begun_again(both):
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
-    assert len(_explored(both, [[weight, stiff]] * (ENOUGH + 2), np.inf)) == ENOUGH
+    ended = defaultdict(list)
+    assert len(_explored(both, [[weight, stiff]] * (ENOUGH + 2), np.inf, ended)) == ENOUGH
+    assert not _explored(both, [[weight, stiff]], np.inf, ended)

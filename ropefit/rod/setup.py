@@ -48,8 +48,9 @@ class SensorModel(NamedTuple):
 
     def __call__(self, x: Array) -> Array:
         """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
-        x = self.nodes(x)
-        seen = x + self.errors(x)
+        seen = x = self.nodes(x)
+        if acts(self.rotation, self.gain, self.shift, self.depth):
+            seen = x + self.errors(x)
         if acts(self.flat):
             visible = seen
             if acts(self.standoff):
