@@ -15,7 +15,7 @@ from ropefit.diagnosis.forces_on_nodes import ForcesOnNodes
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis, effects_of
 from ropefit.effects import Effect
 from ropefit.effects.misfit import Misfit
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import Fit, inside
 
 UNEVEN_SD = 5.0  # standard errors by which one frame must be worse than the median one
 
@@ -32,11 +32,24 @@ def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) ->
         return []
     in_some = any(effect.slow and not effect.path_dependent for effect in effects)
     misfit = misfit_of(calm(current) if in_some else current)
+    found = [(effect, choices) for effect in effects for choices in effect.starts(misfit)]
+    found += [(e, [v]) for e in effects if (v := _error_at_bound(current, e)) is not None]
     return [
-        [(Hypothesis(effect, NO_PLACE), values) for values in choices]
-        for effect in effects
-        for choices in effect.starts(misfit)
+        [(Hypothesis(effect, NO_PLACE), values) for values in choices] for effect, choices in found
     ]
+
+
+def _error_at_bound(current: Fit, effect: Effect) -> np.ndarray | None:
+    """Return the values (n,) of an effect that the model has as an error of the set-up, where that
+    is at a bound, far outside its prior: a scan, which holds it there, does not see the effect."""
+    if effect.calibration is None:
+        return None
+    forward, free = current.forward, current.forward.split(inside(current))
+    parts = zip(forward.terms, forward.split(current.point.u), free, strict=True)
+    name = effect.calibration.name + (f"_{effect.end}" if effect.locus == "end" else "")
+    return next(
+        (t.value(u) for t, u, f in parts if t.nuisance and t.name == name and not f.all()), None
+    )
 
 
 def proposals_beside(

@@ -8,6 +8,7 @@ import numpy as np
 
 from ropefit.effects.base import Effect, Exported, Quantity
 from ropefit.effects.drawn import Drawn, components
+from ropefit.effects.misfit import Misfit
 from ropefit.rod.rod import at_nodes
 from ropefit.rod.setup import Setup
 
@@ -25,6 +26,17 @@ class DistributedLoad(Effect):
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         share = at_nodes(0.5 * setup.properties.length)
         return setup._replace(load=setup.load + share[:, None] * values)
+
+    def starts_beside(
+        self, leader: Effect, values: np.ndarray, misfit: Misfit
+    ) -> list[list[np.ndarray]]:
+        """Propose the load that pulls as another gravity does."""
+        setup = misfit.stated
+        moved = leader.apply(setup, values).gravity - setup.gravity
+        if self.name in misfit.terms or not moved.any():
+            return []
+        p = setup.properties
+        return [[moved * float((p.density * p.length).sum() / p.length.sum())]]
 
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
