@@ -97,3 +97,12 @@ def test_a_pair_whose_fits_end_alike_is_not_begun_again(both):
     ended = defaultdict(list)
     assert len(_explored(both, [[weight, stiff]] * (ENOUGH + 2), np.inf, ended)) == ENOUGH
     assert not _explored(both, [[weight, stiff]], np.inf, ended)
+
+
+def test_a_pair_is_begun_again_where_none_of_its_fits_has_ended(both):
+    weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
+    stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
+    ended = defaultdict(list)
+    _explored(both, [[weight, stiff]] * ENOUGH, np.inf, ended)
+    elsewhere = (weight[0], np.array([MASS[0], MASS[1] - 0.3]))
+    assert len(_explored(both, [[elsewhere, stiff]] * 2, np.inf, ended)) >= 1

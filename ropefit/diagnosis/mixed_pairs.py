@@ -43,13 +43,14 @@ MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact ar
 HARDLY_MORE = 1.2  # times the least cost so far: a fit without prospect of it is stopped
 LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 ALIKE, ENOUGH = 1.0, 3  # of χ², within which fits of one pair are the same; so many are enough
-MOST_FITTED = 3  # pairs fitted to all
+MOST_FITTED = 3  # pairs fitted to all, and the best one from where else it may be
+APART = 0.1  # of the length: places so far from each other are other minima
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
 FAR_BEHIND = 10.0  # nats, in few frames, and by that share: such a pair is not fitted to all
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
 
 ScannedPair = tuple[float, Start, Start]  # log evidence [nats]
-Ended = dict[frozenset[tuple[str, int]], list[float]]
+Kinds = frozenset[tuple[str, int]]
 
 
 def two_instead(
@@ -125,6 +126,16 @@ class Explored:
     starts: list[Start]
     fit: Fit
 
+    @property
+    def kinds(self) -> Kinds:
+        return _kinds(self.starts)
+
+    def far_from(self, starts: list[Start]) -> bool:
+        """Return whether one of the two effects is elsewhere than where it starts."""
+        least = APART * float(self.fit.forward.base.properties.length.sum())
+        ours, theirs = (dict(map(_place, both)) for both in (self.starts, starts))
+        return any(abs(place - theirs[key]) > least for key, place in ours.items())
+
 
 def _best_on_few_frames(
     base: Fit, pairs: list[list[Start]], names: tuple[str, ...] | None
@@ -132,24 +143,29 @@ def _best_on_few_frames(
     """Return where fits of pairs begin that explain few frames best, as fitted to these; where the
     best leaves something, also of those with one of the two and what scores highest beside it."""
     few = on_few_frames(base) or base
-    ended: Ended = defaultdict(list)
-    best = _best(_explored(few, pairs, np.inf, ended))
+    ended: dict[Kinds, list[Explored]] = defaultdict(list)
+    explored = _explored(few, pairs, np.inf, ended)
+    best = _best(explored)
     if best and leaves_something(best[0].fit, LEFT_OF_FEW):
         further = [both for one in best for both in _with_another(one, few, names)]
-        best = _best([*best, *_explored(few, further, best[0].fit.cost, ended)])
-    most = max((one.evidence for one in best), default=0.0)
+        explored += _explored(few, further, best[0].fit.cost, ended)
+        best = _best(explored)
+    most = best[0].evidence if best else 0.0
     least = min(LEAST_SHARE * most, most - FAR_BEHIND)
     return [one.starts for one in best if one.evidence > least]
 
 
-def _explored(few: Fit, pairs: list[list[Start]], least: float, ended: Ended) -> list[Explored]:
-    """Return the fits of pairs to few frames; least: cost of the best one so far; ended: costs of
-    the fits of every two hypotheses, which are not begun from further places and widths where
-    several have ended alike."""
+def _explored(
+    few: Fit, pairs: list[list[Start]], least: float, ended: dict[Kinds, list[Explored]]
+) -> list[Explored]:
+    """Return the fits of pairs to few frames; least: cost of the best one so far; ended: the
+    fits of every two hypotheses, which are not begun again about where several have ended alike."""
     out: list[Explored] = []
     for both in pairs:
-        costs = ended[frozenset(h.key for h, _ in both)]
-        if sum(cost < min(costs) + ALIKE for cost in costs) >= ENOUGH:
+        before = ended[_kinds(both)]
+        lowest = min((one.fit.cost for one in before), default=np.inf)
+        alike = [one for one in before if one.fit.cost < lowest + ALIKE]
+        if len(alike) >= ENOUGH and not alike[0].far_from(both):
             continue
         begun = settled_start(few, both)
         if begun is None:
@@ -160,21 +176,36 @@ def _explored(few: Fit, pairs: list[list[Start]], least: float, ended: Ended) ->
         )  # fmt: skip
         if fitted is None or fitted.stopped or len(fitted.z) != len(few.z):
             continue
-        costs.append(fitted.cost)
         least = min(least, fitted.cost)
         parts = fitted.forward.split(fitted.point.u)[-2:]
         values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]
         starts = [(h, v) for (h, _), v in zip(both, values, strict=True)]
         out.append(Explored(together(few, fitted), starts, fitted))
+        before.append(out[-1])
     return out
 
 
+def _kinds(both: list[Start]) -> Kinds:
+    return frozenset(hypothesis.key for hypothesis, _ in both)
+
+
+def _place(start: Start) -> tuple[tuple[str, int], float]:
+    """Return which hypothesis a start is of, and where that is: the arc length or centre [m]."""
+    (hypothesis, values), names = start, start[0].effect.names
+    places = [float(values[names.index(n)]) for n in ("arc_length", "centre") if n in names]
+    return hypothesis.key, places[0] if places else 0.0
+
+
 def _best(explored: list[Explored]) -> list[Explored]:
-    """Return the best fit of each two hypotheses, few of them, best first."""
-    best: dict[frozenset[tuple[str, int]], Explored] = {}
-    for one in sorted(explored, key=lambda one: -one.evidence):
-        best.setdefault(frozenset(h.key for h, _ in one.starts), one)
-    return list(best.values())[:MOST_FITTED]
+    """Return the best fit of each two hypotheses, few of them, best first; last the best fit of the
+    first two with one of them elsewhere."""
+    best: dict[Kinds, Explored] = {}
+    every = sorted(explored, key=lambda one: -one.evidence)
+    for one in every:
+        best.setdefault(one.kinds, one)
+    out = list(best.values())[:MOST_FITTED]
+    alike = [one for one in every if out and one.kinds == out[0].kinds]
+    return out + [one for one in alike if one.far_from(out[0].starts)][:1]
 
 
 def _with_another(pair: Explored, few: Fit, names: tuple[str, ...] | None) -> Iterator[list[Start]]:
