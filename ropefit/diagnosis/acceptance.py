@@ -124,8 +124,7 @@ def _allowed_for(effect: Effect, fitted: Fit) -> bool:
     """Return whether a fit has an effect's small sizes already, as an error of the set-up."""
     if effect.calibrated or effect.calibration is None:
         return effect.calibrated
-    own = {effect.calibration.name, f"{effect.calibration.name}_{effect.end}"}
-    return any(term.nuisance and term.name in own for term in fitted.forward.terms)
+    return any(term.nuisance and term.name == effect.error_name for term in fitted.forward.terms)
 
 
 def agreeing(gains: np.ndarray) -> bool:

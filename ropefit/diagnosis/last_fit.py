@@ -36,11 +36,16 @@ def last_fit(found: Fit) -> Fit:
         again = None if ended else _refitted(found, np.zeros_like(found.point.u))
         if again is None:
             break
-        moved = np.abs(again.point.u - found.point.u) / np.maximum(again.sd(), 1e-12)
-        found = again
-        if moved.max(initial=0.0) < STILL:
+        before, found = found, again
+        if stays(before, found):
             break
     return _with_least_sizes(found)
+
+
+def stays(before: Fit, after: Fit) -> bool:
+    """Return whether a fit that was repeated moved by next to nothing."""
+    moved = np.abs(after.point.u - before.point.u) / np.maximum(after.sd(), 1e-12)
+    return bool(moved.max(initial=0.0) < STILL)
 
 
 def _with_least_sizes(found: Fit) -> Fit:

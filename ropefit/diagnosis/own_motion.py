@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.diagnosis.last_fit import stays
 from ropefit.gaps import unbroken
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.models.rates import WINDOW, rates
@@ -17,7 +18,6 @@ from ropefit.rod.setup import Motion
 
 ROUNDS = 3  # at most: the motion is that of the fit before
 EVALUATIONS = 20
-STILL = 0.05  # standard errors: a fit that moves by less stays
 
 
 def with_own_motion(found: Fit) -> Fit:
@@ -34,9 +34,8 @@ def with_own_motion(found: Fit) -> Fit:
         again = attempted(forward, found.problem, found.point.u, EVALUATIONS, tolerance=1e-6)
         if again is None or len(again.z) != len(found.z) or not again.cost < found.cost:
             break
-        moved = np.abs(again.point.u - found.point.u) / np.maximum(again.sd(), 1e-12)
-        found = again
-        if moved.max(initial=0.0) < STILL:
+        before, found = found, again
+        if stays(before, found):
             break
     return found
 

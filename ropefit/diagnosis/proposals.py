@@ -42,13 +42,17 @@ def proposals(current: Fit, slow: bool, names: tuple[str, ...] | None = None) ->
 def _error_at_bound(current: Fit, effect: Effect) -> np.ndarray | None:
     """Return the values (n,) of an effect that the model has as an error of the set-up, where that
     is at a bound, far outside its prior: a scan, which holds it there, does not see the effect."""
-    if effect.calibration is None:
+    if not effect.error_name:
         return None
-    forward, free = current.forward, current.forward.split(inside(current))
-    parts = zip(forward.terms, forward.split(current.point.u), free, strict=True)
-    name = effect.calibration.name + (f"_{effect.end}" if effect.locus == "end" else "")
+    forward, u = current.forward, current.point.u
+    parts = zip(forward.terms, forward.split(u), forward.split(inside(current)), strict=True)
     return next(
-        (t.value(u) for t, u, f in parts if t.nuisance and t.name == name and not f.all()), None
+        (
+            term.value(part)
+            for term, part, free in parts
+            if term.nuisance and term.name == effect.error_name and not free.all()
+        ),
+        None,
     )
 
 

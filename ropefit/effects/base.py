@@ -293,6 +293,14 @@ class Effect(ABC):
         return Drawn()
 
     @property
+    def error_name(self) -> str:
+        """Return the name of the term that it is as an error of the set-up; empty if it is none."""
+        if self.calibration is None:
+            return ""
+        name = self.calibration.name
+        return f"{name}_{self.end}" if self.locus == "end" else name
+
+    @property
     def place_names(self) -> tuple[str, ...]:
         return PLACE_NAMES.get(self.locus, ())
 

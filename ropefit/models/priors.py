@@ -102,6 +102,5 @@ def _small_effect(
     sd = priors[error.prior] * (DEGREE if error.degrees else 1.0)
     if sd <= 0:
         return []
-    name = f"{error.name}_{effect.end}" if effect.locus == "end" else error.name
     units = [q.unit for q in effect.quantities]
-    return [nuisance(name, list(error.values), units, effect.apply, [sd] * len(units))]
+    return [nuisance(effect.error_name, list(error.values), units, effect.apply, [sd] * len(units))]
