@@ -179,7 +179,7 @@ def continued(before: float, fitted: Fit, lowest: float) -> Fit:
     shrink. One that even at its present pace could not reach the cost `lowest` stays as it is."""
     for left in range(SLOW_ROUNDS, 0, -1):
         ended = fitted.converged and fitted.as_matched
-        if ended or fitted.cost - left * SLOW_EVALUATIONS * _pace(fitted) > lowest:
+        if ended or fitted.cost - left * SLOW_EVALUATIONS * pace(fitted) > lowest:
             break
         again = attempted(
             fitted.forward, fitted.problem, fitted.point.u, SLOW_EVALUATIONS, tolerance=1e-4,
@@ -194,7 +194,7 @@ def continued(before: float, fitted: Fit, lowest: float) -> Fit:
     return fitted
 
 
-def _pace(fitted: Fit) -> float:
+def pace(fitted: Fit) -> float:
     """Return how much each evaluation in the second half of a fit has lowered its cost."""
     half = len(fitted.trace) // 2
     return (min(fitted.trace[: half + 1]) - fitted.cost) / max(len(fitted.trace) - 1 - half, 1)

@@ -12,10 +12,11 @@ from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
 from ropefit.diagnosis.beginning import LATE_GAIN
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.calm import distorted
-from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate, gain_of
+from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate, gain_of, pace
 from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.diagnosis.few_frames import on_few_frames
+from ropefit.diagnosis.few_frames import FAR_BEHIND, on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.leaders import leading
 from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
 from ropefit.diagnosis.quick_fits import alike, quick_ones, unknown_frames
 from ropefit.diagnosis.scan import Score
@@ -23,15 +24,11 @@ from ropefit.diagnosis.stretches import significant_interval
 from ropefit.diagnosis.unexplained import explained, unexplained
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.objective import OPTIMISM
-from ropefit.rod.setup import Setup
 
-MOST_LEADERS = 6
-LEADER_SHARE = 0.5  # of the highest log factor, if that is below twice the threshold
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
 MOST_SHOWN = 0.7  # of the χ² in excess of noise, explained in one place of a scan
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 MOST_MINIMA = 4  # of one hypothesis, each better than the one before
-FITTED_SHARE = 0.6  # of the threshold: least log factor of a leader that is fitted
 
 
 Progress = Callable[[float, str], None]
@@ -67,8 +64,15 @@ class Fits:
         gains. Where one explains all frames, only those that came close to it."""
         few = on_few_frames(self.current) or self.current
         explored = best_of([self._explored(few, choices) for choices in starts])
+        best, share = self.best(), self._share(few)
+        highest = max((c.evidence for c in explored), default=0.0)
+        if best and best.plausible():
+            highest = max(highest, share * best.evidence)
         for candidate in explored:
-            if OPTIMISM * gain_of(candidate) < self._share(few) * self._least_evidence():
+            if OPTIMISM * gain_of(candidate) < share * self._least_evidence():
+                continue
+            further = 0.5 * EXPLORING * pace(candidate.fit)  # nats, by as many evaluations again
+            if candidate.evidence + further < highest - FAR_BEHIND:
                 continue
             close = CLOSE_EVIDENCE * explored[0].evidence
             if self.sufficient() and candidate.evidence < close:
@@ -196,7 +200,7 @@ def fit_candidates(
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
     effects that may be proposed; None: all.
     """
-    leaders, further = _leaders(scan, threshold, current.point.setup)
+    leaders, further = leading(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
     fits = Fits(current, threshold, progress, due, names=names)
     for choices in quick:
@@ -298,32 +302,3 @@ def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:
         for c in candidates
     ]
     return best_first(every)
-
-
-def _leaders(
-    scan: list[Score], threshold: float, setup: Setup
-) -> tuple[list[list[Start]], list[list[Start]]]:
-    """Return the starts of full fits that a scan, highest first, proposes: of the leaders, and of
-    laws wherever they rank; and those of others that rank high.
-
-    What is linear is tested in any case, as a law far from the linear one looks like several local
-    effects. And where much is missed, the first order tells little of the order of the others, nor
-    of how wide a stretch is: that a rope rests curved shows at the edges of the curved stretch.
-    """
-    highest = max((s.log_factor for s in scan), default=0.0)
-    least = min(threshold, LEADER_SHARE * highest)
-    every = [s for s in scan if s.log_factor > least]
-    first, rest = every[:MOST_LEADERS], every[MOST_LEADERS:]
-    laws = (s for s in scan if s.hypothesis.effect.law(setup) is not None)
-    first += [s for s in laws if all(s is not f for f in first)]
-    high = max(threshold, LEADER_SHARE * highest)
-    rest = [s for s in rest if s.log_factor > high and all(s is not f for f in first)]
-    fitted = (s for s in first if s.log_factor > FITTED_SHARE * threshold)
-    leaders = [start for s in fitted for start in _from(s, s.starts())]
-    further = [start for s in rest for start in _from(s, s.widths or s.starts())]
-    high_ones = (s for s in first if s.log_factor > high)
-    return leaders, further + [start for s in high_ones for start in _from(s, s.widths)]
-
-
-def _from(score: Score, starts: Iterable[tuple[np.ndarray, np.ndarray]]) -> list[list[Start]]:
-    return [[(score.hypothesis, np.concatenate(start))] for start in starts]

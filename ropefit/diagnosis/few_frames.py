@@ -9,6 +9,7 @@ from ropefit.inference.least_squares import Fit, attempted
 FEW_FRAMES = 10  # frames: shapes between them are like them
 LEAST_SAVED = 0.6  # of the frames: with more of them left it is not worth the further fit
 EVALUATIONS = 5
+FAR_BEHIND = 20.0  # nats, in few frames: what is so far behind there is not the best in all
 
 
 def on_few_frames(fitted: Fit) -> Fit | None:

@@ -13,17 +13,23 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 
 import numpy as np
 
 from ropefit.diagnosis.accepted import Accepted
-from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.diagnosis.few_frames import on_few_frames
+from ropefit.diagnosis.explored_pairs import (
+    MOST_FITTED,
+    Explored,
+    Kinds,
+    ScannedPair,
+    best_explored,
+    explored,
+)
+from ropefit.diagnosis.few_frames import FAR_BEHIND, on_few_frames
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.nested import is_special_case
@@ -37,20 +43,11 @@ from ropefit.effects import Effect
 from ropefit.inference.least_squares import Fit, attempted
 
 MOST_EXPLORED = 8  # pairs fitted to few frames
-EVALUATIONS = 10  # of such a fit
 MOST_SINGLES, MOST_SECONDS = 3, 4  # candidates, and what is put beside each
 MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact are slow
-HARDLY_MORE = 1.2  # times the least cost so far: a fit without prospect of it is stopped
 LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
-ALIKE, ENOUGH = 1.0, 3  # of χ², within which fits of one pair are the same; so many are enough
-MOST_FITTED = 3  # pairs fitted to all, and the best one from where else it may be
-APART = 0.1  # of the length: places so far from each other are other minima
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
-FAR_BEHIND = 10.0  # nats, in few frames, and by that share: such a pair is not fitted to all
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
-
-ScannedPair = tuple[float, Start, Start]  # log evidence [nats]
-Kinds = frozenset[tuple[str, int]]
 
 
 def two_instead(
@@ -78,12 +75,14 @@ def two_instead(
         if evidence > max(LEAST_SHARE * max(found[0][0], now), TIE_NATS)
         and not _as_accepted(accepted, one[0].effect, other[0].effect)
     ]
-    explored = _distinct(leading)[:MOST_EXPLORED] + _beside_singles(singles, names)
-    best_starts = _best_on_few_frames(base, explored, names)
-    pairs = [fitted_pair(base, both, threshold) for both in best_starts]
-    settled = [pair for pair in pairs if pair is not None]
-    best = max(settled, key=lambda pair: together(base, pair[1]), default=None)
-    if best is None or together(base, best[1]) <= now + TIE_NATS:
+    starts = _distinct(leading)[:MOST_EXPLORED] + _beside_singles(singles, base, names)
+    best_starts = _best_on_few_frames(base, starts, names)
+    best, least = None, now + TIE_NATS
+    for both in best_starts:
+        pair = fitted_pair(base, both, threshold, least)
+        if pair is not None:
+            best, least = pair, together(base, pair[1])
+    if best is None:
         return current, accepted
     one, other = (candidate.hypothesis for candidate, _ in best[0])
     alike = [_alike(found, one, other), _alike(found, other, one)]
@@ -107,108 +106,34 @@ def _quick(singles: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _beside_singles(
-    singles: Sequence[Candidate], names: tuple[str, ...] | None
-) -> list[list[Start]]:
+    singles: Sequence[Candidate], base: Fit, names: tuple[str, ...] | None
+) -> list[ScannedPair]:
     """Return pairs of a single candidate, of those that leave least, and what scores highest beside
     it."""
-    out: list[list[Start]] = []
+    out: list[ScannedPair] = []
     for one in sorted(_quick(singles), key=lambda c: c.fit.cost)[:MOST_SINGLES]:
         start: Start = (one.hypothesis, one.values())
-        out += [[start, other] for other in _scored_beside(one.fit, names)]
+        out += _scored_beside(one.fit, start, base, names)
     return out
 
 
-@dataclass(frozen=True)
-class Explored:
-    """Where the fit of a pair to few frames ended, and its log evidence there [nats]."""
-
-    evidence: float
-    starts: list[Start]
-    fit: Fit
-
-    @property
-    def kinds(self) -> Kinds:
-        return _kinds(self.starts)
-
-    def far_from(self, starts: list[Start]) -> bool:
-        """Return whether one of the two effects is elsewhere than where it starts."""
-        least = APART * float(self.fit.forward.base.properties.length.sum())
-        ours, theirs = (dict(map(_place, both)) for both in (self.starts, starts))
-        return any(abs(place - theirs[key]) > least for key, place in ours.items())
-
-
 def _best_on_few_frames(
-    base: Fit, pairs: list[list[Start]], names: tuple[str, ...] | None
+    base: Fit, pairs: list[ScannedPair], names: tuple[str, ...] | None
 ) -> list[list[Start]]:
     """Return where fits of pairs begin that explain few frames best, as fitted to these; where the
     best leaves something, also of those with one of the two and what scores highest beside it."""
     few = on_few_frames(base) or base
     ended: dict[Kinds, list[Explored]] = defaultdict(list)
-    explored = _explored(few, pairs, np.inf, ended)
-    best = _best(explored)
+    every = explored(few, pairs, ended, MOST_FITTED - 1)
+    best = best_explored(every)
     if best and leaves_something(best[0].fit, LEFT_OF_FEW):
-        further = [both for one in best for both in _with_another(one, few, names)]
-        explored += _explored(few, further, best[0].fit.cost, ended)
-        best = _best(explored)
-    most = best[0].evidence if best else 0.0
-    least = min(LEAST_SHARE * most, most - FAR_BEHIND)
-    return [one.starts for one in best if one.evidence > least]
+        further = [pair for one in best for pair in _with_another(one, few, names)]
+        every += explored(few, further, ended, 0)
+        best = best_explored(every)
+    return [one.starts for one in best if one.evidence > best[0].evidence - FAR_BEHIND]
 
 
-def _explored(
-    few: Fit, pairs: list[list[Start]], least: float, ended: dict[Kinds, list[Explored]]
-) -> list[Explored]:
-    """Return the fits of pairs to few frames; least: cost of the best one so far; ended: the
-    fits of every two hypotheses, which are not begun again about where several have ended alike."""
-    out: list[Explored] = []
-    for both in pairs:
-        before = ended[_kinds(both)]
-        lowest = min((one.fit.cost for one in before), default=np.inf)
-        alike = [one for one in before if one.fit.cost < lowest + ALIKE]
-        if len(alike) >= ENOUGH and not alike[0].far_from(both):
-            continue
-        begun = settled_start(few, both)
-        if begun is None:
-            continue
-        fitted = attempted(
-            begun.forward, few.problem, begun.values, EVALUATIONS, tolerance=1e-4,
-            needed=HARDLY_MORE * least,
-        )  # fmt: skip
-        if fitted is None or fitted.stopped or len(fitted.z) != len(few.z):
-            continue
-        least = min(least, fitted.cost)
-        parts = fitted.forward.split(fitted.point.u)[-2:]
-        values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]
-        starts = [(h, v) for (h, _), v in zip(both, values, strict=True)]
-        out.append(Explored(together(few, fitted), starts, fitted))
-        before.append(out[-1])
-    return out
-
-
-def _kinds(both: list[Start]) -> Kinds:
-    return frozenset(hypothesis.key for hypothesis, _ in both)
-
-
-def _place(start: Start) -> tuple[tuple[str, int], float]:
-    """Return which hypothesis a start is of, and where that is: the arc length or centre [m]."""
-    (hypothesis, values), names = start, start[0].effect.names
-    places = [float(values[names.index(n)]) for n in ("arc_length", "centre") if n in names]
-    return hypothesis.key, places[0] if places else 0.0
-
-
-def _best(explored: list[Explored]) -> list[Explored]:
-    """Return the best fit of each two hypotheses, few of them, best first; last the best fit of the
-    first two with one of them elsewhere."""
-    best: dict[Kinds, Explored] = {}
-    every = sorted(explored, key=lambda one: -one.evidence)
-    for one in every:
-        best.setdefault(one.kinds, one)
-    out = list(best.values())[:MOST_FITTED]
-    alike = [one for one in every if out and one.kinds == out[0].kinds]
-    return out + [one for one in alike if one.far_from(out[0].starts)][:1]
-
-
-def _with_another(pair: Explored, few: Fit, names: tuple[str, ...] | None) -> Iterator[list[Start]]:
+def _with_another(pair: Explored, few: Fit, names: tuple[str, ...] | None) -> Iterator[ScannedPair]:
     """Yield each of a pair's effects, as fitted, with what scores highest beside it: one may be
     right while the other stands for what is really there."""
     *terms, first, second = pair.fit.forward.terms
@@ -218,20 +143,23 @@ def _with_another(pair: Explored, few: Fit, names: tuple[str, ...] | None) -> It
         # Left where it is: fitted alone it would stand for all that is missing.
         held = attempted(forward, few.problem, np.concatenate([*u, part]), 1, tolerance=1e-4)
         if held is not None and len(held.z) == len(few.z):
-            for other in _scored_beside(held, names):
-                yield [start, other]
+            yield from _scored_beside(held, start, few, names)
 
 
-def _scored_beside(one: Fit, names: tuple[str, ...] | None) -> Iterator[Start]:
-    """Yield where what scores highest beside a fit begins, in stretches of every width."""
+def _scored_beside(
+    one: Fit, start: Start, base: Fit, names: tuple[str, ...] | None
+) -> Iterator[ScannedPair]:
+    """Yield an effect, as fitted on top of a model, and where what scores highest beside it begins,
+    in stretches of every width; with their log evidence over the model, to first order."""
     scores = Scan(one, partial(sensitivities, one, [], names)).scores
     linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
+    alone = 0.5 * (base.cost - one.cost)
     for score in linear[:MOST_SECONDS]:
         for begin in score.widths or score.starts()[:1]:
-            yield score.hypothesis, np.concatenate(begin)
+            yield alone + score.log_factor, start, (score.hypothesis, np.concatenate(begin))
 
 
-def _distinct(leading: list[ScannedPair]) -> list[list[Start]]:
+def _distinct(leading: list[ScannedPair]) -> list[ScannedPair]:
     """Return pairs, but those that another one equals in which one effect stands for its like."""
     out: list[ScannedPair] = []
     for evidence, one, other in leading:
@@ -241,7 +169,7 @@ def _distinct(leading: list[ScannedPair]) -> list[list[Start]]:
             for better, *starts in out
         ):
             out.append((evidence, one, other))
-    return [[one, other] for _, one, other in out]
+    return out
 
 
 def _alike(found: list[ScannedPair], one: Hypothesis, beside: Hypothesis) -> list[Start]:

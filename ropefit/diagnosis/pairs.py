@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from ropefit.diagnosis.acceptance import refusal
-from ropefit.diagnosis.accepted import Accepted, accept
+from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, Accepted, accept
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import (
     EVALUATIONS,
@@ -32,7 +32,9 @@ from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.reassessment import without_effects
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivities, Sensitivity
+from ropefit.diagnosis.unexplained import unexplained
 from ropefit.effects import CATALOGUE, Effect
+from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.rod.setup import Setup
 
@@ -47,18 +49,16 @@ def best_pair(
 ) -> Pair | None:
     """Return two candidates of one effect, each with the model without it, and the fit with both.
 
-    None unless together they are better than the best single candidate, if any, and each of them
-    passes every gate beside the other. known: sensitivities of the current model.
+    None unless together they leave next to nothing, are better than the best single candidate, if
+    any, and each of them passes every gate beside the other. known: sensitivities of the current
+    model.
     """
     found = _scanned(current, known)
     saved = current.cost - single.fit.cost if single else 0.0
     if found is None or found[0] < saved + 2 * threshold:
         return None
-    pair = fitted_pair(current, found[1], threshold)
-    if pair is None:
-        return None
     alone = single.evidence if single else 0.0
-    return pair if together(current, pair[1]) > alone + TIE_NATS else None
+    return fitted_pair(current, found[1], threshold, alone + TIE_NATS, MAY_LEAVE)
 
 
 def as_points(
@@ -113,7 +113,9 @@ def accepted_pair(
     """
     out, changed = [], []
     for (candidate, beside), starts in zip(pair[0], others, strict=True):
-        fits = [fit_candidate(beside, *start) for start in starts]
+        # What is far behind is not kept, and stopped.
+        needed = beside.cost - CLOSE_EVIDENCE * (beside.cost - candidate.fit.cost)
+        fits = [fit_candidate(beside, *start, needed=needed) for start in starts]
         same = [*_spread_out(candidate, beside), *(one for one in fits if one is not None)]
         out.append(_accepted_beside(beside, candidate, same, tried))
         if out[-1].candidate is not candidate:
@@ -189,15 +191,22 @@ def together(base: Fit, both: Fit, count: int = 2) -> float:
     return gain - occam_factor(both, *both.forward.terms[-count:])
 
 
-def fitted_pair(current: Fit, starts: list[Start], threshold: float) -> Pair | None:
+def fitted_pair(
+    current: Fit, starts: list[Start], threshold: float, least: float = -np.inf,
+    may_leave: float = np.inf,
+) -> Pair | None:  # fmt: skip
     """Return two effects, or one at two places, fitted from where they start; None unless each
-    passes every gate beside the other."""
+    passes every gate beside the other, and together they have more than the `least` evidence [nats]
+    and leave no more of the misfit than they may."""
     begun = settled_start(current, starts)
     if begun is None:
         return None
     model, terms = begun.forward, begun.terms
     both = attempted(model, current.problem, begun.values, EVALUATIONS, tolerance=1e-5)
     if both is None or not comparable(both, current):
+        return None
+    much = unexplained(both) > may_leave * max(unexplained(current), 0.0)
+    if much or together(current, both) <= least:
         return None
     own, out = current.forward.terms, []
     parts = dict(zip(map(id, model.terms), model.split(both.point.u), strict=True))

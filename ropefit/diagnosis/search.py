@@ -48,7 +48,6 @@ from ropefit.diagnosis.wander import (
     wandering_noise,
     with_what_is_missed_alike,
 )
-from ropefit.effects.base import MAY_LEAVE
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
@@ -165,7 +164,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         there = bool(candidates) and candidates[0].evidence >= needed
         if there and not accepted and most > 1 and current.forward.instantaneous:
             pair = best_pair(current, scan.sensitivities, best, limits.threshold)
-        if pair is not None and unexplained(pair[1]) <= MAY_LEAVE * unexplained(current):
+        if pair is not None:
             # Two effects of one kind may stand for two of different kinds and leave only noise.
             accepted, current = accepted_pair(pair, len(scan.sensitivities))
             current, accepted = instead(current, accepted, singles=singles)

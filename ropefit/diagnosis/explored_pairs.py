@@ -1,0 +1,108 @@
+"""Pairs of effects as fitted to few frames, until the best of them are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ropefit.diagnosis.beginning import settled_start
+from ropefit.diagnosis.few_frames import FAR_BEHIND
+from ropefit.diagnosis.pairs import together
+from ropefit.diagnosis.proposals import Start
+from ropefit.inference.least_squares import Fit, attempted
+
+EVALUATIONS = 10  # of such a fit
+ALIKE, ENOUGH = 1.0, 2  # of χ², within which fits of one pair are the same; so many are enough
+MOST_FITTED = 3  # pairs fitted to all, and the best one from where else it may be
+APART = 0.1  # of the length: places so far from each other are other minima
+
+ScannedPair = tuple[float, Start, Start]  # log evidence [nats]
+Kinds = frozenset[tuple[str, int]]
+
+
+@dataclass(frozen=True)
+class Explored:
+    """Where the fit of a pair to few frames ended, and its log evidence there [nats]."""
+
+    evidence: float
+    starts: list[Start]
+    fit: Fit
+
+    @property
+    def kinds(self) -> Kinds:
+        return _kinds(self.starts)
+
+    def far_from(self, starts: list[Start]) -> bool:
+        """Return whether one of the two effects is elsewhere than where it starts."""
+        least = APART * float(self.fit.forward.base.properties.length.sum())
+        ours, theirs = (dict(map(_place, both)) for both in (self.starts, starts))
+        return any(abs(place - theirs[key]) > least for key, place in ours.items())
+
+
+def explored(
+    few: Fit, pairs: list[ScannedPair], ended: dict[Kinds, list[Explored]], rank: int
+) -> list[Explored]:
+    """Return the fits of pairs to few frames, the most promising first; ended: the fits of every
+    two hypotheses, which are not begun again about where several have ended alike. A fit without
+    prospect of coming close to the best one of its hypotheses, or to the two of a `rank`, is
+    stopped."""
+    out: list[Explored] = []
+    for _, *both in sorted(pairs, key=lambda pair: -pair[0]):
+        before = ended[_kinds(both)]
+        lowest = min((one.fit.cost for one in before), default=np.inf)
+        alike = [one for one in before if one.fit.cost < lowest + ALIKE]
+        if len(alike) >= ENOUGH and not alike[0].far_from(both):
+            continue
+        begun = settled_start(few, both)
+        if begun is None:
+            continue
+        fitted = attempted(
+            begun.forward, few.problem, begun.values, EVALUATIONS, tolerance=1e-4,
+            needed=min(_needed(before), _needed(_ranked(ended, rank))),
+        )  # fmt: skip
+        if fitted is None or fitted.stopped or len(fitted.z) != len(few.z):
+            continue
+        parts = fitted.forward.split(fitted.point.u)[-2:]
+        values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]
+        starts = [(h, v) for (h, _), v in zip(both, values, strict=True)]
+        out.append(Explored(together(few, fitted), starts, fitted))
+        before.append(out[-1])
+    return out
+
+
+def _needed(better: list[Explored]) -> float:
+    """Return the cost of a fit that is not far behind the best of these; any, if there is none."""
+    best = min(better, key=lambda one: one.fit.cost, default=None)
+    return np.inf if best is None else best.fit.cost + 2 * FAR_BEHIND * max(1.0, best.fit.spread)
+
+
+def _ranked(ended: dict[Kinds, list[Explored]], rank: int) -> list[Explored]:
+    """Return the fits of the two hypotheses of a rank, 0 for the best ones, if there are so
+    many."""
+    costs = {kinds: min(one.fit.cost for one in fits) for kinds, fits in ended.items() if fits}
+    ranked = sorted(costs, key=lambda kinds: costs[kinds])
+    return ended[ranked[rank]] if len(ranked) > rank else []
+
+
+def _kinds(both: list[Start]) -> Kinds:
+    return frozenset(hypothesis.key for hypothesis, _ in both)
+
+
+def _place(start: Start) -> tuple[tuple[str, int], float]:
+    """Return which hypothesis a start is of, and where that is: the arc length or centre [m]."""
+    (hypothesis, values), names = start, start[0].effect.names
+    places = [float(values[names.index(n)]) for n in ("arc_length", "centre") if n in names]
+    return hypothesis.key, places[0] if places else 0.0
+
+
+def best_explored(explored: list[Explored]) -> list[Explored]:
+    """Return the best fit of each two hypotheses, few of them, best first; last the best fit of the
+    first two with one of them elsewhere."""
+    best: dict[Kinds, Explored] = {}
+    every = sorted(explored, key=lambda one: -one.evidence)
+    for one in every:
+        best.setdefault(one.kinds, one)
+    out = list(best.values())[:MOST_FITTED]
+    alike = [one for one in every if out and one.kinds == out[0].kinds]
+    return out + [one for one in alike if one.far_from(out[0].starts)][:1]
