@@ -10,9 +10,10 @@ import pytest
 from ropefit.diagnosis import candidates, few_frames
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import fit_candidate, gain_of
-from ropefit.diagnosis.candidates import MOST_LEADERS, Fits, fit_candidates
+from ropefit.diagnosis.candidates import Fits, fit_candidates
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.leaders import MOST_LEADERS
 from ropefit.diagnosis.mixed_pairs import two_instead
 from ropefit.effects import IntrinsicCurvature, PointMass, StiffSection
 from tests.concealed import recorded, rope

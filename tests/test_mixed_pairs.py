@@ -12,8 +12,9 @@ from ropefit.diagnosis import search
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.candidates import silent
+from ropefit.diagnosis.explored_pairs import ENOUGH, explored
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.mixed_pairs import ENOUGH, _best_on_few_frames, _explored, two_instead
+from ropefit.diagnosis.mixed_pairs import _best_on_few_frames, two_instead
 from ropefit.diagnosis.rules import RULES
 from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.effects import PointMass, StiffSection, Tether
@@ -65,7 +66,7 @@ def test_what_stands_for_another_gives_way_beside_what_is_right(both):
     what is there."""
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
-    best, *_ = _best_on_few_frames(both, [[weight, wrong]], NAMES)
+    best, *_ = _best_on_few_frames(both, [(0.0, weight, wrong)], NAMES)
     places = {hypothesis.name: values[-2:] for hypothesis, values in best}
     assert set(places) & {"point_mass", "tether"}  # a tether may pull as a weight does
     assert places["stiff_section"] == pytest.approx(STIFF[1:], abs=0.05)
@@ -95,14 +96,26 @@ def test_a_pair_whose_fits_end_alike_is_not_begun_again(both):
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
     ended = defaultdict(list)
-    assert len(_explored(both, [[weight, stiff]] * (ENOUGH + 2), np.inf, ended)) == ENOUGH
-    assert not _explored(both, [[weight, stiff]], np.inf, ended)
+    assert len(explored(both, [(0.0, weight, stiff)] * (ENOUGH + 2), ended, 2)) == ENOUGH
+    assert not explored(both, [(0.0, weight, stiff)], ended, 2)
 
 
 def test_a_pair_is_begun_again_where_none_of_its_fits_has_ended(both):
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
     ended = defaultdict(list)
-    _explored(both, [[weight, stiff]] * ENOUGH, np.inf, ended)
+    explored(both, [(0.0, weight, stiff)] * ENOUGH, ended, 2)
     elsewhere = (weight[0], np.array([MASS[0], MASS[1] - 0.3]))
-    assert len(_explored(both, [[elsewhere, stiff]] * 2, np.inf, ended)) >= 1
+    assert len(explored(both, [(0.0, elsewhere, stiff)] * 2, ended, 2)) >= 1
+
+
+def test_the_fit_of_a_pair_far_behind_is_stopped(both):
+    """Of the pairs that a rank has room for none is stopped; one that ends far behind is, once a
+    better one is known, which is fitted first where the scan foresees most of it."""
+    weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
+    stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
+    wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
+    pairs = [(1.0, weight, wrong), (9.0, weight, stiff)]
+    assert len(explored(both, pairs, defaultdict(list), 1)) == 2
+    (best,) = explored(both, pairs, defaultdict(list), 0)
+    assert best.starts[1][0].name == "stiff_section"

@@ -185,6 +185,14 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         every = _with_known_past(every, current, best)
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
+        if len(accepted) == 1 < most and _is_left(current):
+            # Before it is asked what else there is beside the first, which may stand for both.
+            one = accepted
+            current, accepted = instead(current, one, singles=singles)
+            singles = []
+            if accepted is not one:
+                compared = accepted
+                continue
         current, accepted, compared = _weighed_again(
             current, accepted, limits.threshold, len(scan.sensitivities), rules, singles
         )
@@ -197,6 +205,11 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         verdict, accepted, nominal, current, scores,
         limits.threshold, latent, limits.detectable, limits.units, refused,
     )  # fmt: skip
+
+
+def _is_left(current: Fit) -> bool:
+    """Return whether a rope at rest leaves more than noise."""
+    return current.forward.instantaneous and leaves_something(current)
 
 
 def _weighed_again(
