@@ -213,6 +213,13 @@ def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> C
     return Candidate(hypothesis, term, fitted, float(evidence), gains / spread)
 
 
+def cost_for(smaller: Fit, evidence: float) -> float:
+    """Return the cost at which a larger model has so much evidence [nats], but for its penalty:
+    what it misses, which scales evidence down, is less by as much as its cost is."""
+    spread = 2 * evidence * max(1.0, smaller.spread) / smaller.cost
+    return min(smaller.cost - 2 * evidence, smaller.cost / (1 + spread))
+
+
 def gain_of(candidate: Candidate) -> float:
     """Return what a candidate explains [nats]: its evidence without the penalty for free values."""
     return candidate.evidence + occam_factor(candidate.fit, candidate.term)

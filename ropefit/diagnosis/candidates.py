@@ -12,7 +12,7 @@ from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
 from ropefit.diagnosis.beginning import LATE_GAIN
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.calm import distorted
-from ropefit.diagnosis.candidate import Candidate, best_of, fit_candidate, gain_of, pace
+from ropefit.diagnosis.candidate import Candidate, best_of, cost_for, fit_candidate, gain_of, pace
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import FAR_BEHIND, on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
@@ -87,7 +87,7 @@ class Fits:
         share, evidence = self._share(few), self._least_evidence()
         fitted = (
             fit_candidate(
-                few, *start, needed=few.cost - 2 * share * evidence, evaluations=EXPLORING,
+                few, *start, needed=cost_for(few, share * evidence), evaluations=EXPLORING,
                 least_gain=share * LATE_GAIN,
             )
             for start in choices
@@ -138,7 +138,7 @@ class Fits:
         """Return the cost at which a candidate begins to count: it may be accepted, or is close to
         the best, and better than what is known of the same hypothesis."""
         known = self.best_of.get(hypothesis.key)
-        cost = self.current.cost - 2 * self._least_evidence()
+        cost = cost_for(self.current, self._least_evidence())
         return cost if known is None else min(cost, known.fit.cost + 2 * TIE_NATS)
 
     def _least_evidence(self) -> float:

@@ -53,6 +53,9 @@ from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.problem import FitProblem
 
 MORE_ROUNDS = 4  # than effects: a restart, contact anew, one uncounted, one that sees what is left
+# Of a fit after the noise was measured again; few of frames that are settled one after the other,
+# which take long, and are fitted once more at the end.
+EVALUATIONS, FEW_EVALUATIONS = 10, 4
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 
@@ -293,12 +296,13 @@ def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) 
     if found.forward.instantaneous:
         noise = no_larger_than_left(problem.noise, found, [])
         problem = problem.under(with_what_is_missed_alike(noise, found, []))
-        return fit(forward, problem, found.point.u, 10, tolerance=1e-5)
+        most = FEW_EVALUATIONS if found.point.setup.remembers else EVALUATIONS
+        return fit(forward, problem, found.point.u, most, tolerance=1e-5)
     known = replace(problem, data=found.problem.data)  # at its stations are the sensitivities
     for _ in range(REMEASURED):  # less is left, and what is left wanders less
         known = known.under(wandering_noise(found, sensitivities))
         forward = forward.corrected(found.point.u)
-        found = fit(forward, known, found.point.u, 10, tolerance=1e-5)
+        found = fit(forward, known, found.point.u, EVALUATIONS, tolerance=1e-5)
     if problem.data.material:
         return found
-    return fit(forward, problem.under(known.noise), found.point.u, 10, tolerance=1e-5)
+    return fit(forward, problem.under(known.noise), found.point.u, EVALUATIONS, tolerance=1e-5)
