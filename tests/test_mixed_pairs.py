@@ -8,16 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import search
+from ropefit.diagnosis import explored_pairs, search
 from ropefit.diagnosis.accepted import Accepted
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidate import cost_for, fit_candidate, gain_of
 from ropefit.diagnosis.candidates import silent
 from ropefit.diagnosis.explored_pairs import ENOUGH, explored
+from ropefit.diagnosis.few_frames import FAR_BEHIND
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.mixed_pairs import _best_on_few_frames, two_instead
 from ropefit.diagnosis.rules import RULES
 from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.effects import PointMass, StiffSection, Tether
+from ropefit.inference.least_squares import attempted
 from tests.concealed import recorded, rope
 from tests.test_calm import fitted
 
@@ -100,22 +102,49 @@ def test_a_pair_whose_fits_end_alike_is_not_begun_again(both):
     assert not explored(both, [(0.0, weight, stiff)], ended, 2)
 
 
-def test_a_pair_is_begun_again_where_none_of_its_fits_has_ended(both):
+def test_a_pair_is_begun_again_where_none_of_its_fits_has_ended(both, monkeypatch):
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
-    ended = defaultdict(list)
-    explored(both, [(0.0, weight, stiff)] * ENOUGH, ended, 2)
     elsewhere = (weight[0], np.array([MASS[0], MASS[1] - 0.3]))
-    assert len(explored(both, [(0.0, elsewhere, stiff)] * 2, ended, 2)) >= 1
+    ended, begun = defaultdict(list), []
+    explored(both, [(0.0, weight, stiff)] * ENOUGH, ended, 2)
+
+    def noted(few, starts):
+        begun.append(starts[0])
+
+    monkeypatch.setattr(explored_pairs, "settled_start", noted)
+    explored(both, [(0.0, weight, stiff), (0.0, elsewhere, stiff)], ended, 2)
+    assert begun == [elsewhere]
 
 
-def test_the_fit_of_a_pair_far_behind_is_stopped(both):
-    """Of the pairs that a rank has room for none is stopped; one that ends far behind is, once a
-    better one is known, which is fitted first where the scan foresees most of it."""
+def test_a_pair_must_come_near_to_those_that_go_on(both, monkeypatch):
+    """The most promising pair is fitted first, and the others are stopped without prospect of being
+    nearly as good as the one of a rank."""
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
     wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
-    pairs = [(1.0, weight, wrong), (9.0, weight, stiff)]
-    assert len(explored(both, pairs, defaultdict(list), 1)) == 2
-    (best,) = explored(both, pairs, defaultdict(list), 0)
+    pairs, needed = [(1.0, weight, wrong), (9.0, weight, stiff)], []
+
+    def noted(*args, **kwargs):
+        needed.append(kwargs["needed"])
+        return attempted(*args, **kwargs)
+
+    monkeypatch.setattr(explored_pairs, "attempted", noted)
+    best, _ = explored(both, pairs, defaultdict(list), 0)
     assert best.starts[1][0].name == "stiff_section"
+    assert needed == [np.inf, pytest.approx(best.fit.cost + 2 * FAR_BEHIND)]
+    needed.clear()
+    explored(both, pairs, defaultdict(list), 1)  # both go on
+    assert needed == [np.inf, np.inf]
+
+
+def test_what_is_missed_by_far_must_be_explained_by_far(both):
+    """What the larger model misses scales its evidence down: so much it must gain."""
+    assert both.spread > 100
+    found = fit_candidate(both, Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
+    assert found is not None
+    gain = gain_of(found)
+    assert cost_for(both, gain) == pytest.approx(found.fit.cost, rel=0.5)
+    assert cost_for(both, 2 * gain) < found.fit.cost < cost_for(both, 0.5 * gain)
+    clean = fitted(recorded(rope(288), seed=108))
+    assert cost_for(clean, 5.0) == pytest.approx(clean.cost - 10.0, rel=1e-3)
