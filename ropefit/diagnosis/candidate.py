@@ -16,6 +16,7 @@ from ropefit.models.terms import SIZE_PRIOR_SD, Term
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
 EVALUATIONS = 25
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
+MUCH = 0.5  # of a model's cost, left by a larger one that misses the same
 SLOW_ROUNDS = 4  # so often it is continued
 SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
 UNMOVED = 1e-8  # m
@@ -214,10 +215,15 @@ def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> C
 
 
 def cost_for(smaller: Fit, evidence: float) -> float:
-    """Return the cost at which a larger model has so much evidence [nats], but for its penalty:
-    what it misses, which scales evidence down, is less by as much as its cost is."""
-    spread = 2 * evidence * max(1.0, smaller.spread) / smaller.cost
-    return min(smaller.cost - 2 * evidence, smaller.cost / (1 + spread))
+    """Return the cost at which a larger model has so much evidence [nats], but for its penalty.
+
+    What it misses scales evidence down: as much as of the smaller model, in proportion to the cost,
+    where it misses `MUCH` of that; else by no more than its χ² tells, as if it were white.
+    """
+    before, twice = smaller.cost, 2 * evidence
+    alike = before / (1 + twice * max(1.0, smaller.spread) / before)
+    white = min(MUCH * before, before / (1 + twice / len(smaller.z)))
+    return min(before - twice, alike if alike > MUCH * before else white)
 
 
 def gain_of(candidate: Candidate) -> float:
