@@ -138,6 +138,19 @@ def test_what_may_be_zero_is_tied_if_it_contains_the_best(effect, significance, 
     assert (equivalents(mass, [mass, other], 2045.0) == [other]) == tied
 
 
+@pytest.mark.parametrize(("cost", "tied"), [(2327.0, True), (2370.0, False)])
+def test_candidates_of_a_tie_are_compared_by_one_estimate_of_what_is_missed(cost, tied):
+    """Of a rope far from its nominal model, the fourth digit of what a fit misses is many nats."""
+    before, spread = 191_600.0, 1.0004
+    turned = candidate(LostOutOfPlane(), 0.5 * (before - 2327.0) - 12.0, 0.0)
+    turned.fit.cost, turned.hypothesis.name = 2327.0, "lost_out_of_plane"
+    loaded = candidate(PointForce(), 0.5 * (before - cost) / spread - 18.0, 0.0)
+    loaded.fit.cost, loaded.fit.spread, loaded.hypothesis.name = cost, spread, "point_force"
+    loaded.significance, loaded.plausible = lambda: 60.0, lambda: True
+    assert turned.evidence - loaded.evidence > 40
+    assert (equivalents(turned, [turned, loaded], before) == [loaded]) == tied
+
+
 def test_gains_of_frames_and_of_stretches_are_not_compared():
     bar, error = candidate(Obstacle(), 20.0, 60.0), candidate(LostOutOfPlane(), 20.5, 24.0)
     assert bar.hypothesis.effect.held_out != error.hypothesis.effect.held_out

@@ -63,19 +63,26 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
     """Return candidates of other effects that are within reach of the best, or that explain nearly
     all that it does and are hardly worse.
 
-    before: χ² of the model without any of them.
+    before: χ² of the model without any of them. Each has its evidence by its own estimate of what
+    is missed. Where much is explained, a difference of these in the fourth digit is many nats: by
+    one and the same they are compared as well.
     """
     out = []
     for one in candidates:
         same_effect = one.hypothesis.name == best.hypothesis.name
         if one is best or same_effect or not (_contains(one, best) or _is_there(one)):
             continue
-        behind = best.evidence - one.evidence
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
         less = 0.5 * (one.fit.cost - best.fit.cost) / max(1.0, best.fit.spread)
-        if within_reach(behind, share, less):
+        alike = less + _penalty(one, before) - _penalty(best, before)
+        if within_reach(min(alike, best.evidence - one.evidence), share, less):
             out.append(one)
     return out
+
+
+def _penalty(one: Candidate, before: float) -> float:
+    """Return by how much its free values lower its evidence [nats]; before: as above."""
+    return 0.5 * (before - one.fit.cost) / max(1.0, one.fit.spread) - one.evidence
 
 
 def _is_there(one: Candidate) -> bool:
