@@ -96,11 +96,11 @@ def _place(start: Start) -> tuple[tuple[str, int], float]:
     return hypothesis.key, places[0] if places else 0.0
 
 
-def best_explored(explored: list[Explored]) -> list[Explored]:
+def best_explored(fits: list[Explored]) -> list[Explored]:
     """Return the best fit of each two hypotheses, few of them, best first; last the best fit of the
     first two with one of them elsewhere."""
     best: dict[Kinds, Explored] = {}
-    every = sorted(explored, key=lambda one: -one.evidence)
+    every = sorted(fits, key=lambda one: -one.evidence)
     for one in every:
         best.setdefault(one.kinds, one)
     out = list(best.values())[:MOST_FITTED]

@@ -189,7 +189,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
         if len(accepted) == 1 < most and _is_left(current):
-            # Before it is asked what else there is beside the first, which may stand for both.
+            # It may stand for two: pairs are compared before a second is looked for beside it.
             one = accepted
             current, accepted = instead(current, one, singles=singles)
             singles = []
