@@ -1,6 +1,7 @@
 """What laws of place do to the first measurement of the noise: only what noise does not explain."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from ropefit.diagnosis import first_noise
 from ropefit.diagnosis.rules import RULES
-from ropefit.effects import ForceField
+from ropefit.effects import ForceField, SupportPlane
 from tests.concealed import nominal_fit, recorded, rope
 
 FRAMES = 24
@@ -51,3 +52,27 @@ def test_a_force_in_space_is_no_noise(measured: list[tuple[int, Any]]):
     assert some > 0
     assert noise is beside
     assert noise.correlated < 0.5 * alone.correlated
+
+
+def test_what_acts_on_the_whole_rope_is_fitted_once_for_the_noise(monkeypatch: pytest.MonkeyPatch):
+    """Where it does not explain everything, contact is fitted, too, and it is not begun again."""
+    plane = SupportPlane().apply(rope(48, FRAMES), np.array([-0.3, 0.0, 0.0]))
+    nominal = nominal_fit(recorded(plane, seed=3, points=120), 24)
+    values, given = np.array([0.2, 0.004, 0.5]), []
+
+    def leader(_: Any, scan: Any) -> Any:  # explains too little for the noise beside it alone
+        first = scan.scores[0].hypothesis
+        return SimpleNamespace(hypothesis=first, values=lambda: values, evidence=0.0)
+
+    def noted(_: Any, scan: Any, quick: Any, *__: Any) -> list[Any]:
+        given.append((scan, quick))
+        return []
+
+    monkeypatch.setattr(first_noise, "_of_whole_rope", leader)
+    monkeypatch.setattr(first_noise, "fit_candidates", noted)
+    names = ("under_converged", "bending_law", "support_plane")
+    first_noise.first_noise(nominal, replace(RULES, effects=names, most_effects=1))
+    [(scan, [[(hypothesis, start)]])] = given
+    assert hypothesis.name == "under_converged"
+    assert hypothesis.name not in [score.hypothesis.name for score in scan]
+    assert start is values

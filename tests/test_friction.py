@@ -28,6 +28,7 @@ from ropefit.rod.friction import Grip
 from ropefit.rod.potential import Potential
 from ropefit.rod.rod import uniform
 from ropefit.rod.setup import Setup, bare
+from ropefit.solvers.equilibrium.supports import Supported
 from tests.concealed import BINS, EI, EYE, recorded
 from tests.test_memory import difference
 
@@ -165,6 +166,28 @@ def test_a_walk_does_not_depend_on_what_was_tried_before():
     anew = Equilibrium(setup, [term]).at(3.0 * one)
     assert isinstance(anew, WalkedPoint)
     assert (anew.increments != first.increments).any()  # of another model they are its own
+
+
+def test_a_walk_starts_from_how_the_rope_moved_at_the_last_step(monkeypatch):
+    setup, rounds = rough(swept(40, 8), ROUGH), 0
+    settle = Supported.settled
+
+    def counted(*args, **kwargs):
+        nonlocal rounds
+        rounds += 1
+        return settle(*args, **kwargs)
+
+    monkeypatch.setattr(Supported, "settled", counted)
+    raised = setup._replace(ends=setup.ends + np.array([0.0, 0.0, 1e-4]))
+    first = Equilibrium(setup, []).at(np.empty(0))
+    rounds = 0
+    alone = Equilibrium(raised, []).at(np.empty(0))
+    anew, rounds = rounds, 0
+    forward = Equilibrium(raised, [])
+    forward.remember(first)
+    carried = forward.at(np.empty(0))
+    assert rounds < 0.7 * anew
+    np.testing.assert_allclose(carried.seen, alone.seen, rtol=0, atol=1e-8)
 
 
 def test_the_rope_lags_behind_on_the_way_there_and_on_the_way_back():

@@ -87,6 +87,8 @@ def settled_start(
         forward = smaller.forward.with_terms(
             [*smaller.forward.terms, *terms], origin.point.solution
         )
+        if best is not None and best.point.setup.remembers:
+            forward.remember(best.point)  # frames that are settled one by one start from there
         begin = np.concatenate([_revived(origin), *(np.zeros(term.size) for term in terms)])
         first = settled(forward, begin)
         if not (first.converged.all() and first.setup.possible):

@@ -175,9 +175,10 @@ def compared_if_comparable(
     return compared(hypothesis, term, smaller, fitted)
 
 
-def continued(before: float, fitted: Fit, lowest: float) -> Fit:
+def continued(before: float, fitted: Fit, lowest: float, as_matched: bool = True) -> Fit:
     """Continue a slow fit as long as it gains: contact comes and goes, and gains soon
-    shrink. One that even at its present pace could not reach the cost `lowest` stays as it is."""
+    shrink. One that even at its present pace could not reach the cost `lowest` stays as it is.
+    as_matched: also until the data stay matched to the rope as they are."""
     for left in range(SLOW_ROUNDS, 0, -1):
         ended = fitted.converged and fitted.as_matched
         if ended or fitted.cost - left * SLOW_EVALUATIONS * pace(fitted) > lowest:
@@ -190,7 +191,7 @@ def continued(before: float, fitted: Fit, lowest: float) -> Fit:
             break
         least = max(SLOW_COST, SLOW_SHARE * (before - fitted.cost))
         gained, fitted = fitted.cost - again.cost, again  # as matched anew
-        if gained < least and fitted.as_matched:
+        if gained < least and (fitted.as_matched or not as_matched):
             break
     return fitted
 

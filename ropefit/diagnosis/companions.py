@@ -17,6 +17,7 @@ from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.beginning import Beginning, settled_start
 from ropefit.diagnosis.calm import calm
 from ropefit.diagnosis.candidate import (
+    SLOW_COST,
     SLOW_EVALUATIONS,
     Candidate,
     comparable,
@@ -110,7 +111,7 @@ def _fitted(smaller: Fit, begun: Beginning) -> Fit | None:
     )  # fmt: skip
     if found is None or found.stopped or found.cost > smaller.cost:
         return None
-    found = continued(smaller.cost, found, most)
+    found = continued(smaller.cost, found, most, as_matched=False)  # is fitted again
     return found if comparable(found, smaller) and explained(smaller, found) else None
 
 
@@ -121,7 +122,7 @@ def accepted_companions(current: Fit, known: Companions, threshold: float) -> Pa
     whole = attempted(model, current.problem, u, SLOW_EVALUATIONS, tolerance=1e-5, matched=False)
     if whole is None or whole.cost > current.cost:
         return None
-    whole = continued(current.cost, whole, np.inf)
+    whole = continued(current.cost, whole, whole.cost - SLOW_COST)  # it began near its end
     if not comparable(whole, current) or not explained(current, whole):
         return None
     first, second = whole.forward.terms[-2:]

@@ -90,16 +90,21 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     scan = Scan(nominal, lambda: steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
         return FirstNoise(measured, known, quick)
-    whole = _by_whole_rope(nominal, scan, rules)
+    leader = _of_whole_rope(nominal, scan)
+    whole = leader and _by_whole_rope(nominal, leader, rules)
     if whole is not None:
         measured, _ = measured_noise(nominal, steady, [whole[1]])
         return FirstNoise(measured, known, quick + whole[0])
     # For the noise, the best place of each is enough.
     hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
+    fitted = []
+    if leader is not None and leader.hypothesis.effect.looks_like_noise:
+        fitted = [[(leader.hypothesis, leader.values())]]
+        hidden = [s for s in hidden if s.hypothesis is not leader.hypothesis]
     slow, late = [], []
     for choices in scan.contact(rules):
         (late if choices[0][0].effect.late else slow).append(choices)
-    candidates = fit_candidates(nominal, hidden, [], slow, rules.least_evidence, rules.effects)
+    candidates = fit_candidates(nominal, hidden, fitted, slow, rules.least_evidence, rules.effects)
     candidates = [c for c in candidates if c.evidence > rules.least_evidence]
     if nominal is at_rest and rules.most_effects > 1:
         best = candidates[0].fit if candidates else nominal
@@ -125,26 +130,30 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     return FirstNoise(measured, known, quick + candidates)
 
 
+def _of_whole_rope(nominal: Fit, scan: Scan) -> Candidate | None:
+    """Return the first effect of a scan that acts on the whole rope, fitted; None if there is none,
+    or it does not settle."""
+    first = next((s for s in scan.scores if s.hypothesis.effect.locus == "whole"), None)
+    return first and fit_candidate(nominal, first.hypothesis, np.concatenate(first.starts()[0]))
+
+
 def _by_whole_rope(
-    nominal: Fit, scan: Scan, rules: Rules
+    nominal: Fit, found: Candidate, rules: Rules
 ) -> tuple[list[Candidate], np.ndarray] | None:
-    """Return the first effect of a scan that acts on the whole rope, and quick ones on top of it,
-    with what they do to the stations (M, D) [m], if they explain all frames alike (a lag, or a rope
-    that is slowed, once fitted): nothing else need then be fitted for the noise."""
-    leader = next((s for s in scan.scores if s.hypothesis.effect.locus == "whole"), None)
-    if leader is None:
-        return None
-    found = fit_candidate(nominal, leader.hypothesis, np.concatenate(leader.starts()[0]))
-    if found is None or found.evidence <= rules.least_evidence:
+    """Return an effect that acts on the whole rope, and quick ones on top of it, with what they do
+    to the stations (M, D) [m], if they explain all frames alike (a lag, or a rope that is slowed,
+    once fitted): nothing else need then be fitted for the noise."""
+    if found.evidence <= rules.least_evidence:
         return None
     left, smaller = found.fit.stations.residual.copy(), nominal
     lost = unknown_frames(found)
     if lost.any():  # at the frames of which what is left is not known
         without = nominal.problem.without(lost)
         smaller = attempted(nominal.forward, without, nominal.point.u, 20, 1e-5)
-        found = smaller and fit_candidate(smaller, leader.hypothesis, found.values())
-    if smaller is None or found is None:
-        return None
+        again = smaller and fit_candidate(smaller, found.hypothesis, found.values())
+        if smaller is None or again is None:
+            return None
+        found = again
     out = [found, *quick_ones(found.fit, rules.least_evidence, rules.effects)]
     last = out[-1].fit
     kept = ~lost[nominal.stations.frame]

@@ -19,6 +19,7 @@ from ropefit.inference.least_squares import Fit, attempted
 ROUNDS = 4  # at most, of either; one where fits are slow
 STILL = 0.05  # standard errors: a fit that moves by less stays
 EVALUATIONS = 20
+EVALUATIONS_WITH_FRICTION = 6  # nodes stick and slip: more lead nowhere
 OPEN = 0.5  # of the prior's variance: left open by the data
 SHARES = (1.0, 0.5)  # of the way to the least sizes, until a fit there is as good
 LEAST_MOVE = 0.05  # usual sizes
@@ -66,7 +67,9 @@ def _refitted(found: Fit, step: np.ndarray) -> Fit | None:
     low, high = found.forward.bounds()
     forward = found.forward.starting_from(found.point.solution)
     begin = np.clip(found.point.u + step, low, high)
-    again = attempted(forward, found.problem, begin, EVALUATIONS, tolerance=1e-6)
+    rubs = any(p.friction is not None for p in found.point.setup.potentials)
+    most = EVALUATIONS_WITH_FRICTION if rubs else EVALUATIONS
+    again = attempted(forward, found.problem, begin, most, tolerance=1e-6)
     if again is None or len(again.z) != len(found.z) or not again.point.converged.all():
         return None
     return again

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from ropefit.models.bends import conditions_of
-from ropefit.models.history import WalkedPoint, walk
+from ropefit.models.history import WalkedPoint
 from ropefit.models.model import Model
 from ropefit.models.response import Point
+from ropefit.models.walk import walk
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
 from ropefit.runs.arrays import as_arrays, from_arrays
