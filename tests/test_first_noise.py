@@ -54,25 +54,31 @@ def test_a_force_in_space_is_no_noise(measured: list[tuple[int, Any]]):
     assert noise.correlated < 0.5 * alone.correlated
 
 
-def test_what_acts_on_the_whole_rope_is_fitted_once_for_the_noise(monkeypatch: pytest.MonkeyPatch):
-    """Where it does not explain everything, contact is fitted, too, and it is not begun again."""
+@pytest.mark.parametrize("evidence", [0.0, 1e6])
+def test_what_acts_on_the_whole_rope_is_not_fitted_anew_for_the_noise(
+    monkeypatch: pytest.MonkeyPatch, evidence: float
+):
+    """Where it does not explain everything, contact is fitted, too; it goes on from its end, or is
+    without prospect."""
     plane = SupportPlane().apply(rope(48, FRAMES), np.array([-0.3, 0.0, 0.0]))
     nominal = nominal_fit(recorded(plane, seed=3, points=120), 24)
     values, given = np.array([0.2, 0.004, 0.5]), []
 
-    def leader(_: Any, scan: Any) -> Any:  # explains too little for the noise beside it alone
+    def leader(_: Any, scan: Any, __: Any) -> Any:
         first = scan.scores[0].hypothesis
-        return SimpleNamespace(hypothesis=first, values=lambda: values, evidence=0.0)
+        return SimpleNamespace(hypothesis=first, values=lambda: values, evidence=evidence)
 
     def noted(_: Any, scan: Any, quick: Any, *__: Any) -> list[Any]:
-        given.append((scan, quick))
+        given.append(([score.hypothesis.name for score in scan], quick))
         return []
 
     monkeypatch.setattr(first_noise, "_of_whole_rope", leader)
+    monkeypatch.setattr(first_noise, "_by_whole_rope", lambda *_: None)
     monkeypatch.setattr(first_noise, "fit_candidates", noted)
     names = ("under_converged", "bending_law", "support_plane")
     first_noise.first_noise(nominal, replace(RULES, effects=names, most_effects=1))
-    [(scan, [[(hypothesis, start)]])] = given
-    assert hypothesis.name == "under_converged"
-    assert hypothesis.name not in [score.hypothesis.name for score in scan]
-    assert start is values
+    [(scanned, quick)] = given
+    assert "under_converged" not in scanned
+    assert [(start[0].name, start[1]) for [start] in quick] == (
+        [("under_converged", values)] if evidence else []
+    )

@@ -13,7 +13,14 @@ import pytest
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
-from ropefit.inference.objective import FRUITLESS, Objective, linear_step
+from ropefit.inference.objective import (
+    FAR,
+    FRUITLESS,
+    PACE_OF,
+    PACE_OPTIMISM,
+    Objective,
+    linear_step,
+)
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.inference.turned import turned_jacobian, turned_residual
@@ -356,6 +363,28 @@ def test_a_fit_without_prospect_of_what_is_needed_is_stopped():
     reached = fit(model, problem, needed=1.01 * whole.cost)
     assert not reached.stopped
     assert reached.cost == pytest.approx(whole.cost, rel=1e-9)
+
+
+@pytest.mark.parametrize("creeps", [False, True])
+def test_a_fit_too_slow_for_what_is_needed_is_stopped(monkeypatch, creeps):
+    """Whatever its linear steps foresee: here much more than each achieves."""
+    forward = Equilibrium(setup(30, ends()), [free("EI", 3e-3)])
+    problem = FitProblem(markers(setup(60, ends())), Noise(marker=SD), BINS)
+    exact = Objective.jacobian
+
+    def steep(self: Objective, u: np.ndarray) -> np.ndarray:
+        return (10.0 if creeps else 1.0) * exact(self, u)
+
+    monkeypatch.setattr(Objective, "jacobian", steep)
+    free_to_end = fit(forward, problem, evaluations=9)
+    needed = 0.9 * free_to_end.cost if creeps else 1.01 * free_to_end.cost
+    found = fit(forward, problem, evaluations=9, needed=needed)
+    assert found.stopped == creeps
+    if creeps:
+        assert len(found.trace) > PACE_OF
+        gained = (found.trace[-1 - PACE_OF] - found.trace[-1]) / PACE_OF
+        reach = found.trace[-1] - PACE_OPTIMISM * (9 - len(found.trace)) * gained
+        assert reach > (1 + FAR) * needed
 
 
 def test_a_fit_ends_where_the_predicted_decrease_is_not_achieved(monkeypatch):

@@ -1,11 +1,57 @@
 """A rope that its nominal model does not describe: intervals carry what that model misses."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import ropefit
-from benchmarks.accuracy.wrong_nominal import FREE, drawn, recorded, weighed
+from benchmarks.accuracy.wrong_nominal import FREE, drawn, judged, recorded
+from ropefit.adapters.priors import noise_of
+from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
+from ropefit.artifacts import Model, Observations
+from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.candidates import fit_candidates
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.noise_measurement import on_edge
+from ropefit.diagnosis.wander import with_what_is_missed_alike
+from ropefit.effects.point_mass import PointMass
+from ropefit.fitting.nominal import (
+    nominal_at_rest,
+    nominal_terms,
+    set_up_errors,
+    with_what_is_missed,
+)
+from ropefit.inference.least_squares import fit
+from ropefit.inference.problem import FitProblem
 
 SEED = 101
+
+
+def weighed(o: Observations, source: Model) -> Candidate | None:
+    """Return the weight as fitted to a recording of a rope that is known from another."""
+    data, setup = data_in_space(o), base_setup(o, segments_of(o))
+    noise = with_what_is_missed(noise_of(o, data), source, o)
+    terms, setup = nominal_terms(o, source, setup, prior=True, misfit=noise.misfit)
+    problem = FitProblem(data, noise, STATIONS)
+    terms += set_up_errors(setup, o, None)
+    nominal = nominal_at_rest(setup, terms, problem)
+    firm = np.flatnonzero(~on_edge(nominal))  # others are excluded
+    setup, problem = setup.frames(firm), problem.frames(firm)
+    nominal = nominal_at_rest(setup, terms, problem)
+    mass = float((setup.properties.density * setup.properties.length).sum())
+    point, length = Hypothesis(PointMass(), NO_PLACE), float(setup.properties.length.sum())
+    starts = [
+        [(point, np.array([share * mass, place * length]))]
+        for place in (0.95, 0.75)
+        for share in (0.2, 0.45)
+    ]
+    found = fit_candidates(nominal, [], starts, [], 0.0)
+    if not found:
+        return None
+    best = found[0]
+    problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
+    again = fit(best.fit.forward, problem, best.fit.point.u, 10, tolerance=1e-5)
+    return replace(best, fit=again)
 
 
 def test_a_weight_is_within_an_interval_that_says_something(tmp_path):
@@ -14,7 +60,7 @@ def test_a_weight_is_within_an_interval_that_says_something(tmp_path):
         ropefit.preprocess(recorded(pair, weights, tmp_path / name, 2 * SEED + k))
         for k, (name, weights) in enumerate((("without", ()), ("with", (pair.weight,))))
     )
-    source = ropefit.fit(without, free=FREE)
+    source = ropefit.fit(without, free=FREE.split(","))
     found = weighed(with_weight, source)
     assert found is not None
     truth = np.array([pair.weight[1], pair.weight[0] * pair.cable.length])
@@ -22,3 +68,26 @@ def test_a_weight_is_within_an_interval_that_says_something(tmp_path):
     assert fitted.misses
     assert (off < fitted.quantile * found.sd()).all()
     assert found.sd()[0] < 0.5 * truth[0]  # and says something
+
+
+def test_what_is_named_instead_of_the_weight_counts_as_wrong_unless_it_ties():
+    def row(verdict: str, *effects: dict) -> dict:
+        answer = {"verdict": verdict, "effects": list(effects)}
+        return {"mass": 0.2, "place_m": 0.5, "length_m": 0.6, "answer": answer}
+
+    def effect(name: str, *others: str) -> dict:
+        mass = {"mass": {"ci95": [0.15, 0.22]}}
+        return {
+            "name": name, "equivalent_to": list(others), "parameters": mass,
+            "arc_length_m": [0.3, 0.49],
+        }  # fmt: skip
+
+    own = judged(row("found", effect("lost_out_of_plane"), effect("point_mass", "tether")))
+    assert own["first"]
+    assert own["mass holds"]
+    assert not own["place holds"]
+    tied = judged(row("found", effect("weight_error", "point_mass")))
+    assert (tied["first"], tied["in the set"], tied["silent"]) == (False, True, False)
+    other = judged(row("found", effect("weight_error")))
+    assert (other["in the set"], other["silent"]) == (False, False)
+    assert judged(row("unknown"))["silent"]

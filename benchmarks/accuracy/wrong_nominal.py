@@ -1,4 +1,4 @@
-"""Coverage of a weight's size and place on a rope whose nominal model is wrong.
+"""What `diagnose --nominal` says of a weight on a rope whose nominal model is wrong.
 
     python -m benchmarks.accuracy.wrong_nominal [--seeds 241:253] [--keep DIR]
                                                 [--write docs/results.md] [--json FILE]
@@ -6,46 +6,28 @@
 A cable is held at its base, at 23 angles, and seen by markers off its axis; then again with a
 weight. The simulator is not ropefit's. The cable has what its nominal model (`--free
 EI,rest_curve`) lacks: sharp bends, friction or a law that softens inside it, a softer stretch, a
-fitting at its tip, a base mounted askew. The weight is fitted as `diagnose --nominal` does once it
-has named it. Pairs in the folder of --keep are not tried again.
+fitting at its tip, a base mounted askew. Both are diagnosed by the command line, the second with
+the first as its nominal run. Pairs in the folder of --keep are not tried again.
 """
 
 from __future__ import annotations
 
-import json
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-import ropefit
-from benchmarks.discovery.run import read_json
+from benchmarks.discovery.run import kept, stages
 from benchmarks.document import parser, publish
 from reference_simulators.planar_cable import GRAVITY, Cable, poses
-from ropefit.adapters.priors import noise_of
-from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
-from ropefit.artifacts import Model, Observations
-from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.candidates import fit_candidates
-from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.noise_measurement import on_edge
-from ropefit.diagnosis.wander import with_what_is_missed_alike
-from ropefit.effects.point_mass import PointMass
-from ropefit.errors import RopefitError
-from ropefit.fitting.nominal import (
-    nominal_at_rest,
-    nominal_terms,
-    set_up_errors,
-    with_what_is_missed,
-)
-from ropefit.inference.least_squares import fit
-from ropefit.inference.problem import FitProblem
 
-PIECES, FRAMES, FREE = 40, 23, ["EI", "rest_curve"]
+PIECES, FRAMES, FREE = 40, 23, "EI,rest_curve"
 TURNS = np.radians(np.linspace(-165, 165, FRAMES))  # of the base, from hanging
 NOISE, OFF_AXIS, ASKEW = 6e-4, 4e-3, np.radians(2.0)  # m, m, rad
 NEAR_PLACE = 0.005  # of the length: least half width of a place that is told
+NAME, SILENT = "point_mass", ("none", "unknown")
 
 
 @dataclass(frozen=True)
@@ -113,76 +95,93 @@ def recorded(pair: Pair, weights: tuple[tuple[float, float], ...], folder: Path,
     return folder
 
 
-def weighed(o: Observations, source: Model) -> Candidate | None:
-    """Return the weight as fitted to a recording of a rope that is known from another."""
-    data, setup = data_in_space(o), base_setup(o, segments_of(o))
-    noise = with_what_is_missed(noise_of(o, data), source, o)
-    terms, setup = nominal_terms(o, source, setup, prior=True, misfit=noise.misfit)
-    problem = FitProblem(data, noise, STATIONS)
-    terms += set_up_errors(setup, o, None)
-    nominal = nominal_at_rest(setup, terms, problem)
-    firm = np.flatnonzero(~on_edge(nominal))  # others are excluded
-    setup, problem = setup.frames(firm), problem.frames(firm)
-    nominal = nominal_at_rest(setup, terms, problem)
-    mass = float((setup.properties.density * setup.properties.length).sum())
-    point, length = Hypothesis(PointMass(), NO_PLACE), float(setup.properties.length.sum())
-    starts = [
-        [(point, np.array([share * mass, place * length]))]
-        for place in (0.95, 0.75)
-        for share in (0.2, 0.45)
-    ]
-    found = fit_candidates(nominal, [], starts, [], 0.0)
-    if not found:
-        return None
-    best = found[0]
-    problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
-    again = fit(best.fit.forward, problem, best.fit.point.u, 10, tolerance=1e-5)
-    return replace(best, fit=again)
-
-
-def tried(seed: int) -> dict[str, float]:
-    """Return truth, estimate and half width of the interval of mass [kg] and place [share]."""
+def tried(seed: int) -> dict[str, Any]:
+    """Return what a pair's diagnosis says, and the truth."""
     pair = drawn(np.random.default_rng(seed))
+    place, mass = pair.weight
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        before = ropefit.preprocess(recorded(pair, (), folder / "without", 2 * seed))
-        after = ropefit.preprocess(recorded(pair, (pair.weight,), folder / "with", 2 * seed + 1))
-    source = ropefit.fit(before, free=FREE)
-    found = weighed(after, source)
-    if found is None:
-        raise RopefitError(f"{seed}: no weight could be fitted")
-    (mass, place), half = found.values(), found.fit.quantile * found.sd()
-    length = pair.cable.length
+        nominal, run = folder / "run-without", folder / "run-with"
+        fitted = stages(*_until_fitted(recorded(pair, (), folder / "without", 2 * seed), nominal))
+        stages(("diagnose", "--run", nominal))
+        found = stages(
+            *_until_fitted(recorded(pair, (pair.weight,), folder / "with", 2 * seed + 1), run),
+            ("diagnose", "--run", run, "--nominal", nominal),
+        )
     return {
-        "seed": seed, "rms_nominal_m": source.nominal.rms_fit,
-        "mass": pair.weight[1], "mass_found": float(mass), "mass_half": float(half[0]),
-        "place": pair.weight[0], "place_found": float(place / length),
-        "place_half": max(float(half[1]) / length, NEAR_PLACE),
+        "seed": seed, "mass": mass, "place_m": place * pair.cable.length,
+        "length_m": pair.cable.length, "rms_nominal_m": fitted["answer"]["rms_fit_m"], **found,
     }  # fmt: skip
 
 
-def table(rows: list[dict[str, float]], seeds: str) -> str:
-    """Return the table: how often intervals hold the truth, and how wide they are."""
+def _until_fitted(recording: Path, run: Path) -> list[tuple[str | Path, ...]]:
+    """Return the commands that prepare and fit a recording."""
+    return [
+        ("preprocess", recording, "--run", run),
+        ("identify", "--run", run, "--free", FREE),
+    ]
+
+
+def judged(row: dict[str, Any]) -> dict[str, Any]:
+    """Return whether the weight is named first, is in the reported set, something else is named
+    instead, or nothing; whether the intervals of its mass and place hold the truth."""
+    answer = row["answer"]
+    effects = answer["effects"] if answer else []
+    every = [{e["name"], *e["equivalent_to"]} for e in effects]
+    out: dict[str, Any] = {
+        "first": any(e["name"] == NAME for e in effects),
+        "in the set": any(NAME in names for names in every),
+        "silent": bool(answer) and answer["verdict"] in SILENT,
+    }
+    own = next((e for e in effects if e["name"] == NAME), None)
+    if own is not None:
+        low, high = own["parameters"]["mass"]["ci95"]
+        near, far = own["arc_length_m"]
+        margin = NEAR_PLACE * row["length_m"]
+        out["mass holds"] = low <= row["mass"] <= high
+        out["place holds"] = near - margin <= row["place_m"] <= far + margin
+        out["half"] = 0.5 * (high - low) / row["mass"]
+    return out
+
+
+def table(rows: list[dict[str, Any]], seeds: str) -> str:
+    """Return the table: what is named, and whether intervals hold the truth."""
+    every = [judged(row) for row in rows]
+    named = [one for one in every if one["first"]]
+    wrong = [
+        str(row["seed"])
+        for row, one in zip(rows, every, strict=True)
+        if not (one["in the set"] or one["silent"])
+    ]
+    tight = [
+        str(row["seed"])
+        for row, one in zip(rows, every, strict=True)
+        if one["first"] and not (one["mass holds"] and one["place holds"])
+    ]
+    median = 1e3 * np.median([row["rms_nominal_m"] for row in rows])
+    half = f"{100 * np.median([one['half'] for one in named]):.0f} %" if named else "-"
     lines = [
         "Cables that their nominal model does not describe (sharp bends, friction, a softening",
         "law, a fitting at the tip, a base askew), held at 23 angles without and with a weight;",
-        f"{len(rows)} pairs whose nominal models leave",
-        f"{1e3 * np.median([r['rms_nominal_m'] for r in rows]):.1f} mm (median; noise 1 mm);",
+        f"{len(rows)} pairs whose nominal models leave {median:.1f} mm (median; noise 1 mm);",
         f"written by `python -m benchmarks.accuracy.wrong_nominal --seeds {seeds}`.",
         "",
-        "| of the weight | intervals that hold the truth | rms error, in sd | median half width |",
-        "|---|---|---|---|",
+        "| the weight, by `diagnose --nominal` | pairs |",
+        "|---|---|",
+        f"| named, or in the reported set | {sum(one['in the set'] for one in every)} |",
+        f"| no effect named (`none`, `unknown`) | {sum(one['silent'] for one in every)} |",
+        f"| something else named, without the weight in the set | {len(wrong)} |",
+        f"| mass inside its 95 % interval | {_of(named, 'mass holds')} |",
+        f"| place inside its 95 % interval | {_of(named, 'place holds')} |",
+        "",
+        f"Half an interval of the mass: {half} of the mass (median). Named wrongly:",
+        f"{', '.join(wrong) or 'none'}. Outside an interval: {', '.join(tight) or 'none'}.",
     ]
-    for key, of in (("mass", "of the mass"), ("place", "of the length")):
-        error = np.array([r[f"{key}_found"] - r[key] for r in rows])
-        half = np.array([r[f"{key}_half"] for r in rows])
-        share = half / np.array([r["mass"] for r in rows]) if key == "mass" else half
-        inside = int((np.abs(error) <= half).sum())
-        rms = np.sqrt((np.square(1.96 * error / half)).mean())
-        lines.append(
-            f"| {key} | {inside} of {len(rows)} | {rms:.2f} | {100 * np.median(share):.0f} % {of} |"
-        )
     return "\n".join(lines) + "\n"
+
+
+def _of(named: list[dict[str, Any]], key: str) -> str:
+    return f"{sum(one[key] for one in named)} of {len(named)}"
 
 
 def main() -> None:
@@ -193,11 +192,8 @@ def main() -> None:
     rows = []
     for seed in range(*map(int, options.seeds.split(":"))):
         done = options.keep and options.keep / f"{seed}.json"
-        rows.append(read_json(done) if done and done.exists() else tried(seed))
-        if done:
-            options.keep.mkdir(parents=True, exist_ok=True)
-            done.write_text(json.dumps(rows[-1]))
-        print(rows[-1], flush=True)
+        rows.append(kept(done, lambda s=seed: tried(s)) if done else tried(seed))
+        print(f"{seed}: {judged(rows[-1])}", flush=True)
     publish(options, "wrong-nominal", table(rows, options.seeds), {"pairs": rows})
 
 

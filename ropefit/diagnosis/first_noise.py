@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ropefit.diagnosis.beginning import first_order_move
-from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.candidate import Candidate, cost_for, fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.companions import Companions, companions
 from ropefit.diagnosis.full_scan import Scan, sensitivities
@@ -90,7 +90,7 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     scan = Scan(nominal, lambda: steady)
     if scan.scores[0].score > rules.scan_explains * unexplained(nominal):
         return FirstNoise(measured, known, quick)
-    leader = _of_whole_rope(nominal, scan)
+    leader = _of_whole_rope(nominal, scan, rules.least_evidence)
     whole = leader and _by_whole_rope(nominal, leader, rules)
     if whole is not None:
         measured, _ = measured_noise(nominal, steady, [whole[1]])
@@ -98,9 +98,11 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     # For the noise, the best place of each is enough.
     hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
     fitted = []
-    if leader is not None and leader.hypothesis.effect.looks_like_noise:
-        fitted = [[(leader.hypothesis, leader.values())]]
+    if leader is not None:  # it is known, or without prospect
         hidden = [s for s in hidden if s.hypothesis is not leader.hypothesis]
+        noisy = leader.hypothesis.effect.looks_like_noise
+        if noisy and leader.evidence > rules.least_evidence:
+            fitted = [[(leader.hypothesis, leader.values())]]
     slow, late = [], []
     for choices in scan.contact(rules):
         (late if choices[0][0].effect.late else slow).append(choices)
@@ -130,11 +132,14 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     return FirstNoise(measured, known, quick + candidates)
 
 
-def _of_whole_rope(nominal: Fit, scan: Scan) -> Candidate | None:
-    """Return the first effect of a scan that acts on the whole rope, fitted; None if there is none,
-    or it does not settle."""
+def _of_whole_rope(nominal: Fit, scan: Scan, least_evidence: float) -> Candidate | None:
+    """Return the first effect of a scan that acts on the whole rope, fitted as long as it may have
+    some evidence; None if there is none, or it does not settle."""
     first = next((s for s in scan.scores if s.hypothesis.effect.locus == "whole"), None)
-    return first and fit_candidate(nominal, first.hypothesis, np.concatenate(first.starts()[0]))
+    if first is None:
+        return None
+    start, needed = np.concatenate(first.starts()[0]), cost_for(nominal, least_evidence)
+    return fit_candidate(nominal, first.hypothesis, start, needed=needed)
 
 
 def _by_whole_rope(

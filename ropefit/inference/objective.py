@@ -25,6 +25,9 @@ STOPPED, ENDED = -2, 1  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
+PACE_OF = 4  # evaluations, the latest, whose pace is compared with what is needed
+PACE_OPTIMISM = 2.0  # times that pace: no fit is expected to gain faster in those left
+FAR = 0.01  # of the cost needed: only one that misses it by more is stopped for its pace
 NEGLIGIBLE = 5e-3  # of χ²: a decrease below which a fit ends
 # Evaluations in a row without such a decrease, after which a fit ends: what a linear step predicts
 # is not achieved, as where points change stations; with friction, where nodes stick and slip.
@@ -51,7 +54,7 @@ class Objective:
         self, forward: Model, problem: FitProblem, u: np.ndarray, needed: float = np.inf
     ) -> None:
         self.forward, self.known = forward, Known(forward, u)
-        self.needed, self.count = needed, 0
+        self.needed, self.count, self.most = needed, 0, 0
         self.prior = forward.prior()
         self.held = np.isfinite(self.prior)
         first = self.known.begin()
@@ -153,14 +156,24 @@ class Objective:
         low, high = self.forward.bounds()
         cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
         gain = linear_step(out, self.latest, low - u, high - u)[1]
-        if not hopeful and cost - OPTIMISM * gain > self.needed:
+        if not hopeful and (cost - OPTIMISM * gain > self.needed or self._too_slow(cost)):
             raise _Stopped(u.copy(), cost, STOPPED)
         if costly and gain < max(NEGLIGIBLE, self.tolerance * cost):
             raise _Stopped(u.copy(), cost, ENDED)
         return out
 
+    def _too_slow(self, cost: float) -> bool:
+        """Return whether the evaluations left lead nowhere near the cost that is needed, at twice
+        the pace of the latest."""
+        before, left = self.trace[:-PACE_OF], self.most - len(self.trace)
+        if not before:
+            return False
+        reach = cost - PACE_OPTIMISM * left * (min(before) - cost) / PACE_OF
+        return reach > (1 + FAR) * self.needed
+
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
+        self.most = evaluations
         self.tolerance = tolerance if self.rubs else 0.0
         if not u.size:  # nothing is free; not every scipy takes that
             self.rows(u)
