@@ -13,11 +13,22 @@ from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.reassessment import without_effects
-from ropefit.effects import DistributedLoad, GravityMisalignment, IntrinsicCurvature, PointMass
-from ropefit.inference.least_squares import attempted
+from ropefit.effects import (
+    DistributedLoad,
+    GravityMisalignment,
+    IntrinsicCurvature,
+    PointMass,
+    WeightError,
+)
+from ropefit.inference.least_squares import attempted, fit
+from ropefit.inference.noise import Noise
+from ropefit.inference.problem import FitProblem
+from ropefit.models.equilibrium import Equilibrium
+from ropefit.models.parameters import PARAMETERS
 from ropefit.models.terms import SIZE_PRIOR_SD
 from tests.concealed import nominal_fit, recorded, rope
 from tests.test_followers import clamped, nominal_clamped
+from tests.test_least_squares import BINS, SD, ends, markers, setup
 
 MASS, PLACE, LOAD = 0.006, 0.37, (0.0, 0.06, 0.0)  # kg, m, N/m
 
@@ -105,3 +116,17 @@ def test_a_fit_does_not_depend_on_the_shape_it_began_from():
     assert other is not None
     assert other.evidence == pytest.approx(one.evidence, abs=0.5)
     assert (np.abs(other.values() - one.values()) < 0.3 * one.sd()).all()
+
+
+def test_a_weight_in_wrong_units_is_no_better_known_than_the_rigidity():
+    """At rest shapes show their ratio only, however many usual sizes it is."""
+    data, told = markers(setup(60, ends())), setup(30, ends())
+    told = told._replace(gravity=told.gravity / 8)
+    rigidity = replace(PARAMETERS["EI"].term(told), prior=np.array([0.2]))
+    weight = Hypothesis(WeightError(), NO_PLACE).term(told, np.array([2.0]))
+    problem = FitProblem(data, Noise(marker=5 * SD, sensor=SD), BINS)
+    found = last_fit(fit(Equilibrium(told, [rigidity, weight]), problem))
+    excess, sd = weight.value(found.point.u[1:])[0], found.sd()[1] * weight.scale[0]
+    assert found.misses
+    assert sd > 0.2 * (1 + excess)
+    assert abs(excess - 7.0) < found.quantile * sd

@@ -38,6 +38,7 @@ from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.reassessment import without_effects
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
+from ropefit.diagnosis.tied_pairs import with_ties
 from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.effects import Effect
 from ropefit.inference.least_squares import Fit, attempted
@@ -55,7 +56,7 @@ def two_instead(
     singles: Sequence[Candidate] = (),
 ) -> tuple[Fit, list[Accepted]]:  # fmt: skip
     """Return a model with two effects of different kinds and these, in place of the accepted ones,
-    where they are better together by more than a tie; else what was given.
+    where they are better together by more than a tie; else what was given, with its ties.
 
     accepted: two at most. names: of the effects that are looked for; None: all. singles: fits of
     one effect each on top of the model without any.
@@ -83,7 +84,7 @@ def two_instead(
         if pair is not None:
             best, least = pair, together(base, pair[1])
     if best is None:
-        return current, accepted
+        return with_ties(current, accepted, best_starts, len(known))
     one, other = (candidate.hypothesis for candidate, _ in best[0])
     alike = [_alike(found, one, other), _alike(found, other, one)]
     named, whole = accepted_pair(best, len(known), alike)

@@ -41,7 +41,7 @@ def reassessed(
         without = without_effects(current, one.candidate)
         if without is None:
             continue
-        held = _refitted_beside(replace(one.candidate, fit=current), [], without)
+        held = refitted_beside(replace(one.candidate, fit=current), [], without)
         if held is None:
             continue
         fitted = [fit_candidate(without, c.hypothesis, c.values()) for c in one.beaten]
@@ -49,7 +49,7 @@ def reassessed(
         # The other parameters, as fitted with the effect, are a bad start for another one in its
         # place; but where that one was beaten, effects stood beside it that may have changed.
         if later and not changed:
-            fitted += [_refitted_beside(c, later, without) for c in one.beaten]
+            fitted += [refitted_beside(c, later, without) for c in one.beaten]
         candidates = _with_their_like(without, best_of([held, *fitted]), names)
         better = [
             c for c in candidates
@@ -67,9 +67,7 @@ def reassessed(
     return current, out
 
 
-def _refitted_beside(
-    candidate: Candidate, later: list[Candidate], without: Fit
-) -> Candidate | None:
+def refitted_beside(candidate: Candidate, later: list[Candidate], without: Fit) -> Candidate | None:
     """Return a candidate from where its own fit left it, with later effects beside it."""
     parts = [
         *parts_of(candidate.fit), *(p for c in later for p in parts_of(c.fit) if p[0] is c.term),

@@ -51,11 +51,14 @@ class Term:
 
     @property
     def broad(self) -> np.ndarray:
-        """Return (n,) one sigma of the search variables by the broad prior of an effect's sizes;
-        inf where there is a prior of its own, or no size."""
+        """Return (n,) one sigma of the search variables by the broad prior of an effect's sizes,
+        half the way between their bounds where any size is plausible; inf where there is a prior
+        of its own, or no size."""
         places = self.effect.place_names if self.effect else self.names
-        size = np.isinf(self.prior) & ~np.isin(self.names, places)
-        return np.where(size, SIZE_PRIOR_SD, np.inf)
+        size, usual = np.isinf(self.prior) & ~np.isin(self.names, places), SIZE_PRIOR_SD
+        if self.effect is not None and np.isinf(self.effect.implausible):
+            usual = 0.5 * (self.upper - self.lower) / self.scale
+        return np.where(size, usual, np.inf)
 
     @property
     def in_direction(self) -> np.ndarray:

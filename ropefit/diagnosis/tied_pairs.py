@@ -1,0 +1,61 @@
+"""Two accepted effects, with what is as good in the place of one beside the other.
+
+Effects that were accepted as a pair were compared with other pairs as a whole, of which only a
+better one takes their place. One that is as good, and has one of the two, is a tie of the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ropefit.diagnosis.acceptance import refusal
+from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, Accepted, accept
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.proposals import Start
+from ropefit.diagnosis.reassessment import refitted_beside, without_effects
+from ropefit.inference.least_squares import Fit
+
+
+def with_ties(
+    current: Fit, accepted: list[Accepted], pairs: list[list[Start]], tried: int
+) -> tuple[Fit, list[Accepted]]:
+    """Return two accepted effects with their ties, of pairs that explain few frames about as well;
+    at most one of them gives way to what is named before it, and the fit is then that one's.
+
+    tried: how many hypotheses were scanned.
+    """
+    if len(accepted) != 2:
+        return current, accepted
+    out = list(accepted)
+    for k, one in enumerate(accepted):
+        starts = _in_place_of(one, accepted[1 - k], pairs)
+        without = without_effects(current, one.candidate) if starts else None
+        held = without and refitted_beside(replace(one.candidate, fit=current), [], without)
+        if without is None or held is None:
+            continue
+        needed = without.cost - CLOSE_EVIDENCE * (without.cost - held.fit.cost)
+        fits = [fit_candidate(without, *start, needed=needed) for start in starts]
+        others = [c for c in fits if c is not None and not refusal(c, without)]
+        now = accept(held, [held, *others], without, tried)
+        names = {c.hypothesis.name for c in (now.candidate, *now.equivalent)}
+        known = [c for c in one.equivalent if c.hypothesis.name not in names]
+        out[k] = replace(
+            one, candidate=now.candidate, evidence=now.evidence, p_value=now.p_value,
+            equivalent=[*now.equivalent, *known],
+        )  # fmt: skip
+        if now.candidate.hypothesis.name != one.candidate.hypothesis.name:
+            return now.candidate.fit, out
+    return current, out
+
+
+def _in_place_of(one: Accepted, other: Accepted, pairs: list[list[Start]]) -> list[Start]:
+    """Return where what stands beside the other effect in some pairs begins, but the effect itself
+    and its ties; the first of each."""
+    known = {c.hypothesis.name for c in (one.candidate, *one.equivalent)}
+    beside = other.candidate.hypothesis.name
+    out: dict[tuple[str, int], Start] = {}
+    for both in pairs:
+        for start, (companion, _) in (both, both[::-1]):
+            if companion.name == beside and start[0].name not in known:
+                out.setdefault(start[0].key, start)
+    return list(out.values())
