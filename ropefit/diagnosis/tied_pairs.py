@@ -26,7 +26,6 @@ def with_ties(
     """
     if len(accepted) != 2:
         return current, accepted
-    out = list(accepted)
     for k, one in enumerate(accepted):
         starts = _in_place_of(one, accepted[1 - k], pairs)
         without = without_effects(current, one.candidate) if starts else None
@@ -38,14 +37,16 @@ def with_ties(
         others = [c for c in fits if c is not None and not refusal(c, without)]
         now = accept(held, [held, *others], without, tried)
         names = {c.hypothesis.name for c in (now.candidate, *now.equivalent)}
-        known = [c for c in one.equivalent if c.hypothesis.name not in names]
-        out[k] = replace(
-            one, candidate=now.candidate, evidence=now.evidence, p_value=now.p_value,
-            equivalent=[*now.equivalent, *known],
-        )  # fmt: skip
+        known = [one.candidate, *one.equivalent]
+        if names <= {c.hypothesis.name for c in known}:
+            continue
+        same = [*now.equivalent, *(c for c in one.equivalent if c.hypothesis.name not in names)]
+        now = replace(now, equivalent=same, beaten=one.beaten)
+        out = [now if a is one else a for a in accepted]
         if now.candidate.hypothesis.name != one.candidate.hypothesis.name:
             return now.candidate.fit, out
-    return current, out
+        accepted = out
+    return current, accepted
 
 
 def _in_place_of(one: Accepted, other: Accepted, pairs: list[list[Start]]) -> list[Start]:
