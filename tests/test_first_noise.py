@@ -68,7 +68,7 @@ def test_what_acts_on_the_whole_rope_is_not_fitted_anew_for_the_noise(
         first = scan.scores[0].hypothesis
         return SimpleNamespace(hypothesis=first, values=lambda: values, evidence=evidence)
 
-    def noted(_: Any, scan: Any, quick: Any, *__: Any) -> list[Any]:
+    def noted(_: Any, scan: Any, quick: Any, *__: Any, **___: Any) -> list[Any]:
         given.append(([score.hypothesis.name for score in scan], quick))
         return []
 

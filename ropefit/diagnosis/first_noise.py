@@ -106,7 +106,10 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     slow, late = [], []
     for choices in scan.contact(rules):
         (late if choices[0][0].effect.late else slow).append(choices)
-    candidates = fit_candidates(nominal, hidden, fitted, slow, rules.least_evidence, rules.effects)
+    least = rules.least_evidence
+    candidates = fit_candidates(
+        nominal, hidden, fitted, slow, least, rules.effects, most=cost_for(nominal, least)
+    )
     candidates = [c for c in candidates if c.evidence > rules.least_evidence]
     if nominal is at_rest and rules.most_effects > 1:
         best = candidates[0].fit if candidates else nominal
