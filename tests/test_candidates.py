@@ -18,6 +18,7 @@ from ropefit.effects import (
     PointMass,
     SoftSection,
     StiffSection,
+    SupportPlane,
 )
 from ropefit.inference.noise import Noise
 from ropefit.models.terms import Term
@@ -135,3 +136,33 @@ def test_of_a_tie_of_one_hypothesis_the_significant_one_is_kept(behind, kept, mo
         fits._keep(every[k])  # type: ignore[arg-type]
     assert fits.best() is every[0]
     assert fits.found() == [every[kept]]
+
+
+@pytest.mark.parametrize(("cost", "elsewhere"), [(90.0, True), (110.0, False)])
+def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsewhere, monkeypatch):
+    """And its fit is continued only with prospect of that cost."""
+    tried, asked = [], []
+    setup = SimpleNamespace(potentials=())
+    current = SimpleNamespace(point=SimpleNamespace(setup=setup), z=np.full(100, 2.0), cost=400.0)
+    plane = Hypothesis(SupportPlane(), NO_PLACE)
+
+    def fitted(_, hypothesis, start, lowest, *args, **kwargs):
+        asked.append(lowest)
+        return SimpleNamespace(
+            hypothesis=hypothesis,
+            evidence=1.0,
+            fit=SimpleNamespace(cost=cost),
+            values=lambda: start,
+        )
+
+    monkeypatch.setattr(candidates, "fit_candidate", fitted)
+    monkeypatch.setattr(candidates, "on_right_branches", lambda found: found)
+    monkeypatch.setattr(candidates, "distorted", lambda found: False)
+    monkeypatch.setattr(Fits, "sufficient", lambda self: False)
+    monkeypatch.setattr(Fits, "_needed", lambda self, _: np.inf)
+    monkeypatch.setattr(Fits, "found", lambda self: list(self.best_of.values()))
+    monkeypatch.setattr(candidates, "_elsewhere", lambda fits, one, names: tried.append(one))
+    slow = [[(plane, np.array([-0.3, 0.0, 0.0]))]]
+    fit_candidates(current, [], [], slow, 6.0, most=100.0)  # type: ignore[arg-type]
+    assert asked == [100.0]
+    assert bool(tried) == elsewhere
