@@ -163,6 +163,6 @@ def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsew
     monkeypatch.setattr(Fits, "found", lambda self: list(self.best_of.values()))
     monkeypatch.setattr(candidates, "_elsewhere", lambda fits, one, names: tried.append(one))
     slow = [[(plane, np.array([-0.3, 0.0, 0.0]))]]
-    fit_candidates(current, [], [], slow, 6.0, most=100.0)  # type: ignore[arg-type]
+    fit_candidates(current, [], [], slow, 6.0, most_cost=100.0)  # type: ignore[arg-type]
     assert asked == [100.0]
     assert bool(tried) == elsewhere

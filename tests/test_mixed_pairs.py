@@ -130,7 +130,7 @@ def test_a_pair_must_come_near_to_those_that_go_on(both, monkeypatch):
         return attempted(*args, **kwargs)
 
     monkeypatch.setattr(explored_pairs, "attempted", noted)
-    best, *_ = explored(both, pairs, defaultdict(list), 0)
+    (best,) = explored(both, pairs, defaultdict(list), 0)
     assert best.starts[1][0].name == "stiff_section"
     assert needed == [np.inf, pytest.approx(best.fit.cost + 2 * FAR_BEHIND)]
     needed.clear()

@@ -35,6 +35,12 @@ def least_evidence(threshold: float, best: float) -> float:
     return max(threshold - TIE_NATS, CLOSE_EVIDENCE * best)
 
 
+def close_cost(without: Fit, fitted: Fit) -> float:
+    """Return the cost up to which a candidate may win beside other effects: it explains so much of
+    what a fitted one explains on top of the model without either."""
+    return without.cost - CLOSE_EVIDENCE * (without.cost - fitted.cost)
+
+
 def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: int) -> Accepted:
     """Accept the best of some candidates, or the one that is named first in a tie, if that is a
     special case of it or would be accepted by itself.

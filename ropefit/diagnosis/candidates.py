@@ -49,9 +49,7 @@ class Fits:
     best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
     tied: list[Candidate] = field(default_factory=list)  # with the best one of their hypothesis
     names: tuple[str, ...] | None = None
-    most: float = (
-        np.inf
-    )  # cost that makes a difference: slow fits without prospect are not continued
+    most_cost: float = np.inf  # slow fits without prospect of it are not continued
     begun: int = 0
     _moving: dict[int, tuple[Candidate, bool]] = field(default_factory=dict)
 
@@ -133,7 +131,7 @@ class Fits:
 
     def _fitted(self, start: Start, least_gain: float = 0.0) -> Candidate | None:
         best = self.best()
-        lowest = min(best.fit.cost if best else np.inf, self.most)
+        lowest = min(best.fit.cost if best else np.inf, self.most_cost)
         needed = self._needed(start[0])
         return fit_candidate(self.current, *start, lowest, needed, least_gain=least_gain)
 
@@ -197,17 +195,17 @@ class Fits:
 def fit_candidates(
     current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
     threshold: float, names: tuple[str, ...] | None = None, progress: Progress = silent,
-    most: float = np.inf,
+    most_cost: float = np.inf,
 ) -> list[Candidate]:  # fmt: skip
     """Fit the leaders of a scan and what effects propose, on top of a model; best first.
 
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
-    effects that may be proposed; None: all. most: cost that makes a difference; slow fits without
-    prospect of it are not continued, nor begun elsewhere.
+    effects that may be proposed; None: all. most_cost: of a fit that makes a difference; slow fits
+    without prospect of it are not continued, nor begun elsewhere.
     """
     leaders, further = leading(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
-    fits = Fits(current, threshold, progress, due, names=names, most=most)
+    fits = Fits(current, threshold, progress, due, names=names, most_cost=most_cost)
     for choices in quick:
         fits.add(choices)
     if fits.sufficient() and distorted(current):  # what a scan about it says is of no use
@@ -254,7 +252,7 @@ def fit_candidates(
                 fits.add(choices)
     for one in fits.found():
         # Others have no further starts: what they leave costs time.
-        if one.hypothesis.effect.slow and one.fit.cost < most:
+        if one.hypothesis.effect.slow and one.fit.cost < most_cost:
             _elsewhere(fits, one, names)
     return fits.found()
 

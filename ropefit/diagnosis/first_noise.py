@@ -97,20 +97,19 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
         return FirstNoise(measured, known, quick + whole[0])
     # For the noise, the best place of each is enough.
     hidden = [replace(s, second=None) for s in scan.scores if s.hypothesis.effect.looks_like_noise]
-    fitted = []
-    if leader is not None:  # it is known, or without prospect
+    least, quick_starts = rules.least_evidence, []
+    if leader is not None:  # fitted already: it goes on from its end, or is without prospect
         hidden = [s for s in hidden if s.hypothesis is not leader.hypothesis]
-        noisy = leader.hypothesis.effect.looks_like_noise
-        if noisy and leader.evidence > rules.least_evidence:
-            fitted = [[(leader.hypothesis, leader.values())]]
+        if leader.hypothesis.effect.looks_like_noise and leader.evidence > least:
+            quick_starts = [[(leader.hypothesis, leader.values())]]
     slow, late = [], []
     for choices in scan.contact(rules):
         (late if choices[0][0].effect.late else slow).append(choices)
-    least = rules.least_evidence
     candidates = fit_candidates(
-        nominal, hidden, fitted, slow, least, rules.effects, most=cost_for(nominal, least)
-    )
-    candidates = [c for c in candidates if c.evidence > rules.least_evidence]
+        nominal, hidden, quick_starts, slow, least, rules.effects,
+        most_cost=cost_for(nominal, least),
+    )  # fmt: skip
+    candidates = [c for c in candidates if c.evidence > least]
     if nominal is at_rest and rules.most_effects > 1:
         best = candidates[0].fit if candidates else nominal
         if _far_off(best) and (not explained(nominal, best) or uneven(best)):

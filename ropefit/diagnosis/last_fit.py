@@ -67,8 +67,7 @@ def _refitted(found: Fit, step: np.ndarray) -> Fit | None:
     low, high = found.forward.bounds()
     forward = found.forward.starting_from(found.point.solution)
     begin = np.clip(found.point.u + step, low, high)
-    rubs = any(p.friction is not None for p in found.point.setup.potentials)
-    most = EVALUATIONS_WITH_FRICTION if rubs else EVALUATIONS
+    most = EVALUATIONS_WITH_FRICTION if found.point.setup.rubs else EVALUATIONS
     again = attempted(forward, found.problem, begin, most, tolerance=1e-6)
     if again is None or len(again.z) != len(found.z) or not again.point.converged.all():
         return None

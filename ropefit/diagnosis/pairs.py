@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from ropefit.diagnosis.acceptance import refusal
-from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, Accepted, accept
+from ropefit.diagnosis.accepted import Accepted, accept, close_cost
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import (
     EVALUATIONS,
@@ -114,7 +114,7 @@ def accepted_pair(
     out, changed = [], []
     for (candidate, beside), starts in zip(pair[0], others, strict=True):
         # What is far behind is not kept, and stopped.
-        needed = beside.cost - CLOSE_EVIDENCE * (beside.cost - candidate.fit.cost)
+        needed = close_cost(beside, candidate.fit)
         fits = [fit_candidate(beside, *start, needed=needed) for start in starts]
         same = [*_spread_out(candidate, beside), *(one for one in fits if one is not None)]
         out.append(_accepted_beside(beside, candidate, same, tried))

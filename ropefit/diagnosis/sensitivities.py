@@ -125,7 +125,7 @@ class Sensitivities:
         if hypothesis.effect.path_dependent:
             start = np.zeros(sum(term.size for term in terms))
             model = self.fit.forward.of_setup(self.setup, self.point.solution, terms)
-            model.remember(self.point)
+            model.remember(self.point)  # at zero size the rope is where it is
             return model.at(start).parts(model.changes(start))
         changes = [change_by(self.setup, term, k) for term in terms for k in range(term.size)]
         return self.point.parts(changes, turned)

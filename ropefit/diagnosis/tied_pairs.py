@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ropefit.diagnosis.acceptance import refusal
-from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, Accepted, accept
+from ropefit.diagnosis.accepted import Accepted, accept, close_cost
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.reassessment import refitted_beside, without_effects
@@ -32,7 +32,7 @@ def with_ties(
         held = without and refitted_beside(replace(one.candidate, fit=current), [], without)
         if without is None or held is None:
             continue
-        needed = without.cost - CLOSE_EVIDENCE * (without.cost - held.fit.cost)
+        needed = close_cost(without, held.fit)
         fits = [fit_candidate(without, *start, needed=needed) for start in starts]
         others = [c for c in fits if c is not None and not refusal(c, without)]
         now = accept(held, [held, *others], without, tried)

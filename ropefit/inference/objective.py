@@ -73,7 +73,7 @@ class Objective:
         self.trace: list[float] = []
         self.best, self.tolerance = u, 0.0
         self.touches = bool(first.setup.potentials)
-        self.rubs = any(p.friction is not None for p in first.setup.potentials)
+        self.rubs = first.setup.rubs
         self.latest = np.empty(0)
         self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
         self._slopes: np.ndarray | None = None  # of the last point

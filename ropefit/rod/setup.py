@@ -167,9 +167,14 @@ class Setup(NamedTuple):
     weights: np.ndarray | None = None
 
     @property
+    def rubs(self) -> bool:
+        """Return whether the rope touches something with friction."""
+        return any(p.friction is not None for p in self.potentials)
+
+    @property
     def remembers(self) -> bool:
         """Return whether a frame's shape depends on the frames before it."""
-        return bool(self.memory) or any(p.friction is not None for p in self.potentials)
+        return bool(self.memory) or self.rubs
 
     @property
     def possible(self) -> bool:
