@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,33 @@ def test_a_table_is_found_although_the_camera_is_off(higher):
     assert candidate is not None
     assert candidate.evidence > 30
     assert candidate.values()[0] == pytest.approx(height, abs=0.001)
+
+
+def test_a_table_is_proposed_no_lower_than_the_points_are():
+    """A rope that hangs deep below a table is compared with places far below the points."""
+    free = rope(288)
+    nodes = Equilibrium(free, []).at(np.empty(0)).seen
+    frames, low = len(nodes), nodes[..., 2].min(axis=1)
+    height = np.quantile(low, 0.3) + 0.01  # of a table that bears the rope in many frames
+    cloud = nodes[:, 3:-3].copy()
+    cloud[..., 2] = np.maximum(cloud[..., 2], height) + 0.004  # on the rope's surface
+    deep = low < height - 0.02
+    assert 2 <= deep.sum() < 0.5 * frames
+    seen = np.maximum(nodes[:, 3:-3, 2], np.where(deep, 0.5 * (height + low), height)[:, None])
+    places = nodes[:, 3:-3].reshape(-1, 3)
+    moves = np.zeros_like(places)
+    moves[:, 2] = seen.ravel() - places[:, 2]
+    misfit = replace(
+        of(Equilibrium(free, []).at(np.empty(0))),
+        points=cloud, counts=np.ones(cloud.shape[:2], bool),
+        frame=np.repeat(np.arange(frames), cloud.shape[1]), places=places, moves=moves,
+        variance=2e-6,
+    )  # fmt: skip
+    ((start,),) = SupportPlane().starts(misfit)
+    assert start[0] == pytest.approx(height - float(middle_of(free)[2]), abs=0.002)
+    # As before where no points are known.
+    ((blind,),) = SupportPlane().starts(replace(misfit, counts=np.zeros_like(misfit.counts)))
+    assert blind[0] < start[0] - 0.005
 
 
 def test_bars_are_tried_where_a_slope_bears_the_rope():

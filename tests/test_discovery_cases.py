@@ -17,7 +17,7 @@ from benchmarks.discovery.cases import listed
 from benchmarks.discovery.law_causes import DRAWN
 from benchmarks.discovery.laws import LAWS, kinds
 from benchmarks.discovery.made import Made, write
-from benchmarks.discovery.make import make
+from benchmarks.discovery.make import Implausible, make
 from benchmarks.discovery.motion_causes import drag_power
 from benchmarks.discovery.setting import draw
 from ropefit.adapters.rope_setup import data_in_space
@@ -144,6 +144,11 @@ def truth(name: str, group: str = "single", level: float = 30.0) -> dict:
         "name": f"{group}-{name}", "group": group, "effects": effects if name else [],
         "calibration_errors": False, "length_m": 1.0,
     }  # fmt: skip
+
+
+def test_a_bar_off_which_a_load_lifts_the_rope_is_refused():
+    with pytest.raises(Implausible, match="obstacle: hardly seen beside"):
+        make(["obstacle", "distributed_load"], [30.0, 30.0], 362263822, clamped=False)
 
 
 def test_the_scorer_counts_hits_ties_and_misses():

@@ -17,6 +17,8 @@ from ropefit.effects import (
     ForceField,
     HalfSpace,
     Inertia,
+    IntrinsicCurvature,
+    Kink,
     LostOutOfPlane,
     MassSection,
     Obstacle,
@@ -31,10 +33,12 @@ from tests.concealed import rope
 
 def candidate(
     effect: Any, evidence: float, gained: float, unlikely: float = 0.0, beyond: bool = False,
-    arc_length: float = 0.5,
+    arc_length: float = 0.5, likelihood: float | None = None,
 ) -> Any:  # fmt: skip
     """gained [nats] by held-out data; unlikely: sd that an error of the set-up is off zero;
-    arc_length [m]: where on a rope of 1 m an effect at a point is."""
+    arc_length [m]: where on a rope of 1 m an effect at a point is; likelihood [nats]: its
+    logarithm; None: as the evidence."""
+    explained = evidence if likelihood is None else likelihood
     one_metre = SimpleNamespace(properties=SimpleNamespace(length=np.full(4, 0.25)))
     return SimpleNamespace(
         values=lambda: np.where(np.array(effect.names) == "arc_length", arc_length, 0.0),
@@ -45,7 +49,7 @@ def candidate(
         term=SimpleNamespace(prior=np.full(len(effect.names), np.inf)),
         fit=SimpleNamespace(
             prior=np.array([1.0, np.inf]), point=SimpleNamespace(u=np.array([unlikely, 9.0])),
-            spread=1.0, forward=SimpleNamespace(base=one_metre),
+            spread=1.0, forward=SimpleNamespace(base=one_metre), cost=-2 * explained,
         ),
     )  # fmt: skip
 
@@ -105,6 +109,23 @@ def test_an_effect_of_an_end_is_named_before_a_force_next_to_it(arc_length, end,
 def test_a_special_case_is_named_unless_the_additional_values_are_worth_more(behind, first):
     section, mass = candidate(MassSection(), 23.0, 24.0), candidate(PointMass(), 23.0 - behind, 24)
     assert ordered(section, [mass])[0].hypothesis.effect.name == first
+
+
+@pytest.mark.parametrize(
+    ("special", "general", "less", "first"),
+    [
+        (Kink(), IntrinsicCurvature(), 1.4, "kink"),
+        (Kink(), IntrinsicCurvature(), 1.6, "intrinsic_curvature"),
+        (PointMass(), MassSection(), 1.4, "point_mass"),
+        (PointMass(), IntrinsicCurvature(), 1.4, "intrinsic_curvature"),  # is none of it
+    ],
+)
+def test_a_special_case_that_is_as_likely_is_named_whatever_the_priors(
+    special, general, less, first
+):
+    wide = candidate(general, 40.0, 24.0, likelihood=60.0)
+    narrow = candidate(special, 36.0, 24.0, likelihood=60.0 - less)
+    assert ordered(wide, [narrow])[0].hypothesis.effect.name == first
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,9 @@ from reference_simulators.rod_equations import Array, rotation
 CATALOGUE = PHYSICS | HISTORY_DEPENDENT | MEASUREMENT | UNKNOWN
 
 
+LEAST_BESIDE = 6.0  # score of an effect beside the others: below, it is hardly in the recording
+
+
 class Implausible(RuntimeError):
     """The wanted score needs a size that no rope has."""
 
@@ -109,6 +112,22 @@ def stretching(setting: Setting, strain: float) -> Setting:
     return replace(setting, rod=rod, problem=goal, states=follow(lambda _: goal, setting.states))
 
 
+def _all_seen(setting: Setting, scale: Meter, sized: list[Sized]) -> None:
+    """Refuse effects of which one hides beside the others: a load may lift a rope off a bar."""
+
+    def seen(without: Sized | None) -> Array:
+        world = setting.world
+        for one in sized:
+            world = world if one is without else one.effect.change(world, one.size)
+        return seen_change(setting, scale, world, shapes(setting, world)[1])
+
+    together = seen(None)
+    for one in sized:
+        least = min(LEAST_BESIDE, 0.5 * one.score)
+        if scale.score(together - seen(one)) < least:
+            raise Implausible(f"{one.effect.name}: hardly seen beside the other effects")
+
+
 def make(
     effects: list[str],
     scores: list[float],
@@ -140,6 +159,8 @@ def make(
             found, states = at_score(setting, scale, effect, score)
         sized.append(found)
         world = effect.change(world, found.size)
+    if len(sized) > 1:
+        _all_seen(setting, scale, sized)
     if calibration:
         world = miscalibrated(world, rng)
     if simulator == "mujoco":

@@ -73,11 +73,16 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
         if one is best or same_effect or not (_contains(one, best) or _is_there(one)):
             continue
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
-        less = 0.5 * (one.fit.cost - best.fit.cost) / max(1.0, best.fit.spread)
+        less = _less(one, best)
         alike = less + _penalty(one, before) - _penalty(best, before)
         if within_reach(min(alike, best.evidence - one.evidence), share, less):
             out.append(one)
     return out
+
+
+def _less(one: Candidate, best: Candidate) -> float:
+    """Return by how much less likely than the best one it makes the data [nats]."""
+    return 0.5 * (one.fit.cost - best.fit.cost) / max(1.0, best.fit.spread)
 
 
 def _penalty(one: Candidate, before: float) -> float:
@@ -105,9 +110,16 @@ def within_reach(behind: float, share: float, less: float = np.inf) -> bool:
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
     """Name the candidate of a tie with the fewest values first, before others a special case of the
-    best one. What the extra values of the best one are worth is in its evidence."""
+    best one. What the extra values of the best one are worth is in its evidence, along with how
+    broad the priors of sizes are: of a special case that is not significantly less likely no more
+    than that makes the difference."""
     general = best.hypothesis.effect
-    tied = [c for c in (best, *same) if best.evidence - c.evidence < TIE_NATS]
+    tied = [
+        c
+        for c in (best, *same)
+        if best.evidence - c.evidence < TIE_NATS
+        or (is_special_case(c.hypothesis.effect, general) and _less(c, best) < SAME_LIKELIHOOD)
+    ]
     first = min(
         tied,
         key=lambda c: (

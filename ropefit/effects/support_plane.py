@@ -65,12 +65,16 @@ class SupportPlane(Contact):
         model = np.einsum("fka,a->fk", misfit.nodes - origin, up)
         height = (misfit.places + misfit.moves - origin) @ up
         noise = float(np.sqrt(misfit.variance / 2)) + NO_SPREAD
-        mine = [misfit.frame == t for t in range(len(misfit.nodes))]
-        lowest = np.array([height[m].min() if m.any() else np.inf for m in mine])
-        floor = float(np.quantile(lowest[np.isfinite(lowest)], LOWEST_SHARE))
-        if model.min() > floor - PENETRATION_SD * noise:
+        lowest, points = _lowest(misfit, height), _lowest_points(misfit, origin, up)
+        points = np.where(np.isfinite(points), points, lowest)[np.isfinite(lowest)]
+        lowest = lowest[np.isfinite(lowest)]
+        floor, least = float(np.quantile(lowest, LOWEST_SHARE)), PENETRATION_SD * noise
+        if model.min() > floor - least:
             return []
-        return [[np.array([floor, 0.0, 0.0])]]
+        # A rope that sinks deep is compared with the wrong places: no lower than points are.
+        above = np.maximum(lowest, points - np.median(points - lowest))
+        level = float(np.quantile(above, LOWEST_SHARE))
+        return [[np.array([level if level > floor + least else floor, 0.0, 0.0])]]
 
     def starts_beside(
         self, leader: Effect, values: np.ndarray, misfit: Misfit
@@ -114,3 +118,15 @@ class SupportPlane(Contact):
         up = -gravity / np.linalg.norm(gravity)
         normal = up - values["slope_1"] * first - values["slope_2"] * second
         return Drawn("plane", normal, values["height"] * up, label="plane")
+
+
+def _lowest(misfit: Misfit, height: np.ndarray) -> np.ndarray:
+    """Return (F,) the least of the heights (M,) of each frame's stations; inf without any."""
+    mine = [misfit.frame == t for t in range(len(misfit.nodes))]
+    return np.array([height[m].min() if m.any() else np.inf for m in mine])
+
+
+def _lowest_points(misfit: Misfit, origin: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return (F,) the height [m] over `origin` of each frame's lowest point; inf without any."""
+    height = (misfit.points - origin) @ up
+    return np.where(misfit.counts, height, np.inf).min(axis=1)
