@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ropefit.diagnosis.beginning import most_promising_first
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates
+from ropefit.diagnosis.contact_beside import by_contact
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.proposals import misfit_of, proposals, proposals_beside
 from ropefit.diagnosis.sensitivities import Sensitivities
@@ -174,6 +176,41 @@ def test_a_bar_whose_fit_ends_elsewhere_is_found_from_the_side():
     (found,) = fit_candidates(nominal, [], [], [[(bar, start)]], 6.0, names=("obstacle",))
     assert found.fit.cost < 1.1 * len(nominal.z) < 0.1 * alone.fit.cost
     assert found.values()[[0, 2, 3]] == pytest.approx(true[[0, 2, 3]], abs=0.005)
+
+
+def test_of_alternative_bars_the_one_that_leaves_least_is_first():
+    free = rope(288)
+    true = bar_under(free)
+    nominal = nominal_fit(recorded(Obstacle().apply(free, true), seed=6))
+    bar, unit = Hypothesis(Obstacle(), NO_PLACE), np.eye(5)
+    nothing, aside = true - 0.3 * unit[2], true + 0.03 * unit[0]
+    deep, close = true + 0.03 * unit[2], true + 0.002 * unit[2]
+    choices = [(bar, at) for at in (nothing, deep, close, aside)]
+    first, *others = most_promising_first(nominal, choices)
+    assert first is choices[2]
+    assert [id(c) for c in others] == [id(choices[k]) for k in (0, 1, 3)]
+    good = [choices[k] for k in (3, 2, 1)]  # the first is better than none: no other is compared
+    assert most_promising_first(nominal, good)[0] is good[0]
+    assert most_promising_first(nominal, choices[:1]) == choices[:1]
+    assert most_promising_first(nominal, []) == []
+
+
+def test_contact_beside_an_effect_counts_where_it_would_be_accepted():
+    free = rope(288)
+    lowest = np.sort(Equilibrium(free, []).at(np.empty(0)).seen[..., 2].min(axis=1))
+    height = lowest[1] + DEPTH - float(middle_of(free)[2])
+    for setup, there in (
+        (SupportPlane().apply(free, np.array([height, 0, 0])), True),
+        (free, False),
+    ):
+        data = recorded(setup, seed=8)
+        nominal = nominal_fit(data)
+        data = data.settled(nominal.point.seen)
+        nominal = fit(nominal.forward, FitProblem(data, Noise(), BINS), nominal.point.u)
+        evidence = by_contact(nominal, 6.0, None)
+        assert evidence > 30 if there else evidence == 0
+        assert by_contact(nominal, 6.0, ("point_mass",)) == 0
+        assert by_contact(nominal, 1e6, None) == 0
 
 
 def test_bars_are_proposed_where_a_plane_or_a_bar_bears_the_rope():

@@ -21,6 +21,7 @@ from ropefit.rod.setup import Setup
 START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
 MUCH_LESS = 0.5  # of the rms of the data about the model
+UNMOVED = 1e-8  # m
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
 
@@ -52,6 +53,35 @@ def beginning(
     if begun.origin is smaller and distorted(smaller):
         begun.values = _undistorted(smaller, begun, moved)
     return begun
+
+
+def most_promising_first(
+    smaller: Fit, choices: list[tuple[Hypothesis, np.ndarray]]
+) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Return alternative starts, of contact first the one that leaves least where it begins: from
+    some the rope comes to lie on the wrong side. Those after one that begins better than the
+    smaller model are not compared."""
+    effect = choices[0][0].effect if choices else None
+    if effect is None or len(choices) == 1 or not effect.slow or effect.path_dependent:
+        return choices
+    left: list[tuple[float, int]] = []
+    for k, start in enumerate(choices):
+        begun = settled_start(smaller, [start])
+        if begun is None or not touches(begun):
+            continue
+        left.append((begun.misfit, k))
+        if begun.misfit < float(begun.origin.z @ begun.origin.z):
+            break
+    if not left:
+        return choices
+    first = min(left)[1]
+    return [choices[first], *(c for k, c in enumerate(choices) if k != first)]
+
+
+def touches(begun: Beginning) -> bool:
+    """Return whether an effect moves the rope where it begins: else there is no gradient."""
+    seen = begun.origin.point.seen
+    return not np.allclose(begun.point.seen, seen, rtol=0, atol=UNMOVED, equal_nan=True)
 
 
 def first_order_move(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) -> np.ndarray | None:

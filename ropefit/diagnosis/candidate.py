@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ropefit.diagnosis.beginning import beginning
+from ropefit.diagnosis.beginning import beginning, touches
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.inference.least_squares import Fit, attempted
@@ -19,7 +19,6 @@ SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
 MISSED_ALIKE = 0.5  # of a model's cost: a larger one that leaves more misses the same
 SLOW_ROUNDS = 4  # so often it is continued
 SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
-UNMOVED = 1e-8  # m
 UNSEEN = 1e-6  # whitened change of all data by a step of one: less is rounding
 NO_VARIANCE = 1e-10  # of the largest: less is rounding
 
@@ -145,9 +144,9 @@ def fit_candidate(
     begun = beginning(smaller, hypothesis, start, least_gain)
     if begun is None:
         return None
-    slow, seen = hypothesis.effect.slow, begun.origin.point.seen
-    if slow and np.allclose(begun.point.seen, seen, rtol=0, atol=UNMOVED, equal_nan=True):
-        return None  # nothing is touched: there is no gradient
+    slow = hypothesis.effect.slow
+    if slow and not touches(begun):
+        return None
     most = SLOW_EVALUATIONS if slow else evaluations
     needed = np.inf if slow else needed  # contact has no linear steps
     fitted = attempted(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import significant
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
-from ropefit.diagnosis.beginning import LATE_GAIN
+from ropefit.diagnosis.beginning import LATE_GAIN, most_promising_first
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.calm import distorted
 from ropefit.diagnosis.candidate import Candidate, best_of, cost_for, fit_candidate, gain_of, pace
@@ -102,7 +102,8 @@ class Fits:
         self.begun += 1
 
     def _first(self, choices: list[Start]) -> Candidate | None:
-        fitted = (self._fitted(start) for start in choices)
+        every = most_promising_first(self.current, choices)
+        fitted = (self._fitted(start) for start in every)
         return next((c for c in fitted if c is not None), None)
 
     def _keep(self, candidate: Candidate | None) -> None:

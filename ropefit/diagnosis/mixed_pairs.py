@@ -53,13 +53,14 @@ MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
 
 def two_instead(
     current: Fit, accepted: list[Accepted], threshold: float, names: tuple[str, ...] | None,
-    singles: Sequence[Candidate] = (),
+    singles: Sequence[Candidate] = (), contact: float = 0.0,
 ) -> tuple[Fit, list[Accepted]]:  # fmt: skip
     """Return a model with two effects of different kinds and these, in place of the accepted ones,
     where they are better together by more than a tie; else what was given, with its ties.
 
     accepted: two at most. names: of the effects that are looked for; None: all. singles: fits of
-    one effect each on top of the model without any.
+    one effect each on top of the model without any. contact: log evidence [nats] of contact beside
+    the accepted one, with which pairs compete.
     """
     held = [a.candidate for a in accepted]
     if any(c.hypothesis.effect.slow for c in held):
@@ -67,7 +68,7 @@ def two_instead(
     base = without_effects(current, *held) if held else current
     if base is None:
         return current, accepted
-    now = together(base, current, len(held)) if held else 0.0
+    now = contact + (together(base, current, len(held)) if held else 0.0)
     known = sensitivities(base, [], names)
     found = scanned(base, known)
     leading = [

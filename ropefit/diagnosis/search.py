@@ -24,6 +24,7 @@ from ropefit.diagnosis.candidates import (
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.contact_anew import contact_anew
+from ropefit.diagnosis.contact_beside import by_contact
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.full_scan import Scan, sensitivities
@@ -190,8 +191,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         current = _with_it(best.fit, problem, scan.sensitivities)
         if len(accepted) == 1 < most and _is_left(current):
             # It may stand for two: pairs are compared before a second is looked for beside it.
-            one = accepted
-            current, accepted = instead(current, one, singles=singles)
+            one, contact = accepted, by_contact(current, limits.threshold, rules.effects)
+            current, accepted = instead(current, one, singles=singles, contact=contact)
             singles = []
             if accepted is not one:
                 compared = accepted
