@@ -25,6 +25,7 @@ from ropefit.effects import (
     PointForce,
     PointMass,
     StiffSection,
+    SupportPlane,
     TimeLag,
     WallField,
 )
@@ -46,7 +47,11 @@ def candidate(
         evidence=evidence,
         wants_beyond_bounds=lambda: beyond,
         gains=np.full(5, gained / 5),
-        term=SimpleNamespace(prior=np.full(len(effect.names), np.inf)),
+        sd=lambda: np.full(len(effect.names), 0.01),
+        term=SimpleNamespace(
+            prior=np.full(len(effect.names), np.inf), names=effect.names,
+            scale=np.full(len(effect.names), 0.02),
+        ),
         fit=SimpleNamespace(
             prior=np.array([1.0, np.inf]), point=SimpleNamespace(u=np.array([unlikely, 9.0])),
             spread=1.0, forward=SimpleNamespace(base=one_metre), cost=-2 * explained,
@@ -126,6 +131,26 @@ def test_a_special_case_that_is_as_likely_is_named_whatever_the_priors(
     wide = candidate(general, 40.0, 24.0, likelihood=60.0)
     narrow = candidate(special, 36.0, 24.0, likelihood=60.0 - less)
     assert ordered(wide, [narrow])[0].hypothesis.effect.name == first
+
+
+@pytest.mark.parametrize(
+    ("slope", "first"), [(0.0, "support_plane"), (0.07, "support_plane"), (-0.1, "obstacle")]
+)
+def test_a_steep_plane_is_named_after_a_bar_that_explains_as_much(slope, first):
+    plane, bar = candidate(SupportPlane(), 40.0, 24.0), candidate(Obstacle(), 39.0, 24.0)
+    plane.values = lambda: np.array([-0.3, 0.0, slope])  # slopes to 0.02; usual ones up to 0.06
+    for best, same in ((plane, [bar]), (bar, [plane])):
+        assert ordered(best, same)[0].hypothesis.effect.name == first
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(2.9, "support_plane"), (3.1, "obstacle")])
+def test_a_bar_has_more_values_than_a_plane_although_all_are_held_near_its_start(ahead, first):
+    plane, bar = candidate(SupportPlane(), 40.0, 24.0), candidate(Obstacle(), 40.0 + ahead, 24.0)
+    bar.term.prior = np.full(5, 0.1)
+    assert ordered(bar, [plane])[0].hypothesis.effect.name == first
+    kink = candidate(Kink(), 40.0, 24.0)  # its width is held: three of its four values count
+    kink.term.prior = np.array([np.inf, np.inf, 0.7, np.inf])
+    assert ordered(bar, [kink])[0].hypothesis.effect.name == ("kink" if ahead < 3 else "obstacle")
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,8 @@ from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.nested import is_special_case
 from ropefit.effects import Effect
 from ropefit.effects.ends import end_next_to
+from ropefit.inference.verdict import NORMAL_QUANTILE
+from ropefit.models.terms import SIZE_PRIOR_SD
 
 TIE_NATS = 3.0
 SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little behind
@@ -109,10 +111,10 @@ def within_reach(behind: float, share: float, less: float = np.inf) -> bool:
 
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """Name the candidate of a tie with the fewest values first, before others a special case of the
-    best one. What the extra values of the best one are worth is in its evidence, along with how
-    broad the priors of sizes are: of a special case that is not significantly less likely no more
-    than that makes the difference."""
+    """Name the candidate of a tie with the fewest values, none unusual, first, before others a
+    special case of the best one. What the extra values of the best one are worth is in its
+    evidence, along with how broad the priors of sizes are: of a special case that is not
+    significantly less likely no more than that makes the difference."""
     general = best.hypothesis.effect
     tied = [
         c
@@ -123,12 +125,29 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
     first = min(
         tied,
         key=lambda c: (
-            int(np.isinf(c.term.prior).sum()),  # what a prior holds explains nothing by itself
+            _is_unusual(c),
+            _number_of_values(c),
             not is_special_case(c.hypothesis.effect, general),
             -c.evidence,
         ),
     )
     return first, [c for c in (best, *same) if c is not first]
+
+
+def _is_unusual(one: Candidate) -> bool:
+    """Return whether a quantity is significantly further from zero than it mostly is."""
+    mostly = np.isin(one.term.names, one.hypothesis.effect.nearly_zero)
+    if not mostly.any():
+        return False
+    least = np.abs(one.values()) - NORMAL_QUANTILE * one.sd()
+    return bool((least > SIZE_PRIOR_SD * one.term.scale)[mostly].any())
+
+
+def _number_of_values(one: Candidate) -> int:
+    """Return how many values a candidate has: what a prior holds explains nothing by itself, but
+    where all values are held near a start, as those of a bar, the data have chosen that."""
+    free = int(np.isinf(one.term.prior).sum())
+    return free or len(one.term.prior)
 
 
 def _end_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:

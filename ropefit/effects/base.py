@@ -163,6 +163,9 @@ class Effect(ABC):
     calibration: ClassVar[Calibration | None] = None
     # Usual sizes beyond which a linear effect is refused: it stands for something else.
     implausible: ClassVar[float] = 30.0
+    # Quantities that are mostly within three usual sizes of zero: where one is significantly
+    # beyond, other effects that explain as much are named before.
+    nearly_zero: ClassVar[tuple[str, ...]] = ()
     # Counts against the number of effects that may be accepted.
     counted: ClassVar[bool] = True
     # Where it is accepted, a recording is explained down to noise.

@@ -36,6 +36,7 @@ class SupportPlane(Contact):
     its slope [1] along the two horizontal axes."""
 
     name = "support_plane"
+    nearly_zero = ("slope_1", "slope_2")  # tables are level
     quantities = (
         Quantity("height", "m", 0.1, by_length=1.0),
         Quantity("slope_1", "1", 0.02, -STEEPEST, STEEPEST),
