@@ -133,6 +133,11 @@ def test_a_special_case_that_is_as_likely_is_named_whatever_the_priors(
     assert ordered(wide, [narrow])[0].hypothesis.effect.name == first
 
 
+def test_what_explains_nothing_any_more_is_not_named_for_its_few_values():
+    lost, bar = candidate(SupportPlane(), 0.0, 0.0), candidate(Obstacle(), 610.0, 24.0)
+    assert ordered(lost, [bar])[0].hypothesis.effect.name == "obstacle"
+
+
 @pytest.mark.parametrize(
     ("slope", "first"), [(0.0, "support_plane"), (0.07, "support_plane"), (-0.1, "obstacle")]
 )

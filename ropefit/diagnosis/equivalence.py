@@ -116,10 +116,11 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
     evidence, along with how broad the priors of sizes are: of a special case that is not
     significantly less likely no more than that makes the difference."""
     general = best.hypothesis.effect
+    highest = max(c.evidence for c in (best, *same))  # fitted anew, the best one may be so no more
     tied = [
         c
         for c in (best, *same)
-        if best.evidence - c.evidence < TIE_NATS
+        if highest - c.evidence < TIE_NATS
         or (is_special_case(c.hypothesis.effect, general) and _less(c, best) < SAME_LIKELIHOOD)
     ]
     first = min(
