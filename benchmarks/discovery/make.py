@@ -19,7 +19,6 @@ from reference_simulators.rod_equations import Array, rotation
 
 CATALOGUE = PHYSICS | HISTORY_DEPENDENT | MEASUREMENT | UNKNOWN
 
-
 LEAST_BESIDE = 6.0  # score of an effect beside the others: below, it is hardly in the recording
 
 

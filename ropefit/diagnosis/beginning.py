@@ -21,7 +21,7 @@ from ropefit.rod.setup import Setup
 START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
 MUCH_LESS = 0.5  # of the rms of the data about the model
-UNMOVED = 1e-8  # m
+UNMOVED = 1e-8  # m: less is rounding
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
 

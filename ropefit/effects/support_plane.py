@@ -72,7 +72,7 @@ class SupportPlane(Contact):
         floor, least = float(np.quantile(lowest, LOWEST_SHARE)), PENETRATION_SD * noise
         if model.min() > floor - least:
             return []
-        # A rope that sinks deep is compared with the wrong places: no lower than points are.
+        # Stations of a rope that sinks deep are matched to wrong places, lower than any point is.
         above = np.maximum(lowest, points - np.median(points - lowest))
         level = float(np.quantile(above, LOWEST_SHARE))
         return [[np.array([level if level > floor + least else floor, 0.0, 0.0])]]
