@@ -40,18 +40,21 @@ class Field:
     power: float = 0.0
     filled: bool = False
 
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Return the distance (…) [m] of x (…, 3) [m], and the unit vector (…, 3) away from it."""
+        across = x - self.point
+        if self.kind == "plane":
+            return across @ self.axis, np.broadcast_to(self.axis, x.shape)
+        across = across - (across @ self.axis)[..., None] * self.axis
+        d = np.sqrt((across * across).sum(-1))
+        return d, across / d[..., None]
+
     def force(self, x: Array) -> tuple[Array, Array]:
         """Return the force (…, 3) per length [N/m] at x (…, 3) [m], and the derivative by x."""
-        across = x - self.point
-        outer = np.outer(self.axis, self.axis)
-        if self.kind == "plane":
-            d = across @ self.axis
-            n = np.broadcast_to(self.axis, x.shape)
-            turning = np.zeros((*x.shape, 3))
-        else:
-            across = across - (across @ self.axis)[..., None] * self.axis
-            d = np.sqrt((across * across).sum(-1))
-            n = across / d[..., None]
+        d, n = self.distance(x)
+        turning = np.zeros((*x.shape, 3))
+        if self.kind != "plane":
+            outer = np.outer(self.axis, self.axis)
             turning = (np.eye(3) - outer - n[..., :, None] * n[..., None, :]) / d[..., None, None]
         if self.soft:
             size = self.hardness * np.exp(-d / self.reach)

@@ -6,6 +6,7 @@ import csv
 import json
 import tomllib
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,9 +18,11 @@ from benchmarks.discovery.cases import listed
 from benchmarks.discovery.law_causes import DRAWN
 from benchmarks.discovery.laws import LAWS, kinds
 from benchmarks.discovery.made import Made, write
-from benchmarks.discovery.make import Implausible, make
+from benchmarks.discovery.make import Implausible, make, outside_of_bars
 from benchmarks.discovery.motion_causes import drag_power
-from benchmarks.discovery.setting import draw
+from benchmarks.discovery.setting import World, draw
+from reference_simulators.kirchhoff_rod import Ends
+from reference_simulators.rod_equations import Field, Rod
 from ropefit.adapters.rope_setup import data_in_space
 from ropefit.artifacts import Observations, read
 from ropefit.recordings.ply import read_ply
@@ -149,6 +152,21 @@ def truth(name: str, group: str = "single", level: float = 30.0) -> dict:
 def test_a_bar_off_which_a_load_lifts_the_rope_is_refused():
     with pytest.raises(Implausible, match="obstacle: hardly seen beside"):
         make(["obstacle", "distributed_load"], [30.0, 30.0], 362263822, clamped=False)
+
+
+def test_a_rope_that_passes_through_a_bar_is_refused():
+    bar = Field(np.array([0.5, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), 0.02, 5e3, "bar")
+    soft = replace(bar, soft=True)
+    rope = Rod(1.0, 0.05, 1e-3, 1e-3)
+    straight = np.zeros((2, 101, 13))
+    straight[..., 0] = np.linspace(0.0, 1.0, 101)
+    straight[..., 2] = 0.019
+    held = Ends(np.zeros((2, 2, 3)), np.zeros((2, 2, 4)), ("pinned", "pinned"))
+    outside_of_bars(World(replace(rope, fields=(bar, soft)), held), straight)
+    straight[1, :, 2] = 0.004
+    outside_of_bars(World(replace(rope, fields=(soft,)), held), straight)
+    with pytest.raises(Implausible, match="passes through the bar"):
+        outside_of_bars(World(replace(rope, fields=(bar,)), held), straight)
 
 
 def test_the_scorer_counts_hits_ties_and_misses():

@@ -11,7 +11,7 @@ from benchmarks.discovery.concealed_errors import MEASUREMENT, UNKNOWN
 from benchmarks.discovery.concealment import Concealed
 from benchmarks.discovery.following import followed
 from benchmarks.discovery.made import Made, Sized
-from benchmarks.discovery.setting import Setting, draw, grasped, miscalibrated
+from benchmarks.discovery.setting import Setting, World, draw, grasped, miscalibrated
 from benchmarks.discovery.strength import Meter, meter, seen_change, shapes
 from reference_simulators.collocation import NotConverged, solve
 from reference_simulators.kirchhoff_rod import CLAMPED, follow, hang, problem
@@ -19,6 +19,7 @@ from reference_simulators.rod_equations import Array, rotation
 
 CATALOGUE = PHYSICS | HISTORY_DEPENDENT | MEASUREMENT | UNKNOWN
 
+DEEPEST = 0.25  # of a bar's radius, that a rope sinks in: beyond, it is on its way through
 LEAST_BESIDE = 6.0  # score of an effect beside the others: below, it is hardly in the recording
 
 
@@ -127,6 +128,14 @@ def _all_seen(setting: Setting, scale: Meter, sized: list[Sized]) -> None:
             raise Implausible(f"{one.effect.name}: hardly seen beside the other effects")
 
 
+def outside_of_bars(world: World, states: Array) -> None:
+    """Refuse shapes (T, N + 1, 13) that pass through a bar: no rope stays in such a one."""
+    for field in world.rod.fields:
+        solid = field.kind == "bar" and not (field.soft or field.power or field.filled)
+        if solid and field.distance(states[..., :3])[0].min() < (1 - DEEPEST) * field.reach:
+            raise Implausible("the rope passes through the bar")
+
+
 def make(
     effects: list[str],
     scores: list[float],
@@ -170,6 +179,7 @@ def make(
     goal, states = shapes(setting, world, states)
     if world.law is None and all(len(one.frames) == len(states) for one in sized):
         states = followed(goal, setting.states, states)
+    outside_of_bars(world, states)
     direction = rotation(states[..., 3:7])[..., 2]
     tension = (states[..., 7:10] * direction).sum(-1, keepdims=True)
     tangents = (1 + world.rod.strain(tension)[0]) * direction
