@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ropefit.diagnosis import beginning
 from ropefit.diagnosis.beginning import most_promising_first
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates
@@ -193,6 +194,25 @@ def test_of_alternative_bars_the_one_that_leaves_least_is_first():
     assert most_promising_first(nominal, good)[0] is good[0]
     assert most_promising_first(nominal, choices[:1]) == choices[:1]
     assert most_promising_first(nominal, []) == []
+
+
+def test_starts_close_to_one_from_which_the_rope_jumps_are_not_compared(monkeypatch):
+    free = rope(288)
+    true = bar_under(free)
+    nominal = nominal_fit(recorded(free, seed=6))
+    bar, unit = Hypothesis(Obstacle(), NO_PLACE), np.eye(5)
+    tried: list[np.ndarray] = []
+    settle = beginning.settled_start
+
+    def settled_start(smaller, starts):
+        tried.append(starts[0][1])
+        return settle(smaller, starts)
+
+    monkeypatch.setattr(beginning, "settled_start", settled_start)
+    deep = true + 0.03 * unit[2]
+    choices = [(bar, at) for at in (deep, deep + 0.004 * unit[2], true)]
+    assert most_promising_first(nominal, choices)[0] is choices[2]
+    assert [id(at) for at in tried] == [id(deep), id(true)]
 
 
 def test_contact_beside_an_effect_counts_where_it_would_be_accepted():

@@ -22,6 +22,8 @@ START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
 MUCH_LESS = 0.5  # of the rms of the data about the model
 UNMOVED = 1e-8  # m: less is rounding
+JUMPED = 5.0  # times the smaller model's χ²: the rope came to lie elsewhere, which is slow
+CLOSE = 0.1  # usual sizes: starts so close to each other lead to the same
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
 
@@ -59,19 +61,26 @@ def most_promising_first(
     smaller: Fit, choices: list[tuple[Hypothesis, np.ndarray]]
 ) -> list[tuple[Hypothesis, np.ndarray]]:
     """Return alternative starts, of contact first the one that leaves least where it begins: from
-    some the rope comes to lie on the wrong side. Those after one that begins better than the
-    smaller model are not compared."""
+    some the rope comes to lie on the wrong side. Not compared are those after one that begins
+    better than the smaller model, and those close to one from which the rope jumps far away."""
     effect = choices[0][0].effect if choices else None
     if effect is None or len(choices) == 1 or not effect.slow or effect.path_dependent:
         return choices
+    sizes = np.array([q.size(smaller.forward.base) for q in effect.quantities])
     left: list[tuple[float, int]] = []
-    for k, start in enumerate(choices):
-        begun = settled_start(smaller, [start])
+    jumped: list[np.ndarray] = []
+    for k, (hypothesis, start) in enumerate(choices):
+        if any((np.abs(start - other) < CLOSE * sizes).all() for other in jumped):
+            continue
+        begun = settled_start(smaller, [(hypothesis, start)])
         if begun is None or not touches(begun):
             continue
         left.append((begun.misfit, k))
-        if begun.misfit < float(begun.origin.z @ begun.origin.z):
+        without = float(begun.origin.z @ begun.origin.z)
+        if begun.misfit < without:
             break
+        if begun.misfit > JUMPED * without:
+            jumped.append(start)
     if not left:
         return choices
     first = min(left)[1]
