@@ -22,7 +22,7 @@ START_SHARES = (1.0, 0.4, 0.15)  # of a start's size, until every frame settles
 LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitted
 MUCH_LESS = 0.5  # of the rms of the data about the model
 UNMOVED = 1e-8  # m: less is rounding
-JUMPED = 5.0  # times the smaller model's χ²: the rope came to lie elsewhere, which is slow
+JUMPED = 5.0  # times the smaller model's χ²: a distant equilibrium, slow to settle in
 CLOSE = 0.1  # usual sizes: starts so close to each other lead to the same
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
@@ -62,15 +62,16 @@ def most_promising_first(
 ) -> list[tuple[Hypothesis, np.ndarray]]:
     """Return alternative starts, of contact first the one that leaves least where it begins: from
     some the rope comes to lie on the wrong side. Not compared are those after one that begins
-    better than the smaller model, and those close to one from which the rope jumps far away."""
+    better than the smaller model, and those close to one from which the rope snaps to a distant
+    equilibrium."""
     effect = choices[0][0].effect if choices else None
     if effect is None or len(choices) == 1 or not effect.slow or effect.path_dependent:
         return choices
-    sizes = np.array([q.size(smaller.forward.base) for q in effect.quantities])
+    usual = choices[0][0].scales(smaller.forward.base)
     left: list[tuple[float, int]] = []
     jumped: list[np.ndarray] = []
     for k, (hypothesis, start) in enumerate(choices):
-        if any((np.abs(start - other) < CLOSE * sizes).all() for other in jumped):
+        if any((np.abs(start - other) < CLOSE * usual).all() for other in jumped):
             continue
         begun = settled_start(smaller, [(hypothesis, start)])
         if begun is None or not touches(begun):
