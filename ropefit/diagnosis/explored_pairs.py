@@ -41,12 +41,13 @@ class Explored:
 
 
 def explored(
-    few: Fit, pairs: list[ScannedPair], ended: dict[Kinds, list[Explored]], rank: int
-) -> list[Explored]:
+    few: Fit, pairs: list[ScannedPair], ended: dict[Kinds, list[Explored]], rank: int,
+    needed: float,
+) -> list[Explored]:  # fmt: skip
     """Return the fits of pairs to few frames, the most promising first; ended: the fits of every
     two hypotheses, which are not begun again about where several have ended alike. A fit without
-    prospect of coming close to the best one of its hypotheses, or to the two of a `rank`, is
-    stopped."""
+    prospect of the cost that is `needed`, or of coming close to the best one of its hypotheses or
+    to the two of a `rank`, is stopped."""
     out: list[Explored] = []
     for _, *both in sorted(pairs, key=lambda pair: -pair[0]):
         before = ended[_kinds(both)]
@@ -59,7 +60,7 @@ def explored(
             continue
         fitted = attempted(
             begun.forward, few.problem, begun.values, EVALUATIONS, tolerance=1e-4,
-            needed=min(_needed(before), _needed(_ranked(ended, rank))),
+            needed=min(needed, _needed(before), _needed(_ranked(ended, rank))),
         )  # fmt: skip
         if fitted is None or fitted.stopped or len(fitted.z) != len(few.z):
             continue

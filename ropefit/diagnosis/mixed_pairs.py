@@ -18,8 +18,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ropefit.diagnosis.accepted import Accepted
-from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.accepted import Accepted, least_evidence
+from ropefit.diagnosis.candidate import Candidate, cost_for
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.explored_pairs import (
     MOST_FITTED,
@@ -78,7 +78,7 @@ def two_instead(
         and not _as_accepted(accepted, one[0].effect, other[0].effect)
     ]
     starts = _distinct(leading)[:MOST_EXPLORED] + _beside_singles(singles, base, names)
-    best_starts = _best_on_few_frames(base, starts, names)
+    best_starts = _best_on_few_frames(base, starts, names, least_evidence(threshold, now))
     best, least = None, now + TIE_NATS
     for both in best_starts:
         pair = fitted_pair(base, both, threshold, least)
@@ -120,17 +120,19 @@ def _beside_singles(
 
 
 def _best_on_few_frames(
-    base: Fit, pairs: list[ScannedPair], names: tuple[str, ...] | None
+    base: Fit, pairs: list[ScannedPair], names: tuple[str, ...] | None, least: float
 ) -> list[list[Start]]:
     """Return where fits of pairs begin that explain few frames best, as fitted to these; where the
-    best leaves something, also of those with one of the two and what scores highest beside it."""
+    best leaves something, also of those with one of the two and what scores highest beside it.
+    least: log evidence [nats] of both together from which a pair counts."""
     few = on_few_frames(base) or base
+    needed = cost_for(few, least * len(few.z) / len(base.z))
     ended: dict[Kinds, list[Explored]] = defaultdict(list)
-    every = explored(few, pairs, ended, MOST_FITTED - 1)
+    every = explored(few, pairs, ended, MOST_FITTED - 1, needed)
     best = best_explored(every)
     if best and leaves_something(best[0].fit, LEFT_OF_FEW):
         further = [pair for one in best for pair in _with_another(one, few, names)]
-        every += explored(few, further, ended, 0)
+        every += explored(few, further, ended, 0, needed)
         best = best_explored(every)
     return [one.starts for one in best if one.evidence > best[0].evidence - FAR_BEHIND]
 

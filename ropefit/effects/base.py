@@ -153,6 +153,8 @@ class Effect(ABC):
     in_motion: ClassVar[bool] = True
     # Fits are slow (contact comes and goes): after all others, and only while they gain.
     slow: ClassVar[bool] = False
+    # To apply it takes longer than to solve for the rope: it is differenced to one side.
+    costly: ClassVar[bool] = False
     # After all others, too, but fitted like them.
     late: ClassVar[bool] = False
     # What is held out to test it: blocks of frames, or stretches of rope where it acts in so few

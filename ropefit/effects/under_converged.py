@@ -41,6 +41,7 @@ class UnderConverged(Effect):
     )
     shaping = 1
     looks_like_noise = True
+    costly = True
     tries = (0.3, 0.7, 1.5)
 
     def applies(self, setup: Setup) -> bool:
@@ -81,14 +82,14 @@ def _cached(setup: Setup, drop: float, reach: float) -> tuple[np.ndarray, np.nda
     # Neither the catenary nor the iterations know a bending stiffness.
     arrays = (rod.length, rod.flexibility, rod.load, held.ends, held.clamp, setup.gravity)
     key = (drop, reach, setup.clamped, *(a.tobytes() for a in arrays))
-    result = _latest.get(key)
+    result = _latest.pop(key, None)
     if result is None:
         start = _sampled(solve(rod, held, limit=0, continuation=False).x)
         both = _stopped(setup, start, drop, iterations(reach))
         result = (_along(both[0], setup.segments), _along(both[1], setup.segments))
         while len(_latest) >= MOST_KEPT:
             _latest.pop(next(iter(_latest)), None)
-        _latest[key] = result
+    _latest[key] = result  # the last one asked for is the last one forgotten
     return result
 
 

@@ -15,7 +15,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from ropefit.models.response import Change, Point
+from ropefit.models.response import DIFFERENCE_STEP, Change, Point
 from ropefit.models.terms import Term, applied, value_at
 from ropefit.models.watched import Done, differing, done, followed, made_again
 from ropefit.rod.setup import Setup
@@ -139,8 +139,11 @@ class Model(ABC):
         base, made = self._made(self.base, parts)
         if made and made[-1].after.remembers:
             base, made = self._made(self.base.whole()[0], parts)
+        # What takes long to apply is known at u: differences are taken to one side of it.
+        costly = any(term.effect is not None and term.effect.costly for term in self.terms)
+        middle = DIFFERENCE_STEP if costly else 0.0
         return [
-            partial(self._change, base, made, parts, number, k)
+            partial(self._change, base, made, parts, number, k, middle)
             for number, term in enumerate(self.terms)
             for k in range(term.size)
         ]
@@ -157,10 +160,11 @@ class Model(ABC):
 
     def _change(
         self, base: Setup, made: list[Done], parts: list[np.ndarray], number: int, k: int,
-        step: float,
+        middle: float, step: float,
     ) -> Setup:  # fmt: skip
-        """Return the setup where one term's k-th value has moved by a step; made: by all terms."""
+        """Return the setup where one term's k-th value has moved by a step from the middle; made:
+        by all terms."""
         term = self.terms[number]
         before = made[number - 1].after if number else base
-        setup = term.apply(before, value_at(term, parts[number], k, step))
+        setup = term.apply(before, value_at(term, parts[number], k, middle + step))
         return made_again(setup, differing(setup, made[number].after), made[number + 1 :])

@@ -116,11 +116,14 @@ def transport(
         e3 = xp.zeros_like(tangents[..., 0, :])
         e3[..., 2] = 1.0
         first = smallest_rotation(e3, tangents[..., 0, :])
-    frames = [first]
-    for i in range(1, tangents.shape[-2]):
-        turn = smallest_rotation(tangents[..., i - 1, :], tangents[..., i, :])
-        frames.append(multiply(turn, frames[-1]))
-    return xp.stack(frames, axis=-2)
+    turns = smallest_rotation(tangents[..., :-1, :], tangents[..., 1:, :])
+    frames = xp.concat([first[..., None, :], turns], axis=-2)
+    reach = 1  # of a product: how many turns before its own are in it
+    while reach < tangents.shape[-2]:
+        further = multiply(frames[..., reach:, :], frames[..., :-reach, :])
+        frames = xp.concat([frames[..., :reach, :], further], axis=-2)
+        reach *= 2
+    return frames
 
 
 def smallest_rotation(a: Vector, b: Vector) -> Quaternion:
