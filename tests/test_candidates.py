@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from ropefit.diagnosis import candidates
+from ropefit.diagnosis import fits as fits_module
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
-from ropefit.diagnosis.candidates import Fits, completed, fit_candidates
+from ropefit.diagnosis.candidates import completed, fit_candidates
+from ropefit.diagnosis.fits import Fits
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities
@@ -104,7 +106,7 @@ def test_an_error_of_the_set_up_within_reach_makes_slow_fits_needless(
     behind, sufficient, monkeypatch
 ):
     """A load is ahead of a tilt of gravity, by less than a tie, and leaves some frames worse."""
-    monkeypatch.setattr(candidates, "uneven", lambda fitted: True)
+    monkeypatch.setattr(fits_module, "uneven", lambda fitted: True)
 
     def one(effect, evidence):
         still = SimpleNamespace(setup=SimpleNamespace(motion=None))
@@ -123,7 +125,7 @@ def test_an_error_of_the_set_up_within_reach_makes_slow_fits_needless(
 @pytest.mark.parametrize(("behind", "kept"), [(1.0, 1), (10.0, 0)])
 def test_of_a_tie_of_one_hypothesis_the_significant_one_is_kept(behind, kept, monkeypatch):
     """That one part of a rope weighs less is as good as that another part weighs more."""
-    monkeypatch.setattr(candidates, "on_right_branches", lambda fitted: fitted)
+    monkeypatch.setattr(fits_module, "on_right_branches", lambda fitted: fitted)
     hypothesis, fits = Hypothesis(MassSection(), NO_PLACE), Fits(SimpleNamespace(), 6.0)  # type: ignore[arg-type]
 
     def one(evidence, significance):
@@ -155,14 +157,15 @@ def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsew
             values=lambda: start,
         )
 
-    monkeypatch.setattr(candidates, "fit_candidate", fitted)
-    monkeypatch.setattr(candidates, "on_right_branches", lambda found: found)
+    monkeypatch.setattr(fits_module, "fit_candidate", fitted)
+    monkeypatch.setattr(fits_module, "on_right_branches", lambda found: found)
+    monkeypatch.setattr(fits_module, "cost_for", lambda smaller, evidence: 100.0)
     monkeypatch.setattr(candidates, "distorted", lambda found: False)
     monkeypatch.setattr(Fits, "sufficient", lambda self: False)
     monkeypatch.setattr(Fits, "_needed", lambda self, _: np.inf)
     monkeypatch.setattr(Fits, "found", lambda self: list(self.best_of.values()))
     monkeypatch.setattr(candidates, "_elsewhere", lambda fits, one, names: tried.append(one))
     slow = [[(plane, np.array([-0.3, 0.0, 0.0]))]]
-    fit_candidates(current, [], [], slow, 6.0, most_cost=100.0)  # type: ignore[arg-type]
+    fit_candidates(current, [], [], slow, 6.0, for_noise=True)  # type: ignore[arg-type]
     assert asked == [100.0]
     assert bool(tried) == elsewhere

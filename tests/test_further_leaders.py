@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import candidates, few_frames
+from ropefit.diagnosis import few_frames
+from ropefit.diagnosis import fits as fits_module
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import fit_candidate, gain_of
-from ropefit.diagnosis.candidates import Fits, fit_candidates
+from ropefit.diagnosis.candidates import fit_candidates
+from ropefit.diagnosis.fits import Fits
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.leaders import MOST_LEADERS
@@ -85,7 +87,7 @@ def test_what_explains_noise_of_few_frames_is_not_fitted_to_all(true, kept, monk
         found = fit_candidate(current, *start, **more)
         return found and replace(found, fit=replace(found.fit, stopped=False))
 
-    monkeypatch.setattr(candidates, "fit_candidate", hopeful)
+    monkeypatch.setattr(fits_module, "fit_candidate", hopeful)
     monkeypatch.setattr(few_frames, "FEW_FRAMES", 4)
     fits = Fits(nominal, 6.0)
     fits.add_kinds([[(Hypothesis(PointMass(), NO_PLACE), np.array([0.8 * MASS[0], 0.68]))]])
@@ -108,7 +110,7 @@ def test_what_is_far_behind_on_few_frames_is_not_fitted_to_all(monkeypatch):
         begun.append(current)
         return replace(small, fit=replace(small.fit, stopped=False))
 
-    monkeypatch.setattr(candidates, "fit_candidate", behind)
+    monkeypatch.setattr(fits_module, "fit_candidate", behind)
     monkeypatch.setattr(few_frames, "FEW_FRAMES", 4)
     for lead, whole in ((1000.0, 0), (1.0, 1)):
         fits = Fits(nominal, 6.0)

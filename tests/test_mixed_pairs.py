@@ -11,9 +11,9 @@ import pytest
 from ropefit.diagnosis import explored_pairs, search
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, Accepted
 from ropefit.diagnosis.candidate import cost_for, fit_candidate
-from ropefit.diagnosis.candidates import silent
 from ropefit.diagnosis.explored_pairs import ENOUGH, explored
 from ropefit.diagnosis.few_frames import FAR_BEHIND
+from ropefit.diagnosis.fits import silent
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.mixed_pairs import _best_on_few_frames, two_instead
 from ropefit.diagnosis.rules import RULES

@@ -7,6 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+AT_ONCE = 1 << 20  # bytes
+
 
 class Stored(Protocol):
     """An array that is not in memory."""
@@ -39,10 +41,18 @@ class Pieces:
         return np.concatenate([np.empty(0, np.uint8), *self])
 
     def __iter__(self) -> Iterator[np.ndarray]:
+        few: list[np.ndarray] = []  # that are written at once: each write takes its time
+        size = 0
         for one in self.arrays:
             value = one if isinstance(one, np.ndarray) else one.load()
             if value.size:
-                yield np.ascontiguousarray(value).reshape(-1).view(np.uint8)
+                few.append(np.ascontiguousarray(value).reshape(-1).view(np.uint8))
+                size += value.nbytes
+            if size > AT_ONCE:
+                yield np.concatenate(few)
+                few, size = [], 0
+        if few:
+            yield np.concatenate(few)
 
 
 Results = Mapping[str, Mapping[str, np.ndarray | Stored]]  # {result: {name: array}}

@@ -2,211 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-
-import numpy as np
-
-from ropefit.diagnosis.acceptance import significant
-from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
-from ropefit.diagnosis.beginning import LATE_GAIN, most_promising_first
-from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.calm import distorted
-from ropefit.diagnosis.candidate import Candidate, best_of, cost_for, fit_candidate, gain_of, pace
-from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.diagnosis.few_frames import FAR_BEHIND, on_few_frames
-from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.fits import Fits, Progress, best_first, silent
 from ropefit.diagnosis.leaders import leading
-from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
-from ropefit.diagnosis.quick_fits import alike, quick_ones, unknown_frames
+from ropefit.diagnosis.proposals import Start, proposals_beside
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
-from ropefit.diagnosis.unexplained import explained, unexplained
+from ropefit.diagnosis.unexplained import unexplained
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.objective import OPTIMISM
 
-NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
 MOST_SHOWN = 0.7  # of the χ² in excess of noise, explained in one place of a scan
-EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 MOST_MINIMA = 4  # of one hypothesis, each better than the one before
-
-
-Progress = Callable[[float, str], None]
-
-
-def silent(share: float, text: str) -> None:
-    """Report nothing."""
-
-
-@dataclass
-class Fits:
-    """Candidates on top of one model, the best of each hypothesis."""
-
-    current: Fit
-    threshold: float
-    progress: Progress = silent
-    due: int = 1  # starts that may be fitted
-    best_of: dict[tuple[str, int], Candidate] = field(default_factory=dict)
-    tied: list[Candidate] = field(default_factory=list)  # with the best one of their hypothesis
-    names: tuple[str, ...] | None = None
-    most_cost: float = np.inf  # slow fits without prospect of it are not continued
-    begun: int = 0
-    _moving: dict[int, tuple[Candidate, bool]] = field(default_factory=dict)
-
-    def add(self, choices: list[Start], below: float = np.inf) -> None:
-        """Fit the first start that settles; it is kept if its cost is `below`."""
-        self._report(choices)
-        found = self._first(choices)
-        self._keep(found if found and found.fit.cost < below else None)
-
-    def add_kinds(self, starts: list[list[Start]]) -> None:
-        """Fit kinds of one law, each from where the best of its starts ends after a few evaluations
-        on few frames: those that come near there to what counts, and move all frames in a way that
-        gains. Where one explains all frames, only those that came close to it."""
-        few = on_few_frames(self.current) or self.current
-        explored = best_of([self._explored(few, choices) for choices in starts])
-        best, share = self.best(), self._share(few)
-        highest = max((c.evidence for c in explored), default=0.0)
-        if best and best.plausible():
-            highest = max(highest, share * best.evidence)
-        for candidate in explored:
-            if OPTIMISM * gain_of(candidate) < share * self._least_evidence():
-                continue
-            further = 0.5 * EXPLORING * pace(candidate.fit)  # nats, by as many evaluations again
-            if candidate.evidence + further < highest - FAR_BEHIND:
-                continue
-            close = CLOSE_EVIDENCE * explored[0].evidence
-            if self.sufficient() and candidate.evidence < close:
-                break
-            if not candidate.fit.stopped:
-                start = (candidate.hypothesis, candidate.values())
-                self._keep(self._fitted(start, LATE_GAIN))
-
-    def _explored(self, few: Fit, choices: list[Start]) -> Candidate | None:
-        """Return the first of a kind's starts that settles, fitted for a while to few frames."""
-        self._report(choices)
-        share, evidence = self._share(few), self._least_evidence()
-        fitted = (
-            fit_candidate(
-                few, *start, needed=cost_for(few, share * evidence), evaluations=EXPLORING,
-                least_gain=share * LATE_GAIN,
-            )
-            for start in choices
-        )  # fmt: skip
-        return next((c for c in fitted if c is not None), None)
-
-    def _report(self, choices: list[Start]) -> None:
-        if choices:
-            share = min(self.begun / self.due, 1.0)
-            self.progress(share, f"fit of {choices[0][0].name.replace('_', ' ')}")
-        self.begun += 1
-
-    def _first(self, choices: list[Start]) -> Candidate | None:
-        every = most_promising_first(self.current, choices)
-        fitted = (self._fitted(start) for start in every)
-        return next((c for c in fitted if c is not None), None)
-
-    def _keep(self, candidate: Candidate | None) -> None:
-        if candidate is None:
-            return
-        better = on_right_branches(candidate.fit)
-        if better is not candidate.fit:
-            again = self._fitted((candidate.hypothesis, candidate.values()))
-            candidate = again or candidate
-        better, *others = best_first([*self.of_hypothesis(candidate.hypothesis), candidate])
-        self.best_of[better.hypothesis.key] = better
-        self.tied = [c for c in self.tied if c.hypothesis.key != better.hypothesis.key]
-        self.tied += [c for c in others if better.evidence - c.evidence < TIE_NATS]
-
-    def of_hypothesis(self, hypothesis: Hypothesis) -> list[Candidate]:
-        """Return the best candidate of a hypothesis and those that tie with it, best first."""
-        best = self.best_of.get(hypothesis.key)
-        return [best, *(c for c in self.tied if c.hypothesis.key == hypothesis.key)] if best else []
-
-    def found(self) -> list[Candidate]:
-        """Return the best candidate of each hypothesis, best first; of a tie the best of a
-        significant size. (A stretch that weighs less ties with the rest of the rope weighing more,
-        and where it ends is open.)"""
-        tied = [self.of_hypothesis(best.hypothesis) for best in self.best_of.values()]
-        return best_first([next(filter(significant, every), every[0]) for every in tied])
-
-    def _fitted(self, start: Start, least_gain: float = 0.0) -> Candidate | None:
-        best = self.best()
-        lowest = min(best.fit.cost if best else np.inf, self.most_cost)
-        needed = self._needed(start[0])
-        return fit_candidate(self.current, *start, lowest, needed, least_gain=least_gain)
-
-    def _needed(self, hypothesis: Hypothesis) -> float:
-        """Return the cost at which a candidate begins to count: it may be accepted, or is close to
-        the best, and better than what is known of the same hypothesis."""
-        known = self.best_of.get(hypothesis.key)
-        cost = cost_for(self.current, self._least_evidence())
-        return cost if known is None else min(cost, known.fit.cost + 2 * TIE_NATS)
-
-    def _least_evidence(self) -> float:
-        """Return the evidence [nats] from which a candidate counts."""
-        best = self.best()
-        return least_evidence(self.threshold, best.evidence if best else 0.0)
-
-    def _share(self, few: Fit) -> float:
-        """Return the share of the data that a fit to few frames has."""
-        return len(few.z) / len(self.current.z)
-
-    def best(self) -> Candidate | None:
-        return max(self.best_of.values(), key=lambda c: c.evidence, default=None)
-
-    def explained_by(self, candidate: Candidate) -> bool:
-        """Return whether a candidate leaves next to nothing."""
-        return explained(self.current, candidate.fit)
-
-    def sufficient(self) -> bool:
-        """Return whether no slow fit is needed: a candidate within reach of the best explains all
-        frames alike, or is an error of the set-up that explains nearly all; contact is then fitted
-        beside it."""
-        best = self.best()
-        return best is not None and any(
-            self._suffices(one)
-            for one in self.best_of.values()
-            if best.evidence - one.evidence < TIE_NATS
-        )
-
-    def _suffices(self, candidate: Candidate) -> bool:
-        measurement = candidate.hypothesis.effect.kind == "measurement"
-        left, was = unexplained(candidate.fit), unexplained(self.current)
-        if measurement and left <= NEARLY_NOTHING * was:
-            return True
-        if self.explained_by(candidate) and not uneven(candidate.fit):
-            return True
-        return candidate.evidence > self.threshold and self._suffices_in_motion(candidate)
-
-    def _suffices_in_motion(self, candidate: Candidate) -> bool:
-        """Return whether the rope moves, and a candidate with what every rope in motion has, as
-        inertia, explains all frames alike."""
-        if candidate.fit.point.setup.motion is None:
-            return False
-        known = self._moving.get(id(candidate))
-        if known is None or known[0] is not candidate:
-            quick = quick_ones(candidate.fit, self.threshold, self.names)
-            last = quick[-1].fit if quick else candidate.fit
-            enough = explained(self.current, last) and alike(last, unknown_frames(candidate))
-            self._moving[id(candidate)] = known = (candidate, enough)
-        return known[1]
 
 
 def fit_candidates(
     current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
     threshold: float, names: tuple[str, ...] | None = None, progress: Progress = silent,
-    most_cost: float = np.inf,
+    for_noise: bool = False,
 ) -> list[Candidate]:  # fmt: skip
     """Fit the leaders of a scan and what effects propose, on top of a model; best first.
 
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
-    effects that may be proposed; None: all. most_cost: of a fit that makes a difference; slow fits
-    without prospect of it are not continued, nor begun elsewhere.
+    effects that may be proposed; None: all. for_noise: the fits are made for the noise, for which
+    the best place of each is enough.
     """
     leaders, further = leading(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
-    fits = Fits(current, threshold, progress, due, names=names, most_cost=most_cost)
+    fits = Fits(current, threshold, progress, due, names=names, for_noise=for_noise)
     for choices in quick:
         fits.add(choices)
     if fits.sufficient() and distorted(current):  # what a scan about it says is of no use
@@ -237,7 +60,8 @@ def fit_candidates(
     if not fits.sufficient():
         late = [choices for choices in slow if choices[0][0].effect.late]
         for choices in slow:
-            if not choices[0][0].effect.late:
+            # Bodies that do what another one does are proposed beside that.
+            if not (choices[0][0].effect.late or fits.enough()):
                 fits.add(choices)
         for name in dict.fromkeys(choices[0][0].name for choices in late):
             first = fits.best()
@@ -247,13 +71,14 @@ def fit_candidates(
     for choices in [] if fits.sufficient() else last:
         fits.add(choices)
     first = fits.best()
-    if first and first.evidence > threshold:
+    if first and first.evidence > threshold and not (for_noise and fits.enough()):
         for choices in _beside(first, names):
             if choices[0][0].key != first.hypothesis.key:
                 fits.add(choices)
     for one in fits.found():
         # Others have no further starts: what they leave costs time.
-        if one.hypothesis.effect.slow and one.fit.cost < most_cost:
+        with_others = one.hypothesis.effect.slow and one.fit.cost < fits.most_cost()
+        if with_others and not fits.far_behind(one):
             _elsewhere(fits, one, names)
     return fits.found()
 
@@ -279,11 +104,6 @@ def _elsewhere(fits: Fits, one: Candidate, names: tuple[str, ...] | None) -> Non
 def _beside(one: Candidate, names: tuple[str, ...] | None) -> list[list[Start]]:
     """Return starts of what may fit as well as a candidate does."""
     return proposals_beside(one.hypothesis.effect, one.values(), one.fit, names)
-
-
-def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return candidates by their evidence, highest first."""
-    return sorted(candidates, key=lambda c: -c.evidence)
 
 
 def started_from(known: list[Candidate], starts: list[list[Start]]) -> list[list[Start]]:

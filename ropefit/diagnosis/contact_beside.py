@@ -7,7 +7,7 @@ them may stand for one and a table that is touched in a few frames.
 from __future__ import annotations
 
 from ropefit.diagnosis.acceptance import refusal
-from ropefit.diagnosis.candidates import Fits
+from ropefit.diagnosis.fits import Fits
 from ropefit.diagnosis.proposals import proposals
 from ropefit.inference.least_squares import Fit
 

@@ -107,7 +107,7 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
         (late if choices[0][0].effect.late else slow).append(choices)
     candidates = fit_candidates(
         nominal, hidden, quick_starts, slow, least, rules.effects,
-        most_cost=cost_for(nominal, least),
+        for_noise=True,
     )  # fmt: skip
     candidates = [c for c in candidates if c.evidence > least]
     if nominal is at_rest and rules.most_effects > 1:

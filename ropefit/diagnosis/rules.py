@@ -9,7 +9,8 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.candidates import MOST_SHOWN, Progress, fit_candidates, silent
+from ropefit.diagnosis.candidates import MOST_SHOWN, fit_candidates
+from ropefit.diagnosis.fits import Progress, silent
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit, attempted

@@ -16,17 +16,14 @@ from ropefit.diagnosis.alternatives import Alternative, alternatives
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of, compared_if_comparable
-from ropefit.diagnosis.candidates import (
-    Progress,
-    completed,
-    started_from,
-)
+from ropefit.diagnosis.candidates import completed, started_from
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.contact_anew import contact_anew
 from ropefit.diagnosis.contact_beside import by_contact
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.first_noise import prepared
+from ropefit.diagnosis.fits import Progress
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import made_possible
 from ropefit.diagnosis.last_fit import last_fit

@@ -116,6 +116,7 @@ def transport(
         e3 = xp.zeros_like(tangents[..., 0, :])
         e3[..., 2] = 1.0
         first = smallest_rotation(e3, tangents[..., 0, :])
+    assert first is not None
     turns = smallest_rotation(tangents[..., :-1, :], tangents[..., 1:, :])
     frames = xp.concat([first[..., None, :], turns], axis=-2)
     reach = 1  # of a product: how many turns before its own are in it
