@@ -11,6 +11,7 @@ from ropefit.diagnosis import candidates, first_noise
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.companions import Companions, accepted_companions, companions
+from ropefit.diagnosis.fits import Fits
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.limits import Limits
 from ropefit.diagnosis.proposals import proposals

@@ -1,12 +1,14 @@
 """A solver that stops early is told from a rope that stretches, by the shapes that it leaves."""
 
 import numpy as np
+import pytest
 import torch
 
 from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.search import search
 from ropefit.effects import AxialExtensibility, UnderConverged
 from ropefit.models.equilibrium import Equilibrium
+from ropefit.rod.setup import Setup
 from ropefit.rod.strains import straight_rest
 from ropefit.solvers.equilibrium.start import frames_along, hanging_shape
 from ropefit.solvers.xpbd.chain import Chain
@@ -58,6 +60,32 @@ def test_what_is_kept_is_of_the_same_rope_and_the_same_iterations():
     ]
     assert all(np.abs(other - first).max() > 1e-4 for other in others)
     assert np.array_equal(drift(setup, values * np.array([3.0, 1.0, 1.0])), first)
+
+
+@pytest.mark.parametrize("moved", ["end", "length", "gravity"])
+@pytest.mark.parametrize(("amount", "error"), [(1.0, 1e-3), (0.1, 0.05), (0.01, 0.005)])
+def test_a_step_of_a_difference_changes_what_is_seen_as_the_iterations_would(moved, amount, error):
+    """What a small amount of them hardly changes moves with the catenary."""
+
+    def at(step: float) -> Setup:
+        setup = rope(76)
+        if moved == "end":
+            ends = setup.ends.copy()
+            ends[:, 1] += step * np.array([1.0, 0.0, 0.5])
+            return setup._replace(ends=ends)
+        if moved == "length":
+            longer = setup.properties.length * (1 + step)
+            return setup._replace(properties=setup.properties._replace(length=longer))
+        return setup._replace(gravity=setup.gravity + step * np.array([0.0, 9.81, 0.0]))
+
+    def seen(step: float) -> np.ndarray:
+        setup = UnderConverged().apply(at(step), np.array([amount, 0.005, 0.8]))
+        return Equilibrium(setup, []).at(np.empty(0)).seen
+
+    here = seen(0.0)
+    found = (seen(1e-5) - here) / 1e-5
+    wanted = (seen(5e-4) - here) / 5e-4  # too far to be a step
+    assert np.abs(found - wanted).max() < error * np.abs(wanted).max() + 2e-3 * np.abs(wanted).max()
 
 
 def test_a_solver_that_stopped_early_is_named():

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from collections import deque
+from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +19,10 @@ from ropefit.solvers.xpbd.loops import constants, run
 from ropefit.solvers.xpbd.settings import Settings
 
 NODES = 20  # of the chain that represents the solver's own
-MOST_KEPT = 4  # results in the cache
-_latest: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+MOST_KEPT = 4  # of the latest results
+NEAR = 5e-5  # of the largest of an array: by so little differ set-ups whose difference is taken
+# Amount up to which it is enough that the iterations move with the catenary, within a third.
+LARGE = 0.1
 
 
 class UnderConverged(Effect):
@@ -49,7 +53,7 @@ class UnderConverged(Effect):
 
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         amount, drop, reach = values
-        still, fallen = _cached(setup, float(drop), float(reach))
+        still, fallen = _stopped_shapes(setup, float(drop), float(reach), amount > LARGE)
         sensor = setup.sensor._replace(
             lag=setup.sensor.lag + amount, toward=still, drift=setup.sensor.drift + fallen - still
         )
@@ -72,25 +76,60 @@ def iterations(reach: float) -> float:
     return (reach * (NODES - 1)) ** 2
 
 
-def _cached(setup: Setup, drop: float, reach: float) -> tuple[np.ndarray, np.ndarray]:
+class _Known(NamedTuple):
+    """What the iterations were run from: of which drop [m] and reach, clamped ends, and arrays that
+    the catenary is made of; the catenary, and the nodes without the drop and with it (F, N + 1, 3)
+    [m]."""
+
+    drop: float
+    reach: float
+    clamped: tuple[bool, bool]
+    arrays: tuple[np.ndarray, ...]
+    hanging: np.ndarray
+    still: np.ndarray
+    fallen: np.ndarray
+
+    def near(self, other: _Known) -> bool:
+        """Return whether another one differs by no more than a step of a difference."""
+        return self[:3] == other[:3] and all(
+            a.shape == b.shape and np.allclose(a, b, 0.0, NEAR * _largest(a), equal_nan=True)
+            for a, b in zip(self.arrays, other.arrays, strict=True)
+        )
+
+
+_latest: deque[_Known] = deque(maxlen=MOST_KEPT)
+
+
+def _stopped_shapes(
+    setup: Setup, drop: float, reach: float, exact: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (F, N + 1, 3) [m] where the iterations leave the nodes, without the drop and with it.
 
-    Most of what a fit varies makes no difference here: the latest results are cached.
+    Most of what a fit varies makes no difference here: the latest results are kept. Unless it is to
+    be exact, they move with the catenary where the set-up differs by a step of a difference.
     """
     rod = setup._replace(potentials=()).rod()
     held = Conditions(setup.ends, setup.clamp)
     # Neither the catenary nor the iterations know a bending stiffness.
     arrays = (rod.length, rod.flexibility, rod.load, held.ends, held.clamp, setup.gravity)
-    key = (drop, reach, setup.clamped, *(a.tobytes() for a in arrays))
-    result = _latest.pop(key, None)
-    if result is None:
-        start = _sampled(solve(rod, held, limit=0, continuation=False).x)
-        both = _stopped(setup, start, drop, iterations(reach))
-        result = (_along(both[0], setup.segments), _along(both[1], setup.segments))
-        while len(_latest) >= MOST_KEPT:
-            _latest.pop(next(iter(_latest)), None)
-    _latest[key] = result  # the last one asked for is the last one forgotten
-    return result
+    none = np.empty(0)
+    now = _Known(drop, reach, setup.clamped, arrays, none, none, none)
+    known = next((one for one in _latest if one.near(now)), None)
+    same = partial(np.array_equal, equal_nan=True)
+    if known is not None and all(map(same, known.arrays, arrays)):
+        return known.still, known.fallen
+    start = _sampled(solve(rod, held, limit=0, continuation=False).x)
+    hanging = _along(start, setup.segments)
+    if known is not None and not exact:
+        moved = hanging - known.hanging
+        return known.still + moved, known.fallen + moved
+    both = (_along(x, setup.segments) for x in _stopped(setup, start, drop, iterations(reach)))
+    _latest.appendleft(_Known(drop, reach, setup.clamped, arrays, hanging, *both))
+    return _latest[0].still, _latest[0].fallen
+
+
+def _largest(array: np.ndarray) -> float:
+    return float(np.nanmax(np.abs(array), initial=0.0))
 
 
 def _sampled(x: np.ndarray) -> np.ndarray:
