@@ -85,7 +85,7 @@ def test_a_step_of_a_difference_changes_what_is_seen_as_the_iterations_would(mov
     here = seen(0.0)
     found = (seen(1e-5) - here) / 1e-5
     wanted = (seen(5e-4) - here) / 5e-4  # too far to be a step
-    assert np.abs(found - wanted).max() < error * np.abs(wanted).max() + 2e-3 * np.abs(wanted).max()
+    assert np.abs(found - wanted).max() < (error + 2e-3) * np.abs(wanted).max()
 
 
 def test_a_solver_that_stopped_early_is_named():
