@@ -53,7 +53,7 @@ class Tether(Effect):
             rows = np.broadcast_to(stiffness * np.eye(3), (*x.shape, 3))
             return stiffness * (x - middle) - pull, rows
 
-        spring = Potential(energy, share, derivatives=derivatives)
+        spring = Potential(energy, share, derivatives=derivatives, quadratic=True)
         return setup._replace(potentials=(*setup.potentials, spring))
 
     def unit_loads(self, setup: Setup, x: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ class Potential(NamedTuple):
     coefficient of friction, which acts on some nodes for all, by their shares `rubbing`. cornered:
     its slope has corners that steps towards its lowest place may leap over. derivatives(x): slope
     (..., 3) and curvature (..., 3, 3) of the energy in closed form; None: by central differences.
-    slope(x): the first of them, where it costs less alone.
+    slope(x): the first of them, where it costs less alone. quadratic: there is no more to it.
     """
 
     energy: Callable[[np.ndarray], np.ndarray]
@@ -29,6 +29,7 @@ class Potential(NamedTuple):
     cornered: bool = False
     derivatives: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
     slope: Callable[[np.ndarray], np.ndarray] | None = None
+    quadratic: bool = False
 
 
 def slope_of(p: Potential, x: np.ndarray) -> np.ndarray:

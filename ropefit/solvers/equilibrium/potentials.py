@@ -96,6 +96,11 @@ def solve_with_potentials(
     length = float(rod.length.sum(-1).max())
     if deepest < np.inf and _depth(potentials, start.x) > deepest * length:
         return unsettled(rod, conditions, start)
+    if all(p.quadratic for p in potentials):  # supports that stand for them do so anywhere
+        bold = np.ones(len(start.x), dtype=bool)
+        near = _replaced(rod, conditions, potentials, start.x, start, bold)
+        if near.converged.all():
+            return _replaced(rod, conditions, potentials, near.x, near, bold)
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
     found = _settle(rod, conditions, potentials, start, STILL * length)
     late = np.flatnonzero(~found.converged)
