@@ -29,10 +29,15 @@ from ropefit.diagnosis.pairs import Pair
 from ropefit.diagnosis.proposals import Start, misfit_of
 from ropefit.diagnosis.unexplained import explained, unexplained
 from ropefit.effects.base import MAY_LEAVE
+from ropefit.effects.misfit import Misfit
 from ropefit.inference.known import settled
 from ropefit.inference.least_squares import Fit, attempted
+from ropefit.rod.potential import Potential
 
 EVALUATIONS = 20  # of a fit of the model without either
+# Of the frames, in which the data lie on a body, by so many sd of the noise: where they do in few,
+# the body is found alone, and what it makes possible beside it.
+LEAST_LYING, NOISE_SD = 0.25, 2.0
 
 
 class Companions(NamedTuple):
@@ -77,9 +82,18 @@ def _pairs(
     setup, misfit = origin.point.setup, misfit_of(origin)
     for hypothesis, values in (choices[0] for choices in proposed):
         changed = setup.after(lambda s, h=hypothesis, at=values: h.effect.apply(s, at))
+        if _lying(misfit, changed.potentials[len(setup.potentials) :]) < LEAST_LYING:
+            continue
         for effect in made_possible(changed, setup, names):
             for others in effect.starts(replace(misfit, setup=changed)):
                 yield [(hypothesis, values), (Hypothesis(effect, NO_PLACE), others[0])]
+
+
+def _lying(misfit: Misfit, bodies: tuple[Potential, ...]) -> float:
+    """Return the share of the frames whose data lie on one of some bodies, by their noise."""
+    data = misfit.places + misfit.moves - NOISE_SD * np.sqrt(misfit.variance) * misfit.setup.up
+    lies = [p.energy(data) > 0 for p in bodies]
+    return len(np.unique(misfit.frame[np.any(lies, axis=0)])) / len(misfit.nodes) if lies else 1.0
 
 
 def _with_known_beginning(current: Fit, starts: list[Start]) -> Fit | None:

@@ -23,6 +23,7 @@ EVALUATIONS_WITH_FRICTION = 6  # nodes stick and slip: more lead nowhere
 OPEN = 0.5  # of the prior's variance: left open by the data
 SHARES = (1.0, 0.5)  # of the way to the least sizes, until a fit there is as good
 LEAST_MOVE = 0.05  # usual sizes
+SHORTER = 0.7  # times the step before: else it leads nowhere
 NO_WORSE = 3.0  # of the cost: what is open costs nothing, but each fit matches the data anew
 
 
@@ -50,10 +51,13 @@ def stays(before: Fit, after: Fit) -> bool:
 
 
 def _with_least_sizes(found: Fit) -> Fit:
+    before = np.inf
     for _ in range(ROUNDS):
         step = _to_least_sizes(found)
-        if step is None:
+        size = 0.0 if step is None else float(np.linalg.norm(step))
+        if step is None or size > SHORTER * before:  # each fit goes back to where it was
             break
+        before = size
         fits = (_refitted(found, share * step) for share in SHARES)
         moved = next((f for f in fits if f is not None and f.cost < found.cost + NO_WORSE), None)
         if moved is None:

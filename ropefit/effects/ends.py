@@ -18,8 +18,9 @@ def end_next_to(share: float) -> int | None:
 
 def one_end(end: int, value: np.ndarray) -> np.ndarray:
     """Return (2, ...) with value (...) at one end and zero at the other."""
-    zero = np.zeros_like(value)
-    return np.stack([value, zero] if end == 0 else [zero, value])
+    out = np.zeros((2, *np.shape(value)))
+    out[end] = value
+    return out
 
 
 def turned_clamp(setup: Setup, end: int, turn: np.ndarray) -> Setup:

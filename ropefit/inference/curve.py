@@ -39,10 +39,11 @@ def _padded(x: np.ndarray) -> np.ndarray:
 def refined(x: np.ndarray) -> np.ndarray:
     """Return (F, FINE (K-1) + 1, 3) points of the cubic through the nodes."""
     wide, n = _padded(x), x.shape[1] - 1
-    t = np.arange(FINE) / FINE
-    quads = np.stack([wide[:, k : k + n] for k in range(4)], axis=2)  # (F, n, 4, 3)
-    fine = np.einsum("tk,fnka->fnta", _weights(t), quads).reshape(len(x), -1, 3)
-    return np.concatenate([fine, x[:, -1:]], axis=1)
+    fine = np.empty((len(x), FINE * n + 1, 3))
+    for t, weight in enumerate(_weights(np.arange(FINE) / FINE)):
+        fine[:, t:-1:FINE] = sum(w * wide[:, k : k + n] for k, w in enumerate(weight))
+    fine[:, -1] = x[:, -1]
+    return fine
 
 
 def on_curve(x, frame, share):
