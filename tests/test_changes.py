@@ -18,6 +18,7 @@ from ropefit.effects.mass_section import MassSection
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
+from ropefit.models.response import DIFFERENCE_STEP
 from ropefit.models.watched import differing, done, followed, made_again
 from ropefit.rod.setup import Setup
 from tests.concealed import rope
@@ -54,10 +55,28 @@ def test_a_change_is_that_of_the_whole_setup(remembers: bool):
     forward = Equilibrium(setup, terms)
     rng = np.random.default_rng(1)
     u = 0.1 * rng.normal(size=forward.size)
+    errors = np.repeat([term.nuisance for term in terms], [term.size for term in terms])
     for k, change in enumerate(forward.changes(u)):
         moved = u.copy()
-        moved[k] += STEP
+        if errors[k]:  # differenced to one side
+            assert_alike(change(-DIFFERENCE_STEP), forward.setup_at(u))
+            moved[k] += DIFFERENCE_STEP + STEP
+        else:
+            moved[k] += STEP
         assert_alike(change(STEP), forward.setup_at(moved))
+
+
+def test_errors_of_the_set_up_differenced_to_one_side_have_seven_digits():
+    setup = rope(20)
+    forward = Equilibrium(setup, calibration(setup, Priors(), False))
+    u = np.zeros(forward.size)  # errors of the camera that are not small add to the second order
+    point = forward.at(u)
+    found, step = forward.jacobian(point), 3e-3
+    for k in range(forward.size):
+        one = step * np.eye(forward.size)[k]
+        sides = {n: forward.at(u + n * one, point.solution.states).seen for n in (-2, -1, 1, 2)}
+        wanted = (8 * (sides[1] - sides[-1]) - sides[2] + sides[-2]) / (12 * step)
+        assert np.abs(found[k] - wanted).max() < 1e-7 * np.abs(wanted).max()
 
 
 def test_changes_are_made_again_only_as_far_as_they_depend_on_what_moved():

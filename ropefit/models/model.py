@@ -139,11 +139,12 @@ class Model(ABC):
         base, made = self._made(self.base, parts)
         if made and made[-1].after.remembers:
             base, made = self._made(self.base.whole()[0], parts)
-        # What takes long to apply is known at u: differences are taken to one side of it.
+        # Differences to one side, where u itself is known, of errors of the set-up, which are small
+        # and next to linear, and of all beside what takes long to apply.
         costly = any(term.effect is not None and term.effect.costly for term in self.terms)
-        middle = DIFFERENCE_STEP if costly else 0.0
+        middle = [DIFFERENCE_STEP if costly or term.nuisance else 0.0 for term in self.terms]
         return [
-            partial(self._change, base, made, parts, number, k, middle)
+            partial(self._change, base, made, parts, number, k, middle[number])
             for number, term in enumerate(self.terms)
             for k in range(term.size)
         ]
@@ -164,6 +165,8 @@ class Model(ABC):
     ) -> Setup:  # fmt: skip
         """Return the setup where one term's k-th value has moved by a step from the middle; made:
         by all terms."""
+        if middle + step == 0.0:
+            return made[-1].after
         term = self.terms[number]
         before = made[number - 1].after if number else base
         setup = term.apply(before, value_at(term, parts[number], k, middle + step))

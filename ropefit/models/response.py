@@ -22,7 +22,9 @@ from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import Nodes, acted_on, force_of
 from ropefit.solvers.equilibrium.solution import Solution, States
 
-Change = Callable[[float], Setup]  # the setup where one value has moved by so many of its scales
+# The setup where one value has moved by so many of its scales from where its difference is taken:
+# about the point itself, or about a step beside it.
+Change = Callable[[float], Setup]
 # Indices (f,) of frames, and changes (P, f, K, 3) of the nodes there.
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
 DIFFERENCE_STEP = 1e-5
