@@ -22,6 +22,7 @@ from ropefit.diagnosis.candidate import (
     best_of,
     comparable,
     compared,
+    cost_for,
     fit_candidate,
     occam_factor,
 )
@@ -202,10 +203,12 @@ def fitted_pair(
     if begun is None:
         return None
     model, terms = begun.forward, begun.terms
-    both = attempted(model, current.problem, begun.values, EVALUATIONS, tolerance=1e-5)
-    if both is None or not comparable(both, current):
+    left = may_leave * max(unexplained(current), 0.0)
+    needed = min(len(current.z) + left, cost_for(current, max(least, 0.0)))
+    both = attempted(model, current.problem, begun.values, EVALUATIONS, 1e-5, needed)
+    if both is None or both.stopped or not comparable(both, current):
         return None
-    much = unexplained(both) > may_leave * max(unexplained(current), 0.0)
+    much = unexplained(both) > left
     if much or together(current, both) <= least:
         return None
     own, out = current.forward.terms, []
