@@ -17,6 +17,7 @@ from ropefit.effects import (
     DistributedLoad,
     GravityMisalignment,
     MassSection,
+    Obstacle,
     PointMass,
     SoftSection,
     StiffSection,
@@ -169,3 +170,32 @@ def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsew
     fit_candidates(current, [], [], slow, 6.0, for_noise=True)  # type: ignore[arg-type]
     assert asked == [100.0]
     assert bool(tried) == elsewhere
+
+
+@pytest.mark.parametrize(
+    ("best", "left", "for_noise", "enough"),
+    [
+        (SupportPlane(), 1.0, False, True),
+        (SupportPlane(), 1.5, False, False),  # a plane that leaves more than noise
+        (SupportPlane(), 1.5, True, True),  # but next to nothing of what was there
+        (PointMass(), 1.0, False, False),  # no body: a plane may explain as much
+    ],
+)
+def test_one_body_that_explains_all_is_enough(best, left, for_noise, enough, monkeypatch):
+    """Then a body that explains much less is not begun elsewhere."""
+    monkeypatch.setattr(fits_module, "uneven", lambda fitted: False)
+
+    def one(effect, variance, evidence):
+        fitted = SimpleNamespace(z=np.full(1000, variance**0.5))
+        return SimpleNamespace(
+            hypothesis=Hypothesis(effect, NO_PLACE), fit=fitted, evidence=evidence
+        )
+
+    current = SimpleNamespace(z=np.full(1000, 30.0))
+    fits = Fits(current, 6.0, for_noise=for_noise)  # type: ignore[arg-type]
+    assert not fits.enough()
+    bars = [one(Obstacle(), 500.0, evidence) for evidence in (900.0, 400.0)]
+    for candidate in one(best, left, 1000.0), bars[0]:
+        fits.best_of[candidate.hypothesis.key] = candidate  # type: ignore[assignment]
+    assert fits.enough() == enough
+    assert [fits.far_behind(bar) for bar in bars] == [False, enough]  # type: ignore[arg-type]

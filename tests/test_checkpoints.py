@@ -13,7 +13,7 @@ import pytest
 from ropefit.adapters.control_settings import ControlSettings
 from ropefit.adapters.settings import DiagnoseSettings, PreprocessSettings
 from ropefit.api.pipeline import CONTROL, DIAGNOSE, IDENTIFY, PREPROCESS
-from ropefit.artifacts import Checkpoint, content_sha256, read, store, write
+from ropefit.artifacts import Checkpoint, content_sha256, packing, read, store, write
 from ropefit.artifacts.packing import packed, unpacked
 from ropefit.diagnosis.rules import Rules
 from ropefit.errors import StageFailed
@@ -234,3 +234,12 @@ def test_a_search_of_the_first_version_is_one_result() -> None:
         for name in ("u", "loss", "gradient", "inverse", "status", "calm", "trace"):
             np.testing.assert_array_equal(found[name], file[name][()])
         assert found["evaluations"] == int(file["evaluations"].asstr()[()])
+
+
+def test_arrays_are_written_in_blocks_that_hold_the_same_bytes(monkeypatch):
+    monkeypatch.setattr(packing, "AT_ONCE", 100)
+    arrays = [np.arange(n, dtype=np.float64) for n in (3, 0, 5, 40, 1, 1)]
+    _, data = packed({"fit": {str(k): a for k, a in enumerate(arrays)}})
+    blocks = list(data)
+    assert [len(block) for block in blocks] == [384, 16]
+    assert b"".join(map(bytes, blocks)) == b"".join(a.tobytes() for a in arrays)

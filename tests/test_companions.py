@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ropefit.diagnosis import candidates, first_noise
+from ropefit.diagnosis import companions as companions_module
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.companions import Companions, accepted_companions, companions
@@ -89,6 +90,17 @@ def test_noise_is_measured_beside_both(nominal: Fit, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(first_noise, "companions", lambda *_: None)
     alone = first_noise.first_noise(nominal, rules)
     assert found.noise.correlated < 0.5 * alone.noise.correlated
+
+
+@pytest.mark.parametrize(("height", "tried"), [(0.0, True), (-0.15, False)])
+def test_friction_is_tried_at_once_only_with_a_body_that_data_lie_on(
+    nominal: Fit, height: float, tried: bool
+):
+    """A plane under all data, as a rope that sags too deep has it proposed, is none."""
+    ((hypothesis, start),), *_ = proposals(nominal, slow=True, names=NAMES)
+    lower = start + height * np.array([1.0, 0.0, 0.0])
+    found = list(companions_module._pairs(nominal, [[(hypothesis, lower)]], NAMES))
+    assert bool(found) == tried
 
 
 def test_where_a_smooth_plane_explains_all_nothing_else_is_tried(monkeypatch: pytest.MonkeyPatch):

@@ -26,6 +26,7 @@ from ropefit.rod.potential import slope_of
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium.branches import overwound, wound
 from ropefit.solvers.equilibrium.conditions import Conditions
+from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import (
     acted_on,
     force_and_stiffness,
@@ -199,6 +200,22 @@ def test_derivatives_that_a_potential_tells_are_those_of_its_energy(effect, valu
     # Without closed forms these are what counts.
     bare = force_and_stiffness((p._replace(derivatives=None),), x)
     np.testing.assert_allclose(bare[1], stiffness, rtol=1e-7, atol=1e-7)
+
+
+def test_a_quadratic_potential_is_replaced_at_once_with_the_same_answer():
+    """And the same derivatives, which follow from the supports of the solution."""
+    setup = Tether().apply(pinned(), np.array([0.7, 0.02, -0.03, 0.05, 0.403]))
+    (p,) = setup.potentials
+    rod, held = setup.rod(), Conditions(setup.ends, setup.clamp)
+    at_once = solve_with_potentials(rod, held, (p,))
+    step_by_step = solve_with_potentials(rod, held, (p._replace(quadratic=False),))
+    assert at_once.converged.all()
+    assert step_by_step.converged.all()
+    np.testing.assert_allclose(at_once.x, step_by_step.x, rtol=0, atol=1e-8)
+    pull = np.zeros((len(setup.ends), 1, *at_once.x.shape[1:]))
+    pull[:, 0, 20, 2] = 1.0
+    one, other = (tangent(s, Directions(load=pull))[0] for s in (at_once, step_by_step))
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-6 * np.abs(one).max())
 
 
 TILT = st.floats(-0.1, 0.1)

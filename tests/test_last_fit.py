@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ropefit.adapters.diagnosis_content import holding_both, sizes_of
+from ropefit.diagnosis import last_fit as last_fit_module
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.alternatives import alternatives
 from ropefit.diagnosis.beginning import settled_start
@@ -130,3 +131,15 @@ def test_a_weight_in_wrong_units_is_no_better_known_than_the_rigidity():
     assert found.misses
     assert sd > 0.2 * (1 + excess)
     assert abs(excess - 7.0) < found.quantile * sd
+
+
+def test_a_fit_that_goes_back_to_where_it_was_is_not_moved_again(loaded, monkeypatch):
+    _, fitted = loaded
+    refits = []
+    step = 0.1 * np.ones_like(fitted.point.u)
+    monkeypatch.setattr(last_fit_module, "_to_least_sizes", lambda found: step)
+    monkeypatch.setattr(
+        last_fit_module, "_refitted", lambda found, step: refits.append(step) or found
+    )
+    assert last_fit_module._with_least_sizes(fitted) is fitted
+    assert len(refits) == 1

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import explored_pairs, search
+from ropefit.diagnosis import explored_pairs, mixed_pairs, search
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, Accepted
 from ropefit.diagnosis.candidate import cost_for, fit_candidate
 from ropefit.diagnosis.explored_pairs import ENOUGH, explored
@@ -68,7 +68,7 @@ def test_what_stands_for_another_gives_way_beside_what_is_right(both):
     what is there."""
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
-    best, *_ = _best_on_few_frames(both, [(0.0, weight, wrong)], NAMES)
+    best, *_ = _best_on_few_frames(both, [(0.0, weight, wrong)], NAMES, 0.0)
     places = {hypothesis.name: values[-2:] for hypothesis, values in best}
     assert set(places) & {"point_mass", "tether"}  # a tether may pull as a weight does
     assert places["stiff_section"] == pytest.approx(STIFF[1:], abs=0.05)
@@ -134,6 +134,10 @@ def test_a_pair_must_come_near_to_those_that_go_on(both, monkeypatch):
     assert best.starts[1][0].name == "stiff_section"
     assert needed == [np.inf, pytest.approx(best.fit.cost + 2 * FAR_BEHIND)]
     needed.clear()
+    explored(both, pairs, defaultdict(list), 1)  # the best leaves noise
+    assert needed[1] < np.inf
+    needed.clear()
+    monkeypatch.setattr(explored_pairs, "leaves_something", lambda *_: True)
     explored(both, pairs, defaultdict(list), 1)  # both go on
     assert needed == [np.inf, np.inf]
 
@@ -150,3 +154,20 @@ def test_what_explains_as_much_as_the_best_is_not_stopped(both):
     assert little > cost_for(both, 0.5 * (both.cost - little))
     clean = fitted(recorded(rope(288), seed=108))
     assert cost_for(clean, 5.0) == pytest.approx(clean.cost - 10.0, rel=1e-3)
+
+
+def test_without_prospect_of_what_counts_no_pair_goes_on(both, monkeypatch):
+    """Nor is anything looked for beside one of two that explain too little."""
+    weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
+    wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
+    stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
+    beside = []
+    monkeypatch.setattr(mixed_pairs, "_with_another", lambda pair, *_: beside.append(pair) or [])
+    pairs = [(1.0, weight, wrong)]
+    assert _best_on_few_frames(both, pairs, NAMES, 10.0)
+    assert beside
+    beside.clear()
+    (right,) = explored(both, [(0.0, weight, stiff)], defaultdict(list), 0)
+    assert not _best_on_few_frames(both, pairs, NAMES, right.evidence)
+    assert not beside
+    assert _best_on_few_frames(both, [(0.0, weight, stiff)], NAMES, 0.9 * right.evidence)

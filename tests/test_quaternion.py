@@ -94,6 +94,15 @@ def test_transport_around_a_plane_circle_has_no_twist(turns):
     assert np.abs(relative[:, 3]).max() < 1e-12  # no rotation about the tangent
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 21])
+def test_transport_turns_each_frame_by_the_smallest_rotation(count):
+    tangents = normalise(np.random.default_rng(count).normal(size=(4, count, 3)))
+    q = transport(tangents)
+    for i in range(1, count):
+        turn = smallest_rotation(tangents[:, i - 1], tangents[:, i])
+        np.testing.assert_allclose(q[:, i], multiply(turn, q[:, i - 1]), rtol=0, atol=1e-14)
+
+
 def test_tensors_give_what_arrays_do():
     rng = np.random.default_rng(0)
     v, w = rng.normal(size=(2, 7, 3))

@@ -10,9 +10,11 @@ from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.few_frames import FAR_BEHIND
 from ropefit.diagnosis.pairs import together
 from ropefit.diagnosis.proposals import Start
+from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.inference.least_squares import Fit, attempted
 
 EVALUATIONS = 10  # of such a fit
+LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 ALIKE, ENOUGH = 1.0, 2  # of χ², within which fits of one pair are the same; so many are enough
 MOST_FITTED = 3  # pairs fitted to all, and the best one from where else it may be
 APART = 0.1  # of the length: places so far from each other are other minima
@@ -42,7 +44,7 @@ class Explored:
 
 def explored(
     few: Fit, pairs: list[ScannedPair], ended: dict[Kinds, list[Explored]], rank: int,
-    needed: float,
+    needed: float = np.inf,
 ) -> list[Explored]:  # fmt: skip
     """Return the fits of pairs to few frames, the most promising first; ended: the fits of every
     two hypotheses, which are not begun again about where several have ended alike. A fit without
@@ -79,10 +81,12 @@ def _needed(better: list[Explored]) -> float:
 
 
 def _ranked(ended: dict[Kinds, list[Explored]], rank: int) -> list[Explored]:
-    """Return the fits of the two hypotheses of a rank, 0 for the best ones, if there are so
-    many."""
-    costs = {kinds: min(one.fit.cost for one in fits) for kinds, fits in ended.items() if fits}
-    ranked = sorted(costs, key=lambda kinds: costs[kinds])
+    """Return the fits of the two hypotheses of a rank, 0 for the best ones, if there are so many;
+    of the best ones where these leave no more than noise, as what is far behind is not the best."""
+    best = {kinds: min(fits, key=lambda one: one.fit.cost) for kinds, fits in ended.items() if fits}
+    ranked = sorted(best, key=lambda kinds: best[kinds].fit.cost)
+    if ranked and not leaves_something(best[ranked[0]].fit, LEFT_OF_FEW):
+        rank = 0
     return ended[ranked[rank]] if len(ranked) > rank else []
 
 

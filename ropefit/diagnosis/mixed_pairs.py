@@ -22,6 +22,7 @@ from ropefit.diagnosis.accepted import Accepted, least_evidence
 from ropefit.diagnosis.candidate import Candidate, cost_for
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.explored_pairs import (
+    LEFT_OF_FEW,
     MOST_FITTED,
     Explored,
     Kinds,
@@ -46,7 +47,6 @@ from ropefit.inference.least_squares import Fit, attempted
 MOST_EXPLORED = 8  # pairs fitted to few frames
 MOST_SINGLES, MOST_SECONDS = 3, 4  # candidates, and what is put beside each
 MOST_BESIDE_CONTACT = 2  # candidates of the first round: fits beside contact are slow
-LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 LEAST_SHARE = 0.8  # of the best pair's evidence: first order is not exact
 MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
 

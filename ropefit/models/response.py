@@ -1,7 +1,8 @@
 """What small changes of a setup change of what is seen.
 
-How a setup depends on a value is cheap and smooth: it is differenced, to nine digits. How the rope
-answers is the one exact linear solve of `solvers/equilibrium/implicit.py`, for all changes at once.
+How a setup depends on a value is cheap and smooth: it is differenced, to nine digits, and to seven
+in errors of the set-up. How the rope answers is the one exact linear solve of
+`solvers/equilibrium/implicit.py`, for all changes at once.
 """
 
 from __future__ import annotations
