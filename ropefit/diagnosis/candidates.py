@@ -77,8 +77,8 @@ def fit_candidates(
                 fits.add(choices)
     for one in fits.found():
         # Others have no further starts: what they leave costs time.
-        with_others = one.hypothesis.effect.slow and one.fit.cost < fits.most_cost()
-        if with_others and not fits.far_behind(one):
+        has_further = one.hypothesis.effect.slow and one.fit.cost < fits.most_cost()
+        if has_further and not fits.far_behind(one):
             _elsewhere(fits, one, names)
     return fits.found()
 

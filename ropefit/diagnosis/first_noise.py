@@ -106,9 +106,8 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     for choices in scan.contact(rules):
         (late if choices[0][0].effect.late else slow).append(choices)
     candidates = fit_candidates(
-        nominal, hidden, quick_starts, slow, least, rules.effects,
-        for_noise=True,
-    )  # fmt: skip
+        nominal, hidden, quick_starts, slow, least, rules.effects, for_noise=True
+    )
     candidates = [c for c in candidates if c.evidence > least]
     if nominal is at_rest and rules.most_effects > 1:
         best = candidates[0].fit if candidates else nominal

@@ -21,7 +21,8 @@ from ropefit.solvers.xpbd.settings import Settings
 NODES = 20  # of the chain that represents the solver's own
 MOST_KEPT = 4  # of the latest results
 NEAR = 5e-5  # of the largest of an array: by so little differ set-ups whose difference is taken
-# Amount up to which it is enough that the iterations move with the catenary, within a third.
+# Amount up to which differences are those of the catenary: what the iterations make of a small move
+# differs from it by up to 30 %, hence what is seen by up to 3 %.
 LARGE = 0.1
 
 
