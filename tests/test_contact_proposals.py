@@ -227,10 +227,10 @@ def test_contact_beside_an_effect_counts_where_it_would_be_accepted():
         nominal = nominal_fit(data)
         data = data.settled(nominal.point.seen)
         nominal = fit(nominal.forward, FitProblem(data, Noise(), BINS), nominal.point.u)
-        evidence = by_contact(nominal, 6.0, None)
-        assert evidence > 30 if there else evidence == 0
-        assert by_contact(nominal, 6.0, ("point_mass",)) == 0
-        assert by_contact(nominal, 1e6, None) == 0
+        found = by_contact(nominal, 6.0, None)
+        assert found.evidence > 30 if there else found.evidence == 0
+        assert by_contact(nominal, 6.0, ("point_mass",)).evidence == 0
+        assert by_contact(nominal, 1e6, None).evidence == 0
 
 
 def test_bars_are_proposed_where_a_plane_or_a_bar_bears_the_rope():

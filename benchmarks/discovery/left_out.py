@@ -60,11 +60,11 @@ class NaiveBic(Selection):
 
     def candidates(
         self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, threshold: float,
-        names: tuple[str, ...] | None, *more: Any,
+        names: tuple[str, ...] | None, **more: Any,
     ) -> list[Candidate]:  # fmt: skip
         worth = [replace(s, log_factor=0.5 * (s.score - penalty(current, s))) for s in scan]
         worth.sort(key=lambda s: -s.log_factor)
-        fitted = super().candidates(current, worth, quick, slow, 0.0, names, *more)
+        fitted = super().candidates(current, worth, quick, slow, 0.0, names, **more)
         return by_bic(current, fitted)
 
     def acceptable(self, candidates: list[Candidate], *_: Any) -> Candidate | None:
@@ -92,9 +92,9 @@ class WithFreeRope(Selection):
 
     def candidates(
         self, current: Fit, scan: list[Score], quick: Starts, slow: Starts, threshold: float,
-        names: tuple[str, ...] | None, *more: Any,
+        names: tuple[str, ...] | None, **more: Any,
     ) -> list[Candidate]:  # fmt: skip
-        fitted = super().candidates(current, scan, quick, slow, threshold, names, *more)
+        fitted = super().candidates(current, scan, quick, slow, threshold, names, **more)
         free = None
         if all(term.name != NAME for term in current.forward.terms):
             free = free_rope(current)

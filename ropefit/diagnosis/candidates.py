@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ropefit.diagnosis.calm import distorted
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.fits import Fits, Progress, best_first, silent
@@ -19,17 +21,19 @@ MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 def fit_candidates(
     current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
     threshold: float, names: tuple[str, ...] | None = None, progress: Progress = silent,
-    for_noise: bool = False,
+    for_noise: bool = False, known: Sequence[Candidate] = (),
 ) -> list[Candidate]:  # fmt: skip
     """Fit the leaders of a scan and what effects propose, on top of a model; best first.
 
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
     effects that may be proposed; None: all. for_noise: the fits are made for the noise, for which
-    the best place of each is enough.
+    the best place of each is enough. known: candidates on top of the model, fitted already.
     """
     leaders, further = leading(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
     fits = Fits(current, threshold, progress, due, names=names, for_noise=for_noise)
+    fits.best_of |= {one.hypothesis.key: one for one in known}
+    slow = [choices for choices in slow if choices[0][0].key not in fits.best_of]
     for choices in quick:
         fits.add(choices)
     if fits.sufficient() and distorted(current):  # what a scan about it says is of no use

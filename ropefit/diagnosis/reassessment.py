@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
-from ropefit.diagnosis.accepted import Accepted, accept
+from ropefit.diagnosis.accepted import Accepted, accept, close_cost
 from ropefit.diagnosis.candidate import Candidate, best_of, compared, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.proposals import proposals_beside
@@ -44,12 +44,15 @@ def reassessed(
         held = refitted_beside(replace(one.candidate, fit=current), [], without)
         if held is None:
             continue
-        fitted = [fit_candidate(without, c.hypothesis, c.values()) for c in one.beaten]
+        close = close_cost(without, held.fit)  # one that does not come near is stopped
+        fitted = [
+            fit_candidate(without, c.hypothesis, c.values(), needed=close) for c in one.beaten
+        ]
         later = [replace(c, fit=current) for c in after]
         # The other parameters, as fitted with the effect, are a bad start for another one in its
         # place; but where that one was beaten, effects stood beside it that may have changed.
         if later and not changed:
-            fitted += [refitted_beside(c, later, without) for c in one.beaten]
+            fitted += [refitted_beside(c, later, without, close) for c in one.beaten]
         candidates = _with_their_like(without, best_of([held, *fitted]), names)
         better = [
             c for c in candidates
@@ -67,13 +70,16 @@ def reassessed(
     return current, out
 
 
-def refitted_beside(candidate: Candidate, later: list[Candidate], without: Fit) -> Candidate | None:
-    """Return a candidate from where its own fit left it, with later effects beside it."""
+def refitted_beside(
+    candidate: Candidate, later: list[Candidate], without: Fit, needed: float = np.inf
+) -> Candidate | None:
+    """Return a candidate from where its own fit left it, with later effects beside it; stopped
+    where it is without prospect of the cost that is `needed`."""
     parts = [
         *parts_of(candidate.fit), *(p for c in later for p in parts_of(c.fit) if p[0] is c.term),
     ]  # fmt: skip
     parts.sort(key=lambda part: part[0] is candidate.term)
-    fitted = fitted_again(candidate.fit, parts, without.problem)
+    fitted = fitted_again(candidate.fit, parts, without.problem, needed)
     if fitted is None or len(fitted.z) != len(without.z):
         return None
     return compared(candidate.hypothesis, candidate.term, without, fitted)
@@ -115,9 +121,11 @@ def parts_of(fitted: Fit) -> list[tuple[Term, np.ndarray]]:
 
 
 def fitted_again(
-    fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem
-) -> Fit | None:
-    """Return the fit of a model of some terms, in that order, from their values in another fit."""
+    fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem,
+    needed: float = np.inf,
+) -> Fit | None:  # fmt: skip
+    """Return the fit of a model of some terms, in that order, from their values in another fit;
+    stopped where it is without prospect of the cost that is `needed`."""
     forward = fitted.forward.with_terms([term for term, _ in parts], fitted.point.solution)
     begin = np.concatenate([part for _, part in parts])
-    return attempted(forward, problem, begin, EVALUATIONS, tolerance=1e-5)
+    return attempted(forward, problem, begin, EVALUATIONS, tolerance=1e-5, needed=needed)

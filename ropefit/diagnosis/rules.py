@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -26,9 +27,10 @@ class Selection:
     def candidates(
         self, current: Fit, scan: list[Score], quick: list[list[Start]], slow: list[list[Start]],
         threshold: float, names: tuple[str, ...] | None, progress: Progress = silent,
+        known: Sequence[Candidate] = (),
     ) -> list[Candidate]:  # fmt: skip
         """Return the candidates of a round, highest evidence first; see `fit_candidates`."""
-        return fit_candidates(current, scan, quick, slow, threshold, names, progress)
+        return fit_candidates(current, scan, quick, slow, threshold, names, progress, known=known)
 
     def restarted(self, current: Fit, best: Candidate, share: float) -> Fit | None:
         """Return the smaller model as fitted from the best candidate's values, if that is better.

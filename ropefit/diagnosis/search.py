@@ -20,7 +20,7 @@ from ropefit.diagnosis.candidates import completed, started_from
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.contact_anew import contact_anew
-from ropefit.diagnosis.contact_beside import by_contact
+from ropefit.diagnosis.contact_beside import ContactBeside, by_contact
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.fits import Progress
@@ -103,6 +103,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
     compared: list[Accepted] | None = None  # two effects that were, with every pair
+    contact = ContactBeside()
     leader: Candidate | None = None  # of the round before, where that restarted the model
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
@@ -143,9 +144,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if pair is not None and _wins(pair, current, singles_of):
             accepted, current = _with_both(current, every, pair, scan)
             continue
-        candidates = best_of(
-            [*singles_of(slow=started_from(fitted, scan.contact(rules, needed))), leader]
-        )
+        slow = started_from(fitted, scan.contact(rules, needed))
+        touching = contact.on(current) if slow else []
+        candidates = best_of([*singles_of(slow=slow, known=touching), leader])
         leader = None
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
@@ -187,10 +188,12 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
         current = _with_it(best.fit, problem, scan.sensitivities)
         if len(accepted) == 1 < most and _is_left(current):
-            # It may stand for two: pairs are compared before a second is looked for beside it.
+            # It may stand for two: pairs are compared before a second is looked for beside it,
+            # unless contact leaves nothing that they could explain better.
             one, contact = accepted, by_contact(current, limits.threshold, rules.effects)
-            current, accepted = instead(current, one, singles=singles, contact=contact)
-            singles = []
+            if not (contact.explains or best.hypothesis.effect.slow):
+                current, accepted = instead(current, one, singles=singles, contact=contact.evidence)
+                singles = []
             if accepted is not one:
                 compared = accepted
                 continue

@@ -7,7 +7,7 @@ follows its ends. Frames are independent. What is not known is estimated by maxi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from ropefit.inference.bins import Stations, aligned
 
 FLOOR = 2e-5  # m: what a discrete rod of some eighty segments does not resolve
 LENGTHS = (0.03, 0.06, 0.12, 0.25, 0.6)  # of the rope
-RATIOS = (0.0, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white sd
+RATIOS = (0.35, 0.6, 1.0, 1.6, 2.5, 4.0, 7.0, 12.0)  # correlated to white sd
 # m, sd of an end in one frame
 POSITIONS = (0.0, 5e-5, 1e-4, 1.5e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3)
 TILTS = (0.0, 1e-3, 2e-3, 4e-3, 8e-3)  # rad, of a clamp
@@ -26,6 +26,7 @@ PLACES = ("frame", "bin", "share", "count", "scatter", "fall")  # what covarianc
 MOST_KEPT = 2  # whiteners of one noise
 AT_ONCE = 8192  # rows that are whitened at once: their copies are small
 COST = 2.0  # nats that a further kind of noise must earn
+PAST = 2  # sd in a row, of one kind of noise, that are less likely: larger ones are, too
 
 
 @dataclass(frozen=True)
@@ -234,28 +235,43 @@ def likeliest(s: Stations, known: Noise, design: np.ndarray | None = None) -> tu
     # One kind of noise after the other, twice: they hardly trade.
     for _ in range(2 if known.ends else 1):
         for choices in (_positions, _tilts, _correlated):
-            best = min(choices(best, typical), key=worth)
+            best = _least(choices(best, typical), worth)
     return best, worth(best)
 
 
-def _positions(noise: Noise, typical: float) -> list[Noise]:
+def _least(choices: list[list[Noise]], worth: Callable[[Noise], float]) -> Noise:
+    """Return the noise that is worth least; of a list of one kind with growing sd, those after
+    `PAST` in a row that are worth more than one before are not asked for: there is one minimum."""
+    known: list[tuple[float, Noise]] = []
+    for growing in choices:
+        row: list[float] = []
+        for noise in growing:
+            row.append(worth(noise))
+            known.append((row[-1], noise))
+            if len(row) > PAST and min(row[-PAST:]) > min(row[:-PAST]):
+                break
+    return min(known, key=lambda one: one[0])[1]
+
+
+def _positions(noise: Noise, typical: float) -> list[list[Noise]]:
     ends = noise.ends
     if ends is None:
-        return [noise]
-    return [replace(noise, ends=replace(ends, sd=(sd, ends.sd[1]))) for sd in POSITIONS]
+        return [[noise]]
+    none, *some = (replace(noise, ends=replace(ends, sd=(sd, ends.sd[1]))) for sd in POSITIONS)
+    return [[none], some]
 
 
-def _tilts(noise: Noise, typical: float) -> list[Noise]:
+def _tilts(noise: Noise, typical: float) -> list[list[Noise]]:
     ends = noise.ends
     if ends is None or not ends.tilt.shape[-1]:
-        return [noise]
-    return [replace(noise, ends=replace(ends, sd=(ends.sd[0], sd))) for sd in TILTS]
+        return [[noise]]
+    none, *some = (replace(noise, ends=replace(ends, sd=(ends.sd[0], sd))) for sd in TILTS)
+    return [[none], some]
 
 
-def _correlated(noise: Noise, typical: float) -> list[Noise]:
-    return [
-        replace(noise, correlated=ratio * typical, length=length)
+def _correlated(noise: Noise, typical: float) -> list[list[Noise]]:
+    none = replace(noise, correlated=0.0, length=LENGTHS[0])
+    return [[none]] + [
+        [replace(noise, correlated=ratio * typical, length=length) for ratio in RATIOS]
         for length in LENGTHS
-        for ratio in RATIOS
-        if ratio or length == LENGTHS[0]
     ]

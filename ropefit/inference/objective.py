@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -37,6 +37,18 @@ PROMISING = 2.0  # of χ²: what a linear step must foresee to be taken in part
 KEPT_SHARE = 0.3  # least share of what it foresees there that is gained
 MOST_SHORTENED = 5  # steps of a fit
 UNSETTLED_RESIDUAL = 1e3  # whitened residual of a frame that did not settle: no fit goes there
+
+
+@dataclass
+class _Evaluation:
+    """A model at search variables `key`: its point, its stations, the whitened residual (M D,),
+    and its derivatives (M D, P) once they are known."""
+
+    key: bytes
+    point: Point
+    now: Stations
+    z: np.ndarray
+    slopes: np.ndarray | None = None
 
 
 class _Stopped(Exception):
@@ -75,14 +87,20 @@ class Objective:
         self.touches = bool(first.setup.potentials)
         self.rubs = first.setup.rubs
         self.latest = np.empty(0)
-        self._last: tuple[bytes, tuple[Point, Stations, np.ndarray]] | None = None
-        self._slopes: np.ndarray | None = None  # of the last point
+        self._last: _Evaluation | None = None
+        self._best: _Evaluation | None = None  # of shapes at rest
 
     def at(self, u: np.ndarray) -> tuple[Point, Stations, np.ndarray]:
         """Return the point at u (P,), its stations, and the whitened residual (M D,)."""
+        one = self._at(u)
+        return one.point, one.now, one.z
+
+    def _at(self, u: np.ndarray) -> _Evaluation:
         key = u.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = self._slopes = None  # a motion is large: one at a time
+        if self._best is not None and self._best.key == key:
+            return self._best
+        if self._last is None or self._last.key != key:
+            self._last = None  # a motion is large: one at a time
             point = self.known.at(u)
             bad = np.isnan(point.seen).any(axis=(1, 2)) & self.settled
             if not point.setup.possible:
@@ -92,8 +110,8 @@ class Objective:
             z = self.whitener(residual)
             if bad.any():
                 z[np.repeat(bad[self.stations.frame], residual.shape[1])] = UNSETTLED_RESIDUAL
-            self._last = key, (point, now, z)
-        return self._last[1]
+            self._last = _Evaluation(key, point, now, z)
+        return self._last
 
     def moved(self, seen: np.ndarray) -> float:
         """Return the most [m] that any node of `seen` (F, K, 3) is from where the fit began."""
@@ -102,12 +120,12 @@ class Objective:
 
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         """Return (M D, P) whitened derivatives of the prediction."""
-        point, now, _ = self.at(u)
-        if self._slopes is None:
-            parts = point.parts(self.forward.changes(u))
-            rows = collected(now, self.stations, parts, len(u))
-            self._slopes = self.whitener(rows, own=True)
-        return self._slopes
+        one = self._at(u)
+        if one.slopes is None:
+            parts = one.point.parts(self.forward.changes(u))
+            rows = collected(one.now, self.stations, parts, len(u))
+            one.slopes = self.whitener(rows, own=True)
+        return one.slopes
 
     def whole(self, u: np.ndarray) -> np.ndarray:
         """Return residual rows, those of the priors last."""
@@ -124,8 +142,10 @@ class Objective:
         self.latest = turned_residual(found, len(u))
         if found < min(self.trace, default=np.inf):
             self.best = u.copy()
-            if self._last is not None and self._last[0] == u.tobytes():
-                self.known.improved(self._last[1][0])
+            if self._last is not None and self._last.key == u.tobytes():
+                self.known.improved(self._last.point)
+                if self.forward.instantaneous:
+                    self._best = self._last
         self.trace.append(found)
         return self.latest.copy()
 

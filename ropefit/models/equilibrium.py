@@ -34,11 +34,13 @@ class Equilibrium(Model):
     path: States | None = field(default=None, repr=False, init=False)
     increments: np.ndarray | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
+    latest: Point | None = field(default=None, repr=False, init=False)  # whose states are the last
 
     def starting_from(self, states: States) -> Equilibrium:
         """Return the same model, which goes on from other states of its frames."""
         out = Equilibrium(self.base, self.terms, states)
         out.path, out.increments, out.reached = self.path, self.increments, self.reached
+        out.latest = self.latest
         return out
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
@@ -47,8 +49,11 @@ class Equilibrium(Model):
 
     def at(self, u: np.ndarray, start: States | None = None) -> Point:
         """Settle at u. Frames that do not converge are NaN in `seen`."""
-        setup = self.setup_at(u)
         start = start or self.last
+        known = self.latest
+        if known and start is known.solution and np.array_equal(known.u, u):
+            return known
+        setup = self.setup_at(u)
         if setup.remembers:
             path = self.path if start is self.last else None
             point = walk(u, setup, start, path, self.increments)
@@ -61,7 +66,7 @@ class Equilibrium(Model):
     def remember(self, point: Point) -> None:
         """Go on from a point, if all of its frames have settled."""
         if point.solution.converged.all():
-            self.last, self.reached = point.solution, True
+            self.last, self.reached, self.latest = point.solution, True, point
             walked = point if isinstance(point, WalkedPoint) else None
             self.path = walked and walked.path
             self.increments = walked and walked.increments

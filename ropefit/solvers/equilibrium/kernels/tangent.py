@@ -65,6 +65,7 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, dx, tu
         for i in range(n):
             for a in range(3):
                 b[i, a, count + c] = 0.0
+    _set_acts(change, w.acts)
     _add_bends(rod, change, w)
     for c in range(many):
         _add_clamps(rod, w, clamp[c], b, count + c)
@@ -87,6 +88,26 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, dx, tu
 
 
 @helper
+def _set_acts(change, acts):
+    """Write which directions change bend elements, or segments: most change only a few fields."""
+    for c in range(acts.shape[1]):
+        acts[0, c] = _any(change.stiffness[c]) or _any(change.rest[c])
+        acts[1, c] = _any(change.load[c]) or _any(change.flexibility[c])
+        for i in range(change.length.shape[1]):
+            acts[1, c] = acts[1, c] or change.length[c, i] != 0.0
+
+
+@helper
+def _any(rows):
+    """Return whether anything in a matrix is not zero (or not a number)."""
+    for i in range(rows.shape[0]):
+        for a in range(rows.shape[1]):
+            if rows[i, a] != 0.0:
+                return True
+    return False
+
+
+@helper
 def _add_bends(rod, change, w):
     """Add each direction's residual when stiffness and rest shape change."""
     dm = w.trial_x
@@ -94,6 +115,8 @@ def _add_bends(rod, change, w):
     first = b.shape[2] - many
     for j in range(n + 1):
         for c in range(many):
+            if not w.acts[0, c]:
+                continue
             for a in range(3):
                 strain = w.p[j, a + 1] - rod.rest[j, a + 1]
                 dm[a] = (
@@ -116,6 +139,10 @@ def _add_segments(rod, change, w, dx):
     for i in range(n - 1, -1, -1):
         r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
         for c in range(many):
+            if not w.acts[1, c]:
+                for a in range(3):
+                    dx[c, i + 1, a] = 0.0
+                continue
             for a in range(3):
                 beyond[a, c] += change.load[c, i + 1, a]
             f0, f1, f2 = beyond[0, c], beyond[1, c], beyond[2, c]
