@@ -17,7 +17,7 @@ from ropefit.artifacts.causes import Cause, Size
 from ropefit.artifacts.diagnosis import Candidate as Scanned
 from ropefit.artifacts.diagnosis import Detectable, Region
 from ropefit.diagnosis import search as engine
-from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.candidate import Candidate, columns_of
 from ropefit.diagnosis.held_out import by_stretches, held_out_pit, heldout_rms
 from ropefit.diagnosis.next_motion import next_motion
 from ropefit.diagnosis.regions import misfit, regions
@@ -213,9 +213,10 @@ def _stretch(
 
 def _acting(candidate: Candidate, layout: Layout) -> np.ndarray:
     """Return the frames in which the effect moves the rope (contact acts in some only)."""
-    whole = candidate.fit.forward
-    without = whole.with_terms(whole.terms[:-1], candidate.fit.point.solution)
-    x = without.at(candidate.fit.point.u[: -candidate.term.size]).seen
+    fit, term = candidate.fit, candidate.term
+    rest = [one for one in fit.forward.terms if one is not term]
+    without = fit.forward.with_terms(rest, fit.point.solution)
+    x = without.at(np.delete(fit.point.u, columns_of(fit, term))).seen
     moved = np.nan_to_num(np.abs(x - candidate.fit.point.seen)).max(axis=(1, 2))
     acting = moved > ACTING_SHARE * max(float(np.nanmax(moved)), 1e-12)
     return layout.frames[layout.shown[acting[layout.shown]]]

@@ -202,7 +202,7 @@ def pace(fitted: Fit) -> float:
 
 
 def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> Candidate:
-    """Compare a fitted hypothesis, its term the last one, with the smaller model.
+    """Compare a fitted hypothesis with the smaller model, which has all other terms.
 
     The log evidence is Laplace's approximation, with broad priors; what even the larger model
     misses scales it down.
@@ -240,16 +240,17 @@ def best_of(fitted: list[Candidate | None]) -> list[Candidate]:
 
 
 def occam_factor(fitted: Fit, *terms: Term) -> float:
-    """Return half the log of how much the data narrow the values of the last terms, from broad
+    """Return half the log of how much the data narrow the values of some terms, from broad
     priors."""
-    k = sum(term.size for term in terms)
+    mine = columns_of(fitted, *terms)
+    rest = np.setdiff1d(np.arange(len(fitted.prior)), mine)
     held = np.isfinite(fitted.prior)
     information = fitted.jacobian.T @ fitted.jacobian + np.diag(
         np.where(held, 1 / fitted.prior**2, 1e-12)
     )
-    others = information[:-k, :-k]
-    cross = information[:-k, -k:]
-    own = information[-k:, -k:] - cross.T @ np.linalg.pinv(others, hermitian=True) @ cross
+    others, cross = information[np.ix_(rest, rest)], information[np.ix_(rest, mine)]
+    own = information[np.ix_(mine, mine)]
+    own = own - cross.T @ np.linalg.pinv(others, hermitian=True) @ cross
     length = float(fitted.forward.base.properties.length.sum())
     prior = np.array(
         [
@@ -262,3 +263,13 @@ def occam_factor(fitted: Fit, *terms: Term) -> float:
     )
     strength = np.linalg.eigvalsh(own * np.outer(prior, prior))
     return 0.5 * float(np.log1p(np.maximum(strength, 0.0)).sum())
+
+
+def columns_of(fitted: Fit, *terms: Term) -> np.ndarray:
+    """Return which search variables (k,) of a fit are those of some of its terms."""
+    every = fitted.forward.terms
+    parts = fitted.forward.split(np.arange(len(fitted.prior)))
+    return np.concatenate([
+        next(part for term, part in zip(every, parts, strict=True) if term is one)
+        for one in terms
+    ])  # fmt: skip

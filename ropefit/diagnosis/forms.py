@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, occam_factor
+from ropefit.diagnosis.candidate import EVALUATIONS, Candidate, columns_of, occam_factor
 from ropefit.effects.law import Constant, Form, Law
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.verdict import NORMAL_QUANTILE
@@ -67,12 +67,12 @@ def described(candidate: Candidate, final: Fit) -> Described | None:
     least, most = (float(q) for q in np.quantile(values, INSIDE))
     least = least if law.even else max(least, LEAST_SHARE * most)
     x = _places(law, least, values)
-    mine = _place(final, candidate.term)
+    mine = columns_of(final, candidate.term)
     mean, covariance = _smooth(final, candidate.term, mine, law)
     drawn = _draws(final, mean, covariance)
     y = np.stack([law.curve(final.forward.setup_at(u), x) for u in drawn])
     spread = max(1.0, final.spread)
-    free = -0.5 * final.cost / spread - occam_factor(_last(final, candidate.term), candidate.term)
+    free = -0.5 * final.cost / spread - occam_factor(final, candidate.term)
     inside = (x >= least) & (x <= most)
     tried = (_fitted(f, law, candidate.term, final, mean, x, inside) for f in law.forms)
     found = [replace(f, evidence=f.evidence - free) for f in tried if f is not None]
@@ -118,23 +118,6 @@ def exponents_differ(x: np.ndarray, inside: np.ndarray, a: np.ndarray, b: np.nda
             for y in (a, b)
         ]
     return bool(((ends[0][0] > ends[1][1]) | (ends[1][0] > ends[0][1])).any())
-
-
-def _place(final: Fit, term: Term) -> np.ndarray:
-    """Return the indices of a term's search variables."""
-    at = 0
-    for one in final.forward.terms:
-        if one is term:
-            break
-        at += one.size
-    return at + np.arange(term.size)
-
-
-def _last(final: Fit, term: Term) -> Fit:
-    """Return the fit with the columns of a term at its end, as `occam_factor` takes them."""
-    mine = _place(final, term)
-    order = np.concatenate([np.setdiff1d(np.arange(len(final.prior)), mine), mine])
-    return replace(final, jacobian=final.jacobian[:, order], prior=final.prior[order])
 
 
 def _smooth(final: Fit, term: Term, mine: np.ndarray, law: Law) -> tuple[np.ndarray, np.ndarray]:
@@ -212,7 +195,7 @@ def _fitted(
 
     It begins with those of its tries whose curve is most like that of the law `inside` the data.
     """
-    model, mine = final.forward, _place(final, term)
+    model, mine = final.forward, columns_of(final, term)
     begin = final.point.u[np.setdiff1d(np.arange(len(mean)), mine)]  # where the rope settles
     without = model.with_terms([t for t in model.terms if t is not term])
     plain, wanted = without.setup_at(begin), law.curve(model.setup_at(mean), x[inside])

@@ -12,7 +12,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept, close_cost
-from ropefit.diagnosis.candidate import Candidate, best_of, compared, fit_candidate
+from ropefit.diagnosis.candidate import Candidate, best_of, comparable, compared, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.proposals import proposals_beside
 from ropefit.inference.least_squares import Fit, attempted
@@ -39,11 +39,10 @@ def reassessed(
         if _needed(current, one.candidate, after):
             continue
         without = without_effects(current, one.candidate)
-        if without is None:
+        if without is None or not comparable(current, without):
             continue
-        held = refitted_beside(replace(one.candidate, fit=current), [], without)
-        if held is None:
-            continue
+        # As it is: in another order of the terms it might act on another setup.
+        held = compared(one.candidate.hypothesis, one.candidate.term, without, current)
         close = close_cost(without, held.fit)  # one that does not come near is stopped
         fitted = [
             fit_candidate(without, c.hypothesis, c.values(), needed=close) for c in one.beaten

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.accepted import Accepted, accept, close_cost
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidate import comparable, compared, fit_candidate
 from ropefit.diagnosis.proposals import Start
-from ropefit.diagnosis.reassessment import refitted_beside, without_effects
+from ropefit.diagnosis.reassessment import without_effects
 from ropefit.inference.least_squares import Fit
 
 
@@ -29,9 +29,9 @@ def with_ties(
     for k, one in enumerate(accepted):
         starts = _in_place_of(one, accepted[1 - k], pairs)
         without = without_effects(current, one.candidate) if starts else None
-        held = without and refitted_beside(replace(one.candidate, fit=current), [], without)
-        if without is None or held is None:
+        if without is None or not comparable(current, without):
             continue
+        held = compared(one.candidate.hypothesis, one.candidate.term, without, current)
         needed = close_cost(without, held.fit)
         fits = [fit_candidate(without, *start, needed=needed) for start in starts]
         others = [c for c in fits if c is not None and not refusal(c, without)]

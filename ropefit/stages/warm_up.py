@@ -115,7 +115,7 @@ def _equilibrium() -> list[Call]:
     down, apart = np.array([0.0, 0.0, -9.81]), np.array([[0.0, 0.0, 0.0], [0.8, 0.0, 0.0]])
     return [
         (e.solve_ropes, (*state, 1e-9, 50, *found)),
-        (e.tangent_ropes, (*state, changes, *ways)),
+        (e.tangent_ropes, (*state, changes, np.zeros((2, 1), np.bool_), *ways)),
         (e.adjoint_ropes, (*state, x, q, pulls)),
         (e.stability_ropes, (*state, none)),
         (e.start_ropes, (arc[None], whole, down[None], ends, clamp, none, rest, True, down[None], q,

@@ -26,6 +26,8 @@ from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.shapes import check_shapes
 
 AT_ONCE = 4  # frames whose directions are spread over all fields: memory
+# Fields whose change is one of bend elements, and those whose change is one of segments.
+ACTING = ("stiffness", "rest"), ("length", "flexibility", "load")
 
 
 def pulled(s: Solution, gx: np.ndarray, gq: np.ndarray) -> Pull:
@@ -92,6 +94,7 @@ def _under_dead_loads(solution: Solution, directions: Directions) -> tuple[np.nd
     alike = len(problem.rods.length) == 1 and all(len(item) == 1 for item in given.values())
     whole = _change(given, 1, many, segments) if alike else None
     count = problem.held.node.size
+    acts = _acting(given, many)
     ends = _or_zero(directions.ends, (frames, many, 2, 3))
     clamp = _or_zero(directions.clamp, (frames, many, 2, 3))
     offset = np.zeros((frames, many, count))
@@ -115,11 +118,22 @@ def _under_dead_loads(solution: Solution, directions: Directions) -> tuple[np.nd
                 change = _change(own, few.stop - few.start, many, segments)
             tangent_ropes(
                 *part, s.q[few], s.reaction[few], s.base[few], change,
-                clamp[few], anchor[few], offset[few], dx[few], turn[few],
+                acts, clamp[few], anchor[few], offset[few], dx[few], turn[few],
             )  # fmt: skip
 
     in_threads(work, frames)
     return dx, turn
+
+
+def _acting(given: dict[str, np.ndarray], many: int) -> np.ndarray:
+    """Return (2, P) which of `many` directions change bend elements, and which segments."""
+    out = np.zeros((2, many), dtype=np.bool_)
+    for fields, row in zip(ACTING, out, strict=True):
+        for name in fields:
+            item = given.get(name)
+            if item is not None:
+                row |= item.any(axis=(0, *range(2, item.ndim)))
+    return out
 
 
 def _change(given: dict[str, np.ndarray], ropes: int, many: int, segments: int) -> Change:

@@ -88,42 +88,39 @@ def solve_columns(w, columns, transposed):
     n = w.diagonal.shape[0]
     z, b = w.solved, w.border
     for i in range(n):
+        v00, v01, v02, v10, v11, v12, v20, v21, v22 = _entries(w.inverse[i], transposed)
+        o00, o01, o02, o10, o11, o12, o20, o21, o22 = _entries(w.off[max(i - 1, 0)], True)
+        before = max(i - 1, 0)
         for c in range(columns):
             r0, r1, r2 = b[i, 0, c], b[i, 1, c], b[i, 2, c]
             if i > 0:
-                o = w.off[i - 1]
-                y0, y1, y2 = z[i - 1, 0, c], z[i - 1, 1, c], z[i - 1, 2, c]
-                r0 -= o[0, 0] * y0 + o[1, 0] * y1 + o[2, 0] * y2
-                r1 -= o[0, 1] * y0 + o[1, 1] * y1 + o[2, 1] * y2
-                r2 -= o[0, 2] * y0 + o[1, 2] * y1 + o[2, 2] * y2
-            _apply(w.inverse[i], r0, r1, r2, z, i, c, transposed, 1.0)
+                y0, y1, y2 = z[before, 0, c], z[before, 1, c], z[before, 2, c]
+                r0 -= o00 * y0 + o01 * y1 + o02 * y2
+                r1 -= o10 * y0 + o11 * y1 + o12 * y2
+                r2 -= o20 * y0 + o21 * y1 + o22 * y2
+            z[i, 0, c] = v00 * r0 + v01 * r1 + v02 * r2
+            z[i, 1, c] = v10 * r0 + v11 * r1 + v12 * r2
+            z[i, 2, c] = v20 * r0 + v21 * r1 + v22 * r2
     for i in range(n - 2, -1, -1):
-        o = w.off[i]
+        v00, v01, v02, v10, v11, v12, v20, v21, v22 = _entries(w.inverse[i], transposed)
+        o00, o01, o02, o10, o11, o12, o20, o21, o22 = _entries(w.off[i], False)
         for c in range(columns):
             y0, y1, y2 = z[i + 1, 0, c], z[i + 1, 1, c], z[i + 1, 2, c]
-            r0 = o[0, 0] * y0 + o[0, 1] * y1 + o[0, 2] * y2
-            r1 = o[1, 0] * y0 + o[1, 1] * y1 + o[1, 2] * y2
-            r2 = o[2, 0] * y0 + o[2, 1] * y1 + o[2, 2] * y2
-            _apply(w.inverse[i], r0, r1, r2, z, i, c, transposed, -1.0)
+            r0 = o00 * y0 + o01 * y1 + o02 * y2
+            r1 = o10 * y0 + o11 * y1 + o12 * y2
+            r2 = o20 * y0 + o21 * y1 + o22 * y2
+            z[i, 0, c] -= v00 * r0 + v01 * r1 + v02 * r2
+            z[i, 1, c] -= v10 * r0 + v11 * r1 + v12 * r2
+            z[i, 2, c] -= v20 * r0 + v21 * r1 + v22 * r2
 
 
 @inlined
-def _apply(v, r0, r1, r2, z, i, c, transposed, sign):
-    """Write v r into z[i, :, c] for sign 1, subtract it for sign -1 (v transposed if asked)."""
+def _entries(m, transposed):
+    """Return the entries of m (3, 3), or of its transpose, row by row: out of memory, so that a
+    loop over columns need not read them anew."""
     if transposed:
-        s0 = v[0, 0] * r0 + v[1, 0] * r1 + v[2, 0] * r2
-        s1 = v[0, 1] * r0 + v[1, 1] * r1 + v[2, 1] * r2
-        s2 = v[0, 2] * r0 + v[1, 2] * r1 + v[2, 2] * r2
-    else:
-        s0 = v[0, 0] * r0 + v[0, 1] * r1 + v[0, 2] * r2
-        s1 = v[1, 0] * r0 + v[1, 1] * r1 + v[1, 2] * r2
-        s2 = v[2, 0] * r0 + v[2, 1] * r1 + v[2, 2] * r2
-    if sign > 0:
-        z[i, 0, c], z[i, 1, c], z[i, 2, c] = s0, s1, s2
-    else:
-        z[i, 0, c] -= s0
-        z[i, 1, c] -= s1
-        z[i, 2, c] -= s2
+        return (m[0, 0], m[1, 0], m[2, 0], m[0, 1], m[1, 1], m[2, 1], m[0, 2], m[1, 2], m[2, 2])
+    return (m[0, 0], m[0, 1], m[0, 2], m[1, 0], m[1, 1], m[1, 2], m[2, 0], m[2, 1], m[2, 2])
 
 
 @helper

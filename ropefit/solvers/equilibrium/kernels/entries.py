@@ -56,10 +56,11 @@ def _of_states(sources: int) -> tuple[Callable[..., Any], ...]:
             copy_rows(w.force, force[t])
 
     @kernel
-    def tangent_ropes(rods, of, held, q, lam, x0, changes, clamp, anchor, offset, dx, turn):
+    def tangent_ropes(rods, of, held, q, lam, x0, changes, acts, clamp, anchor, offset, dx, turn):
         """Find the derivatives dx (F, P, N+1, 3), turn (F, P, N, 3) of solutions.
 
-        changes: `Change` with arrays (R, P, ...); clamp (F, P, 2, 3), anchor (F, P, 3),
+        changes: `Change` with arrays (R, P, ...); acts (2, P): which change bends (stiffness,
+        rest), and segments (the other fields but moments); clamp (F, P, 2, 3), anchor (F, P, 3),
         offset (F, P, S).
         """
         assert sources != 0
@@ -68,7 +69,7 @@ def _of_states(sources: int) -> tuple[Callable[..., Any], ...]:
         for t in range(q.shape[0]):
             tangent_rope(
                 rod_of(rods, of[t]), held_in(held, t), q[t], lam[t], x0[t],
-                change_of(changes, of[t]), clamp[t], anchor[t], offset[t], w, dx[t], turn[t],
+                change_of(changes, of[t]), acts, clamp[t], anchor[t], offset[t], w, dx[t], turn[t],
             )  # fmt: skip
 
     @kernel

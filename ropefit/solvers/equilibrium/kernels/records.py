@@ -78,7 +78,6 @@ class Work(NamedTuple):
     schur: np.ndarray  # what is left of the corner once the turns are eliminated
     right: np.ndarray  # forces of the supports and moves of node 0 (S + 3, extra)
     along: np.ndarray  # force and move at a segment, in each direction of change (6, extra)
-    acts: np.ndarray  # which directions change bend elements, or segments (2, extra)
     small: np.ndarray  # of `small_matrices` (S + 5, S + 3)
     block: np.ndarray
     turn: np.ndarray  # of each segment (N, 3) [rad]
@@ -101,9 +100,9 @@ def make_work(n, s, extra):
         np.zeros((n, 3, 3)),
         np.zeros((n, 3, s + extra)), np.zeros((n, 3, s + extra)), np.zeros((s + 3, s + 3)),
         np.zeros(s + 3), np.zeros((s + 3, s + 3)), np.zeros((s + 3, extra)),
-        np.zeros((6, extra)), np.zeros((2, extra), np.bool_), np.zeros((s + 5, s + 3)),
-        np.zeros((3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 4)), np.zeros(3),
-        np.zeros(s), np.zeros(s + 3), np.zeros((n, FLAT)),
+        np.zeros((6, extra)), np.zeros((s + 5, s + 3)), np.zeros((3, 3)), np.zeros((n, 3)),
+        np.zeros((n, 3)), np.zeros((n, 4)), np.zeros(3), np.zeros(s), np.zeros(s + 3),
+        np.zeros((n, FLAT)),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from ropefit.solvers.equilibrium.kernels.block_tridiagonal import (
 from ropefit.solvers.equilibrium.kernels.hessian import assemble, cross, set_corner
 from ropefit.solvers.equilibrium.kernels.small_matrices import solve_border
 from ropefit.solvers.equilibrium.kernels.state import jointed, set_state
-from ropefit.solvers.kernels.jit import helper
+from ropefit.solvers.kernels.jit import helper, inlined
 
 
 @helper
@@ -51,8 +51,11 @@ def _add_clamps(rod, w, turns, res, c):
 
 
 @helper
-def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, dx, turn):
-    """Write the first-order change of the nodes dx (P, N+1, 3) and of the frames turn (P, N, 3)."""
+def tangent_rope(rod, held, q, lam, x0, change, acts, clamp, anchor, offset, w, dx, turn):
+    """Write the first-order change of the nodes dx (P, N+1, 3) and of the frames turn (P, N, 3).
+
+    acts (2, P): which directions change bend elements, and segments: most change only a few fields.
+    """
     n, count, many = rod.length.shape[0], held.node.shape[0], change.length.shape[0]
     set_state(rod, held, q, lam, x0, w)
     assemble(rod, held, lam, w)
@@ -65,11 +68,10 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, dx, tu
         for i in range(n):
             for a in range(3):
                 b[i, a, count + c] = 0.0
-    _set_acts(change, w.acts)
-    _add_bends(rod, change, w)
+    _add_bends(rod, change, acts[0], w)
     for c in range(many):
         _add_clamps(rod, w, clamp[c], b, count + c)
-    _add_segments(rod, change, w, dx)
+    _add_segments(rod, change, acts[1], w, dx)
     _add_conditions(held, change, anchor, offset, dx, right)
     factor(w, 0.0, 0.0, rod.length)
     solve_columns(w, count + many, False)
@@ -88,34 +90,14 @@ def tangent_rope(rod, held, q, lam, x0, change, clamp, anchor, offset, w, dx, tu
 
 
 @helper
-def _set_acts(change, acts):
-    """Write which directions change bend elements, or segments: most change only a few fields."""
-    for c in range(acts.shape[1]):
-        acts[0, c] = _any(change.stiffness[c]) or _any(change.rest[c])
-        acts[1, c] = _any(change.load[c]) or _any(change.flexibility[c])
-        for i in range(change.length.shape[1]):
-            acts[1, c] = acts[1, c] or change.length[c, i] != 0.0
-
-
-@helper
-def _any(rows):
-    """Return whether anything in a matrix is not zero (or not a number)."""
-    for i in range(rows.shape[0]):
-        for a in range(rows.shape[1]):
-            if rows[i, a] != 0.0:
-                return True
-    return False
-
-
-@helper
-def _add_bends(rod, change, w):
+def _add_bends(rod, change, acts, w):
     """Add each direction's residual when stiffness and rest shape change."""
     dm = w.trial_x
     n, many, b = rod.length.shape[0], change.length.shape[0], w.border
     first = b.shape[2] - many
     for j in range(n + 1):
         for c in range(many):
-            if not w.acts[0, c]:
+            if not acts[c]:
                 continue
             for a in range(3):
                 strain = w.p[j, a + 1] - rod.rest[j, a + 1]
@@ -126,7 +108,7 @@ def _add_bends(rod, change, w):
 
 
 @helper
-def _add_segments(rod, change, w, dx):
+def _add_segments(rod, change, acts, w, dx):
     """Add each direction's residual when loads, lengths, flexibilities and end moments change.
 
     Also writes the change of each edge, its frame held, into dx (P, N+1, 3).
@@ -139,7 +121,7 @@ def _add_segments(rod, change, w, dx):
     for i in range(n - 1, -1, -1):
         r, u, g, l = w.frame[i], w.u[i], w.g[i], rod.length[i]
         for c in range(many):
-            if not w.acts[1, c]:
+            if not acts[c]:
                 for a in range(3):
                     dx[c, i + 1, a] = 0.0
                 continue
@@ -197,19 +179,35 @@ def _add_response(rod, held, w, right, dx, turn):
     for i in range(n):
         r, u, g = w.frame[i], w.u[i], w.g[i]
         _add_reactions(held, right, i, z, along)
+        # The row of what is seen is written after: vectors along c need memory along c.
+        _move(r, u, g, w.yields[i], z[i, :, count:], along)
         for c in range(many):
-            f0, f1, f2 = along[0, c], along[1, c], along[2, c]
-            t0, t1, t2 = -z[i, 0, count + c], -z[i, 1, count + c], -z[i, 2, count + c]
-            turn[c, i, 0], turn[c, i, 1], turn[c, i, 2] = t0, t1, t2
-            v0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2 + u[1] * t2 - u[2] * t1
-            v1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2 + u[2] * t0 - u[0] * t2
-            v2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2 + u[0] * t1 - u[1] * t0
-            e0 = t1 * g[2] - t2 * g[1] + w.yields[i, 0] * v0
-            e1 = t2 * g[0] - t0 * g[2] + w.yields[i, 1] * v1
-            e2 = t0 * g[1] - t1 * g[0] + w.yields[i, 2] * v2
             for a in range(3):
-                along[3 + a, c] += r[a, 0] * e0 + r[a, 1] * e1 + r[a, 2] * e2
+                turn[c, i, a] = -z[i, a, count + c]
                 dx[c, i + 1, a] += along[3 + a, c]
+
+
+@inlined
+def _move(r, u, g, yields, z, along):
+    """Add to the move of a segment's far node, in each direction, what its turn -z (3, P) and the
+    force on it (the first rows of `along`) do."""
+    r00, r01, r02 = r[0, 0], r[0, 1], r[0, 2]
+    r10, r11, r12 = r[1, 0], r[1, 1], r[1, 2]
+    r20, r21, r22 = r[2, 0], r[2, 1], r[2, 2]
+    u0, u1, u2, g0, g1, g2 = u[0], u[1], u[2], g[0], g[1], g[2]
+    y0, y1, y2 = yields[0], yields[1], yields[2]
+    for c in range(z.shape[1]):
+        f0, f1, f2 = along[0, c], along[1, c], along[2, c]
+        t0, t1, t2 = -z[0, c], -z[1, c], -z[2, c]
+        v0 = r00 * f0 + r10 * f1 + r20 * f2 + u1 * t2 - u2 * t1
+        v1 = r01 * f0 + r11 * f1 + r21 * f2 + u2 * t0 - u0 * t2
+        v2 = r02 * f0 + r12 * f1 + r22 * f2 + u0 * t1 - u1 * t0
+        e0 = t1 * g2 - t2 * g1 + y0 * v0
+        e1 = t2 * g0 - t0 * g2 + y1 * v1
+        e2 = t0 * g1 - t1 * g0 + y2 * v2
+        along[3, c] += r00 * e0 + r01 * e1 + r02 * e2
+        along[4, c] += r10 * e0 + r11 * e1 + r12 * e2
+        along[5, c] += r20 * e0 + r21 * e1 + r22 * e2
 
 
 @helper
