@@ -61,19 +61,31 @@ def most_promising_first(
     smaller: Fit, choices: list[tuple[Hypothesis, np.ndarray]]
 ) -> list[tuple[Hypothesis, np.ndarray]]:
     """Return alternative starts, of contact first the one that leaves least where it begins: from
-    some the rope comes to lie on the wrong side. Not compared are those after one that begins
-    better than the smaller model, and those close to one from which the rope snaps to a distant
-    equilibrium."""
+    some the rope comes to lie on the wrong side. Those from which some frame does not settle at
+    once, which is slow, are compared only where no other one settles."""
     effect = choices[0][0].effect if choices else None
     if effect is None or len(choices) == 1 or not effect.slow or effect.path_dependent:
         return choices
+    left = _left_at(smaller, choices, at_once=True) or _left_at(smaller, choices, at_once=False)
+    if not left:
+        return choices
+    first = min(left)[1]
+    return [choices[first], *(c for k, c in enumerate(choices) if k != first)]
+
+
+def _left_at(
+    smaller: Fit, choices: list[tuple[Hypothesis, np.ndarray]], at_once: bool
+) -> list[tuple[float, int]]:
+    """Return what starts that settle, and touch the rope, leave where they begin, and which they
+    are. Not compared are those after one that begins better than the smaller model, and those close
+    to one from which the rope snaps to a distant equilibrium."""
     usual = choices[0][0].scales(smaller.forward.base)
     left: list[tuple[float, int]] = []
     jumped: list[np.ndarray] = []
     for k, (hypothesis, start) in enumerate(choices):
         if any((np.abs(start - other) < CLOSE * usual).all() for other in jumped):
             continue
-        begun = settled_start(smaller, [(hypothesis, start)])
+        begun = settled_start(smaller, [(hypothesis, start)], at_once=at_once)
         if begun is None or not touches(begun):
             continue
         left.append((begun.misfit, k))
@@ -82,10 +94,7 @@ def most_promising_first(
             break
         if begun.misfit > JUMPED * without:
             jumped.append(start)
-    if not left:
-        return choices
-    first = min(left)[1]
-    return [choices[first], *(c for k, c in enumerate(choices) if k != first)]
+    return left
 
 
 def touches(begun: Beginning) -> bool:
@@ -108,11 +117,13 @@ def first_order_move(smaller: Fit, hypothesis: Hypothesis, start: np.ndarray) ->
 
 
 def settled_start(
-    smaller: Fit, starts: Sequence[tuple[Hypothesis, np.ndarray]], of_any_size: bool = False
-) -> Beginning | None:
+    smaller: Fit, starts: Sequence[tuple[Hypothesis, np.ndarray]], of_any_size: bool = False,
+    at_once: bool = False,
+) -> Beginning | None:  # fmt: skip
     """Return where hypotheses begin on top of a model, from their values (k + p,) in SI, with
     smaller sizes if those make the misfit no smaller, the model refitted to first order; None if
-    they do not settle. of_any_size: the largest that settle, whatever they make of the misfit."""
+    they do not settle. of_any_size: the largest that settle, whatever they make of the misfit;
+    at_once: None also if some frame settles only anew."""
     setup = smaller.forward.base
     # What depends on the way there moves the frames after, too: none is without it.
     some = any(h.effect.slow and not h.effect.path_dependent for h, _ in starts)
@@ -127,6 +138,7 @@ def settled_start(
         forward = smaller.forward.with_terms(
             [*smaller.forward.terms, *terms], origin.point.solution
         )
+        forward = forward.settling_at_once() if at_once else forward
         if best is not None and best.point.setup.remembers:
             forward.remember(best.point)  # frames that are settled one by one start from there
         begin = np.concatenate([_revived(origin), *(np.zeros(term.size) for term in terms)])

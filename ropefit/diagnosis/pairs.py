@@ -214,19 +214,16 @@ def fitted_pair(
     own, out = current.forward.terms, []
     parts = dict(zip(map(id, model.terms), model.split(both.point.u), strict=True))
     for k, (mine, other) in enumerate((terms, terms[::-1])):
-        fits = []
-        for now in ([*own, other], [*own, other, mine]):
-            forward = current.forward.with_terms(now, both.point.solution)
-            u = np.concatenate([parts[id(term)] for term in now])
-            fits.append(attempted(forward, current.problem, u, EVALUATIONS, tolerance=1e-5))
-        beside, whole = fits
-        if beside is None or whole is None or len(beside.z) != len(whole.z):
+        forward = current.forward.with_terms([*own, other], both.point.solution)
+        u = np.concatenate([parts[id(term)] for term in forward.terms])
+        beside = attempted(forward, current.problem, u, EVALUATIONS, tolerance=1e-5)
+        if beside is None or len(beside.z) != len(both.z):
             return None
-        candidate = compared(starts[k][0], mine, beside, whole)
+        candidate = compared(starts[k][0], mine, beside, both)
         if candidate.evidence < threshold or refusal(candidate, beside):
             return None
         out.append((candidate, beside))
-    return out, out[1][0].fit
+    return out, both
 
 
 def _scanned(current: Fit, known: list[Sensitivity]) -> tuple[float, list[Start]] | None:

@@ -34,6 +34,7 @@ class Equilibrium(Model):
     path: States | None = field(default=None, repr=False, init=False)
     increments: np.ndarray | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
+    softened: bool = field(default=True, init=False)  # frames that do not settle at once: anew
     latest: Point | None = field(default=None, repr=False, init=False)  # whose states are the last
 
     def starting_from(self, states: States) -> Equilibrium:
@@ -41,6 +42,11 @@ class Equilibrium(Model):
         out = Equilibrium(self.base, self.terms, states)
         out.path, out.increments, out.reached = self.path, self.increments, self.reached
         out.latest = self.latest
+        return out
+
+    def settling_at_once(self) -> Equilibrium:
+        out = self.with_terms(self.terms, self.last)
+        out.softened = False
         return out
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
@@ -59,7 +65,7 @@ class Equilibrium(Model):
             point = walk(u, setup, start, path, self.increments)
         else:
             deepest = DEEPEST if self.reached else np.inf
-            point = _point(u, setup, _settled(setup, start, deepest))
+            point = _point(u, setup, _settled(setup, start, deepest, self.softened))
         self.remember(point)
         return point
 
@@ -130,24 +136,26 @@ def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
     return Point(u, setup, solution, seen)
 
 
-def _settled(setup: Setup, start: States | None, deepest: float) -> Solution:
+def _settled(setup: Setup, start: States | None, deepest: float, softened: bool) -> Solution:
     """Return equilibria of frames, each by itself."""
     rod = _rod_of(setup)
     if not setup.followers:
-        return _under_dead_loads(setup, rod, start, deepest)
+        return _under_dead_loads(setup, rod, start, deepest, softened)
 
     def settle(load: np.ndarray, near: States | None) -> Solution:
         own = rod.each(len(setup.ends))
         with_load = own._replace(load=own.load + load) if load.size else own
-        return _under_dead_loads(setup, with_load, near, deepest)
+        return _under_dead_loads(setup, with_load, near, deepest, softened)
 
     return following(settle, setup.followers, start)
 
 
-def _under_dead_loads(setup: Setup, rod: Rod, start: States | None, deepest: float) -> Solution:
+def _under_dead_loads(
+    setup: Setup, rod: Rod, start: States | None, deepest: float, softened: bool
+) -> Solution:
     conditions = conditions_of(setup, rod)
     if setup.potentials:
-        return solve_with_potentials(rod, conditions, setup.potentials, start, deepest)
+        return solve_with_potentials(rod, conditions, setup.potentials, start, deepest, softened)
     solution = solve(rod, conditions, start)
     if start is not None:
         retry = ~solution.converged | wound(solution, start)

@@ -67,6 +67,11 @@ class Model(ABC):
         """Return the same model, which goes on from other states of its frames."""
         return replace(self, last=states)
 
+    def settling_at_once(self) -> Self:
+        """Return the model of which frames are not tried anew that do not settle from where they
+        are; by default itself."""
+        return self
+
     def horizon(self, seconds: float, most: float = np.inf) -> Self:
         """Return the model that predicts no further than this from what was observed, in parts of
         together at most `most` [s], evenly spread."""
