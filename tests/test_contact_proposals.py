@@ -190,8 +190,10 @@ def test_of_alternative_bars_the_one_that_leaves_least_is_first():
     first, *others = most_promising_first(nominal, choices)
     assert first is choices[2]
     assert [id(c) for c in others] == [id(choices[k]) for k in (0, 1, 3)]
-    good = [choices[k] for k in (3, 2, 1)]  # the first is better than none: no other is compared
+    good = [choices[k] for k in (2, 3, 1)]  # the first is better than none: no other is compared
     assert most_promising_first(nominal, good)[0] is good[0]
+    anew = [choices[k] for k in (1, 3, 0)]  # none settles at once, and touches the rope
+    assert most_promising_first(nominal, anew)[0] is anew[1]
     assert most_promising_first(nominal, choices[:1]) == choices[:1]
     assert most_promising_first(nominal, []) == []
 
@@ -204,14 +206,14 @@ def test_starts_close_to_one_from_which_the_rope_jumps_are_not_compared(monkeypa
     tried: list[np.ndarray] = []
     settle = beginning.settled_start
 
-    def settled_start(smaller, starts):
+    def settled_start(smaller, starts, at_once):
         tried.append(starts[0][1])
-        return settle(smaller, starts)
+        return settle(smaller, starts, at_once=at_once)
 
     monkeypatch.setattr(beginning, "settled_start", settled_start)
-    deep = true + 0.03 * unit[2]
+    deep = true + 0.04 * unit[2]
     choices = [(bar, at) for at in (deep, deep + 0.004 * unit[2], true)]
-    assert most_promising_first(nominal, choices)[0] is choices[2]
+    most_promising_first(nominal, choices)
     assert [id(at) for at in tried] == [id(deep), id(true)]
 
 
