@@ -72,8 +72,9 @@ class Equilibrium(Model):
     def remember(self, point: Point) -> None:
         """Go on from a point, if all of its frames have settled."""
         if point.solution.converged.all():
-            self.last, self.reached, self.latest = point.solution, True, point
+            self.last, self.reached = point.solution, True
             walked = point if isinstance(point, WalkedPoint) else None
+            self.latest = None if walked else point  # a walk goes on from where it ended
             self.path = walked and walked.path
             self.increments = walked and walked.increments
 
