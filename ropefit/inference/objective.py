@@ -25,6 +25,9 @@ STOPPED, ENDED = -2, 1  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
 FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped
+CLEARLY = (
+    4.0  # times as much as is expected: a fit that needs more may be stopped one slope earlier
+)
 PACE_OF = 4  # evaluations, the latest, whose pace is compared with what is needed
 PACE_OPTIMISM = 2.0  # times that pace: no fit is expected to gain faster in those left
 FAR = 0.01  # of the cost needed: only one that misses it by more is stopped for its pace
@@ -169,14 +172,16 @@ class Objective:
 
         out = self.known.rows("slope", u, turned)
         self.count += 1
-        hopeful = self.needed == np.inf or self.count < FEWEST_SLOPES
+        hopeful = self.needed == np.inf or self.count < FEWEST_SLOPES - 1
         costly = self.rubs or not self.forward.instantaneous
         if hopeful and not costly:
             return out
         low, high = self.forward.bounds()
         cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
         gain = linear_step(out, self.latest, low - u, high - u)[1]
-        if not hopeful and (cost - OPTIMISM * gain > self.needed or self._too_slow(cost)):
+        few = self.count < FEWEST_SLOPES
+        reach = cost - OPTIMISM * gain * (CLEARLY if few else 1.0)
+        if not hopeful and (reach > self.needed or self._too_slow(cost)):
             raise _Stopped(u.copy(), cost, STOPPED)
         if costly and gain < max(NEGLIGIBLE, self.tolerance * cost):
             raise _Stopped(u.copy(), cost, ENDED)
