@@ -3,6 +3,7 @@ pays for it."""
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,14 @@ import pytest
 from benchmarks.discovery.ablations import CASES, markdown, without
 from benchmarks.discovery.cases import listed
 from benchmarks.discovery.free_rope import KNOTS, FreeRope, free_rope
-from benchmarks.discovery.left_out import FREE, VARIANTS, WHOLE, WITHOUT_RESTART
+from benchmarks.discovery.left_out import (
+    FREE,
+    VARIANTS,
+    WHOLE,
+    WITHOUT_RESTART,
+    NaiveBic,
+    WithFreeRope,
+)
 from ropefit.diagnosis.first_noise import first_noise
 from ropefit.diagnosis.hypotheses import hypotheses
 from ropefit.diagnosis.rules import RULES, Rules, Selection
@@ -167,3 +175,10 @@ def test_the_table_counts():
     assert rows["| white noise"][2:5] == ["0 of 1", "1 of 1", "2.0"]
     assert "takes 40% of the misfit beyond noise (the best effect 90%)" in text
     assert "higher evidence in 0 of 1" in text
+
+
+@pytest.mark.parametrize("selection", [NaiveBic, WithFreeRope])
+def test_selections_take_all_that_a_round_gives_them(selection):
+    *of_the_model, _ = "self", "current", "scan", "quick", "slow"
+    named = set(inspect.signature(Selection.candidates).parameters) - set(of_the_model)
+    inspect.signature(selection.candidates).bind(*of_the_model, **dict.fromkeys(named))
