@@ -60,15 +60,16 @@ class Scan:
 
 def sensitivities(
     current: Fit, accepted: list[Accepted], names: tuple[str, ...] | None = None,
-    nearby: Sequence[Sensitivity] = (),
+    nearby: Sequence[Sensitivity] = (), linear: bool = False,
 ) -> list[Sensitivity]:  # fmt: skip
     """Return the sensitivities to every hypothesis, but to accepted ones with no other place.
 
-    nearby: known ones, of the same model in perhaps nearly the same shapes.
+    nearby: known ones, of the same model in perhaps nearly the same shapes; linear: only of effects
+    that are, which pairs are made of.
     """
     responses = Sensitivities(current)
     known = [one.candidate.hypothesis for one in accepted]
     taken = {h.key for h in known if not h.effect.place_names}
     before = {one.hypothesis.key: one for one in nearby}
-    every = hypotheses(current.point.setup, names)
+    every = [h for h in hypotheses(current.point.setup, names) if h.effect.linear or not linear]
     return [responses.of(h, before.get(h.key)) for h in every if h.key not in taken]

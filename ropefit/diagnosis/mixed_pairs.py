@@ -32,7 +32,7 @@ from ropefit.diagnosis.explored_pairs import (
 )
 from ropefit.diagnosis.few_frames import FAR_BEHIND, on_few_frames
 from ropefit.diagnosis.full_scan import Scan, sensitivities
-from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.hypotheses import Hypothesis, hypotheses
 from ropefit.diagnosis.nested import is_special_case
 from ropefit.diagnosis.pairs import PRIOR_SIZE, accepted_pair, fitted_pair, together
 from ropefit.diagnosis.proposals import Start
@@ -69,8 +69,8 @@ def two_instead(
     if base is None:
         return current, accepted
     now = contact + (together(base, current, len(held)) if held else 0.0)
-    known = sensitivities(base, [], names)
-    found = scanned(base, known)
+    found = scanned(base, sensitivities(base, [], names, linear=True))
+    tried = len(hypotheses(base.point.setup, names))
     leading = [
         (evidence, one, other)
         for evidence, one, other in found
@@ -85,10 +85,10 @@ def two_instead(
         if pair is not None:
             best, least = pair, together(base, pair[1])
     if best is None:
-        return with_ties(current, accepted, best_starts, len(known))
+        return with_ties(current, accepted, best_starts, tried)
     one, other = (candidate.hypothesis for candidate, _ in best[0])
     alike = [_alike(found, one, other), _alike(found, other, one)]
-    named, whole = accepted_pair(best, len(known), alike)
+    named, whole = accepted_pair(best, tried, alike)
     return whole, named
 
 
@@ -155,10 +155,10 @@ def _scored_beside(
 ) -> Iterator[ScannedPair]:
     """Yield an effect, as fitted on top of a model, and where what scores highest beside it begins,
     in stretches of every width; with their log evidence over the model, to first order."""
-    scores = Scan(one, partial(sensitivities, one, [], names)).scores
-    linear = [s for s in scores if s.hypothesis.effect.linear and s.log_factor > TIE_NATS]
+    scores = Scan(one, partial(sensitivities, one, [], names, linear=True)).scores
+    higher = [s for s in scores if s.log_factor > TIE_NATS]
     alone = 0.5 * (base.cost - one.cost)
-    for score in linear[:MOST_SECONDS]:
+    for score in higher[:MOST_SECONDS]:
         for begin in score.widths or score.starts()[:1]:
             yield alone + score.log_factor, start, (score.hypothesis, np.concatenate(begin))
 
