@@ -35,7 +35,7 @@ class Equilibrium(Model):
     increments: np.ndarray | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
     softened: bool = field(default=True, init=False)  # frames that do not settle at once: anew
-    latest: Point | None = field(default=None, repr=False, init=False)  # whose states are the last
+    latest: Point | None = field(default=None, repr=False, init=False)  # that was settled here
 
     def starting_from(self, states: States) -> Equilibrium:
         """Return the same model, which goes on from other states of its frames."""
@@ -67,6 +67,8 @@ class Equilibrium(Model):
             deepest = DEEPEST if self.reached else np.inf
             point = _point(u, setup, _settled(setup, start, deepest, self.softened))
         self.remember(point)
+        if not setup.remembers:  # a walk goes on from where it ended
+            self.latest = point
         return point
 
     def remember(self, point: Point) -> None:
@@ -74,7 +76,6 @@ class Equilibrium(Model):
         if point.solution.converged.all():
             self.last, self.reached = point.solution, True
             walked = point if isinstance(point, WalkedPoint) else None
-            self.latest = None if walked else point  # a walk goes on from where it ended
             self.path = walked and walked.path
             self.increments = walked and walked.increments
 
