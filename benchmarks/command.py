@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -40,3 +41,9 @@ def ropefit(
         return json.loads(run.stdout)
     except json.JSONDecodeError:
         raise CommandFailed(stage, run.returncode, "no JSON object on standard output") from None
+
+
+def processor_time() -> float:
+    """Return the processor time [s] of all commands that have ended."""
+    used = os.times()
+    return used.children_user + used.children_system

@@ -54,4 +54,4 @@ def test_a_shard_beyond_the_last_is_refused(tmp_path):
     command = [sys.executable, "-m", "benchmarks.discovery.again", str(tmp_path), "--shard", "3/2"]
     told = subprocess.run(command, capture_output=True, text=True)
     assert told.returncode == 2
-    assert "expected i/n, with i from 1 to n" in told.stderr
+    assert "expected I/N with 1 <= I <= N" in told.stderr

@@ -19,7 +19,7 @@ from typing import Any
 from benchmarks.discovery import falsified
 from benchmarks.discovery.cases import Case, at_rest, generate, listed
 from benchmarks.discovery.report import examples, markdown
-from benchmarks.discovery.run import diagnose, identified, kept, read_json
+from benchmarks.discovery.run import diagnose, identified, kept, read_json, shard
 from benchmarks.discovery.score import judged, rows
 from benchmarks.document import parser, publish
 
@@ -32,7 +32,7 @@ def main() -> None:
     root = Path(__file__).parents[2]
     arguments.add_argument("--cases", choices=SIZES, default="standard")
     arguments.add_argument("--only", default=".*", metavar="PATTERN", help="whole names of cases")
-    arguments.add_argument("--shard", default="1/1", help="I/N: every N-th case from the I-th")
+    arguments.add_argument("--shard", type=shard, default=(1, 1), help="I/N: every N-th case")
     arguments.add_argument("--out", type=Path, default=Path("discovery"), help="results' folder")
     arguments.add_argument("--seed", type=int, default=5)
     arguments.add_argument("--make", action="store_true", help="only make the recordings")
@@ -41,16 +41,14 @@ def main() -> None:
     arguments.add_argument("--real-only", action="store_true", help="only the real recordings")
     arguments.add_argument("--real", type=Path, default=root.parent / "shared" / "real")
     options = arguments.parse_args()
-    shard, shards = (int(part) for part in options.shard.split("/"))
-    if not 1 <= shard <= shards:
-        arguments.error("--shard I/N with 1 <= I <= N")
+    first, shards = options.shard
     if options.real_only:
         publish(options, "discovery-real", *falsified.table(options.real, options.out))
         return
     # What one seed makes is not another's.
     out = options.out / f"seed-{options.seed}"
     cases = [c for c in listed(options.cases, options.seed) if re.fullmatch(options.only, c.name)]
-    cases = cases[shard - 1 :: shards]
+    cases = cases[first - 1 :: shards]
     judgements, impossible = [], {}
     for case in cases:
         found = one(case, out, options.make, options.score_only)
@@ -66,7 +64,7 @@ def main() -> None:
     if options.only != ".*":
         chosen += f" --only '{options.only}'"
     if shards > 1:
-        chosen += f" --shard {options.shard}"
+        chosen += f" --shard {first}/{shards}"
     answers = {
         j["case"]: read_json(out / "results" / f"{j['case']}.json")["answer"] for j in judgements
     }

@@ -1,6 +1,6 @@
 """Recordings diagnosed again from their identified runs: the same answers, and in which time?
 
-    python -m benchmarks.discovery.again DIR [--only REGEX] [--shard 1/2] [--out DIR] [--json FILE]
+    python -m benchmarks.discovery.again DIR [--only REGEX] [--shard I/N] [--out DIR] [--json FILE]
 
 DIR: of a seed, as `python -m benchmarks.discovery` leaves it, with runs/ and results/. Every run is
 copied, and diagnosed by this state of the program. OMP_NUM_THREADS=1 keeps each to one core.
@@ -8,17 +8,15 @@ copied, and diagnosed by this state of the program. OMP_NUM_THREADS=1 keeps each
 
 from __future__ import annotations
 
-import argparse
 import re
-import resource
 import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.command import CommandFailed, ropefit
-from benchmarks.discovery.run import read_json
+from benchmarks.command import CommandFailed, processor_time, ropefit
+from benchmarks.discovery.run import read_json, shard
 from benchmarks.document import parser, publish
 
 PARAMETERS = ("value", "ci95")
@@ -29,24 +27,17 @@ def main() -> None:
     arguments = parser(__doc__)
     arguments.add_argument("seed", type=Path, help="folder of a seed")
     arguments.add_argument("--only", default=".*", help="regular expression of recordings' names")
-    arguments.add_argument("--shard", type=_shard, default=(1, 1), help="i/n: every n-th recording")
+    arguments.add_argument("--shard", type=shard, default=(1, 1), help="I/N: every N-th of them")
     arguments.add_argument("--out", type=Path, default=Path("again"), help="folder of the copies")
     options = arguments.parse_args()
-    i, n = options.shard
+    first, shards = options.shard
     found = sorted(path.parent.name for path in options.seed.glob("runs/*/model.h5"))
-    names = [name for name in found if re.fullmatch(options.only, name)][i - 1 :: n]
+    names = [name for name in found if re.fullmatch(options.only, name)][first - 1 :: shards]
     rows = []
     for name in names:
         rows.append(again(options.seed, name, options.out / name))
         print(markdown_row(rows[-1]), flush=True)
     publish(options, "again", markdown(rows), {"recordings": rows})
-
-
-def _shard(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", text)
-    if match is None or int(match[1]) > int(match[2]):
-        raise argparse.ArgumentTypeError("expected i/n, with i from 1 to n")
-    return int(match[1]), int(match[2])
 
 
 def again(seed: Path, name: str, run: Path) -> dict[str, Any]:
@@ -56,22 +47,17 @@ def again(seed: Path, name: str, run: Path) -> dict[str, Any]:
     shutil.copytree(
         seed / "runs" / name, run, ignore=lambda _, files: [f for f in files if "diagnosis" in f]
     )
-    began = _processor_time()
+    began = processor_time()
     try:
         now, error = ropefit("diagnose", "--run", run, unconverged=True), None
     except CommandFailed as failed:
         now, error = None, str(failed)
-    seconds = _processor_time() - began
+    seconds = processor_time() - began
     before = read_json(seed / "results" / f"{name}.json")["answer"]
     return {
         "name": name, "before": called(before), "now": called(now), "error": error,
         "differs": difference(before, now), "processor": seconds,
     }  # fmt: skip
-
-
-def _processor_time() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def called(answer: dict[str, Any] | None) -> str:

@@ -10,12 +10,12 @@ nothing told of the table. Finished seeds are kept in DIR.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.command import processor_time
 from benchmarks.discovery import dragging
 from benchmarks.discovery.made import write
 from benchmarks.discovery.run import diagnose, kept, read_json
@@ -37,12 +37,9 @@ def one(seed: int, rough: float, out: Path) -> dict[str, Any]:
         write(recording, truth, f"friction-{seed}", made, seed, "pair")
 
     def work() -> dict[str, Any]:
-        before = os.times()
+        before = processor_time()
         found = diagnose(recording, out / f"run-{seed}")
-        now = os.times()
-        used = now.children_user + now.children_system
-        used -= before.children_user + before.children_system
-        return found | {"processor": used}
+        return found | {"processor": processor_time() - before}
 
     done = kept(out / f"{seed}.json", work)
     scores = {e["name"]: e["score"] for e in read_json(truth)["effects"]}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +19,14 @@ TIMEOUT = 900.0  # s, one command
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object in a JSON file."""
     return json.loads(path.read_text())
+
+
+def shard(text: str) -> tuple[int, int]:
+    """Return I and N of an option I/N: every N-th case from the I-th."""
+    match = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", text)
+    if match is None or int(match[1]) > int(match[2]):
+        raise argparse.ArgumentTypeError("expected I/N with 1 <= I <= N")
+    return int(match[1]), int(match[2])
 
 
 def diagnose(

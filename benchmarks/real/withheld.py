@@ -6,7 +6,6 @@ one thing falsely, or the nominal run has one thing taken away: the noise is rea
 
 from __future__ import annotations
 
-import resource
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import CommandFailed, ropefit
+from benchmarks.command import CommandFailed, processor_time, ropefit
 from benchmarks.discovery.run import kept
 from benchmarks.real.falsehoods import FALSEHOODS, Falsehood, Told
 from benchmarks.real.motion import clips_of, join
@@ -152,7 +151,7 @@ def _diagnosed(
     if falsehood is not None:
         Told(recording, clips=len(clips)).changed(falsehood)
     free = ("--free", "EI,GJ") if undamped else ()
-    begin, seconds = _used(), {}
+    begin, seconds = processor_time(), {}
     scores: dict[str, float] = {}
     out: dict[str, Any] = {"answer": None, "error": None, "seconds": seconds, "scores": scores}
     steps = (
@@ -165,17 +164,11 @@ def _diagnosed(
             out["answer"] = ropefit(*step, unconverged=True)
         except CommandFailed as error:
             return out | {"answer": None, "error": str(error)}
-        seconds[step[0]] = _used() - begin - sum(seconds.values())
+        seconds[step[0]] = processor_time() - begin - sum(seconds.values())
     found, _ = read(run / Diagnosis.file_name, Diagnosis)
     for one in found.scan.values():
         scores[one.name] = max(one.score, scores.get(one.name, 0.0))
     return out
-
-
-def _used() -> float:
-    """Return the processor time [s] of all commands so far."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def judged(found: dict[str, Any]) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def reassessed(
 
 
 def refitted_beside(
-    candidate: Candidate, later: list[Candidate], without: Fit, needed: float = np.inf
+    candidate: Candidate, later: list[Candidate], without: Fit, needed: float
 ) -> Candidate | None:
     """Return a candidate from where its own fit left it, with later effects beside it; stopped
     where it is without prospect of the cost that is `needed`."""

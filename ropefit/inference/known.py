@@ -56,6 +56,8 @@ class Known:
             self.best = self._recalled("so far") or self.best
         if self.best is not None:
             self.forward.remember(self.best)
+            if np.array_equal(self.best.u, u):  # resumed: else it is kept where it was asked for
+                return self.best
         point = self.forward.at(u)
         journal().keep(f"{self.name}/latest", lambda: {"u": u, **self.forward.kept(point)})
         return point

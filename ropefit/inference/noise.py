@@ -26,7 +26,7 @@ PLACES = ("frame", "bin", "share", "count", "scatter", "fall")  # what covarianc
 MOST_KEPT = 2  # whiteners of one noise
 AT_ONCE = 8192  # rows that are whitened at once: their copies are small
 COST = 2.0  # nats that a further kind of noise must earn
-PAST = 2  # sd in a row, of one kind of noise, that are less likely: larger ones are, too
+PAST = 2  # growing sd in a row that are less likely than a smaller one, after which none is tried
 
 
 @dataclass(frozen=True)
@@ -235,13 +235,13 @@ def likeliest(s: Stations, known: Noise, design: np.ndarray | None = None) -> tu
     # One kind of noise after the other, twice: they hardly trade.
     for _ in range(2 if known.ends else 1):
         for choices in (_positions, _tilts, _correlated):
-            best = _least(choices(best, typical), worth)
+            best = _likeliest_of(choices(best, typical), worth)
     return best, worth(best)
 
 
-def _least(choices: list[list[Noise]], worth: Callable[[Noise], float]) -> Noise:
-    """Return the noise that is worth least; of a list of one kind with growing sd, those after
-    `PAST` in a row that are worth more than one before are not asked for: there is one minimum."""
+def _likeliest_of(choices: list[list[Noise]], worth: Callable[[Noise], float]) -> Noise:
+    """Return the noise of the lowest `worth` (negative log likelihood). Each list is of growing sd,
+    in which the likelihood is taken to have one maximum: past it, the rest is not computed."""
     known: list[tuple[float, Noise]] = []
     for growing in choices:
         row: list[float] = []

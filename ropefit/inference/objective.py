@@ -24,10 +24,8 @@ from ropefit.runs.journal import Arrays
 STOPPED, ENDED = -2, 1  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
 FURTHEST_STEP = 100.0  # search variables
-FEWEST_SLOPES = 3  # of a fit, before it may be stopped
-CLEARLY = (
-    4.0  # times as much as is expected: a fit that needs more may be stopped one slope earlier
-)
+FEWEST_SLOPES = 3  # of a fit, before it may be stopped without a wider margin
+EARLY = 4.0  # times that: no fit is expected to gain more at the slope before the fewest
 PACE_OF = 4  # evaluations, the latest, whose pace is compared with what is needed
 PACE_OPTIMISM = 2.0  # times that pace: no fit is expected to gain faster in those left
 FAR = 0.01  # of the cost needed: only one that misses it by more is stopped for its pace
@@ -101,6 +99,7 @@ class Objective:
     def _at(self, u: np.ndarray) -> _Evaluation:
         key = u.tobytes()
         if self._best is not None and self._best.key == key:
+            self.forward.remember(self._best.point)
             return self._best
         if self._last is None or self._last.key != key:
             self._last = None  # a motion is large: one at a time
@@ -179,9 +178,8 @@ class Objective:
         low, high = self.forward.bounds()
         cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
         gain = linear_step(out, self.latest, low - u, high - u)[1]
-        few = self.count < FEWEST_SLOPES
-        reach = cost - OPTIMISM * gain * (CLEARLY if few else 1.0)
-        if not hopeful and (reach > self.needed or self._too_slow(cost)):
+        most = OPTIMISM * gain * (EARLY if self.count < FEWEST_SLOPES else 1.0)
+        if not hopeful and (cost - most > self.needed or self._too_slow(cost)):
             raise _Stopped(u.copy(), cost, STOPPED)
         if costly and gain < max(NEGLIGIBLE, self.tolerance * cost):
             raise _Stopped(u.copy(), cost, ENDED)

@@ -34,19 +34,17 @@ class Equilibrium(Model):
     path: States | None = field(default=None, repr=False, init=False)
     increments: np.ndarray | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
-    softened: bool = field(default=True, init=False)  # frames that do not settle at once: anew
-    latest: Point | None = field(default=None, repr=False, init=False)  # that was settled here
+    at_once: bool = field(default=False, init=False)  # frames that do not settle are not begun anew
 
     def starting_from(self, states: States) -> Equilibrium:
         """Return the same model, which goes on from other states of its frames."""
         out = Equilibrium(self.base, self.terms, states)
         out.path, out.increments, out.reached = self.path, self.increments, self.reached
-        out.latest = self.latest
         return out
 
     def settling_at_once(self) -> Equilibrium:
         out = self.with_terms(self.terms, self.last)
-        out.softened = False
+        out.at_once = True
         return out
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
@@ -55,20 +53,15 @@ class Equilibrium(Model):
 
     def at(self, u: np.ndarray, start: States | None = None) -> Point:
         """Settle at u. Frames that do not converge are NaN in `seen`."""
-        start = start or self.last
-        known = self.latest
-        if known and start is known.solution and np.array_equal(known.u, u):
-            return known
         setup = self.setup_at(u)
+        start = start or self.last
         if setup.remembers:
             path = self.path if start is self.last else None
             point = walk(u, setup, start, path, self.increments)
         else:
             deepest = DEEPEST if self.reached else np.inf
-            point = _point(u, setup, _settled(setup, start, deepest, self.softened))
+            point = _point(u, setup, _settled(setup, start, deepest, self.at_once))
         self.remember(point)
-        if not setup.remembers:  # a walk goes on from where it ended
-            self.latest = point
         return point
 
     def remember(self, point: Point) -> None:
@@ -138,26 +131,26 @@ def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
     return Point(u, setup, solution, seen)
 
 
-def _settled(setup: Setup, start: States | None, deepest: float, softened: bool) -> Solution:
+def _settled(setup: Setup, start: States | None, deepest: float, at_once: bool) -> Solution:
     """Return equilibria of frames, each by itself."""
     rod = _rod_of(setup)
     if not setup.followers:
-        return _under_dead_loads(setup, rod, start, deepest, softened)
+        return _under_dead_loads(setup, rod, start, deepest, at_once)
 
     def settle(load: np.ndarray, near: States | None) -> Solution:
         own = rod.each(len(setup.ends))
         with_load = own._replace(load=own.load + load) if load.size else own
-        return _under_dead_loads(setup, with_load, near, deepest, softened)
+        return _under_dead_loads(setup, with_load, near, deepest, at_once)
 
     return following(settle, setup.followers, start)
 
 
 def _under_dead_loads(
-    setup: Setup, rod: Rod, start: States | None, deepest: float, softened: bool
+    setup: Setup, rod: Rod, start: States | None, deepest: float, at_once: bool
 ) -> Solution:
     conditions = conditions_of(setup, rod)
     if setup.potentials:
-        return solve_with_potentials(rod, conditions, setup.potentials, start, deepest, softened)
+        return solve_with_potentials(rod, conditions, setup.potentials, start, deepest, at_once)
     solution = solve(rod, conditions, start)
     if start is not None:
         retry = ~solution.converged | wound(solution, start)

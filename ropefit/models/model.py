@@ -68,8 +68,8 @@ class Model(ABC):
         return replace(self, last=states)
 
     def settling_at_once(self) -> Self:
-        """Return the model of which frames are not tried anew that do not settle from where they
-        are; by default itself."""
+        """Return the same model, which only marks frames that do not settle as they are, and
+        begins none anew; by default itself."""
         return self
 
     def horizon(self, seconds: float, most: float = np.inf) -> Self:

@@ -79,7 +79,7 @@ def solve_with_potentials(
     potentials: tuple[Potential, ...],
     start: States | None = None,
     deepest: float = np.inf,
-    softened: bool = True,
+    at_once: bool = False,
 ) -> Solution:
     """Return equilibria of F frames of one rope, or of F ropes, with energies of their nodes.
 
@@ -89,7 +89,7 @@ def solve_with_potentials(
     The solution's own conditions and rods are those with the supports and loads that stand for the
     potentials there: derivatives of the states need them. Frames that do not settle are marked.
     Those that do not at first begin anew from where they would hang alone, and are brought out of
-    the obstacle in steps, while it hardens; not where that is not wanted (`softened`).
+    the obstacle in steps, while it hardens. at_once: none is begun anew.
     """
     rod, conditions = rod.in_numpy(), conditions.in_numpy()
     if start is None or (isinstance(start, Solution) and not start.converged.all()):
@@ -103,9 +103,9 @@ def solve_with_potentials(
         if near.converged.all():
             return _replaced(rod, conditions, potentials, near.x, near, bold)
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
-    found = _settle(rod, conditions, potentials, start, STILL * length, softened)
+    found = _settle(rod, conditions, potentials, start, STILL * length, at_once)
     late = np.flatnonzero(~found.converged)
-    if not len(late) or not softened:
+    if at_once or not len(late):
         return found
     few, ends = rod.frames(late), conditions.frames(late)
     current: States = solve(few, ends)
@@ -133,11 +133,11 @@ def _settle(
     potentials: tuple[Potential, ...],
     start: States,
     still: float,
-    patient: bool = True,
+    at_once: bool = False,
 ) -> Solution:
     """Replace the potentials by supports until no node moves by more than `still` [m], in every
-    frame by itself. A frame that goes astray stays where it began, marked; not `patient`: all do,
-    as soon as Newton's method fails in one.
+    frame by itself. A frame that goes astray stays where it began, marked; at_once: all do, as soon
+    as Newton's method fails in one.
 
     Frames that touch nothing, before and after they settle without the potentials, are done. Where
     the slope of a potential has corners (friction), a step goes as far along as the forces drive
@@ -170,7 +170,7 @@ def _settle(
         new, reached = alone.settled(mine, current.frames(mine), force, held, ROUND_STEPS)
         step = new.x - x[mine]
         earlier, moved[mine] = moved[mine], np.abs(step).max(axis=(1, 2))
-        if not (patient or reached.all()):
+        if at_once and not reached.all():
             return unsettled(rod, conditions, start)
         astray = ~np.isfinite(moved[mine])
         going[mine] = ~astray & ~(bold[mine] & (moved[mine] < still))

@@ -89,8 +89,8 @@ def solve_columns(w, columns, transposed):
     z, b = w.solved, w.border
     for i in range(n):
         v00, v01, v02, v10, v11, v12, v20, v21, v22 = _entries(w.inverse[i], transposed)
-        o00, o01, o02, o10, o11, o12, o20, o21, o22 = _entries(w.off[max(i - 1, 0)], True)
         before = max(i - 1, 0)
+        o00, o01, o02, o10, o11, o12, o20, o21, o22 = _entries(w.off[before], True)
         for c in range(columns):
             r0, r1, r2 = b[i, 0, c], b[i, 1, c], b[i, 2, c]
             if i > 0:
@@ -116,8 +116,8 @@ def solve_columns(w, columns, transposed):
 
 @inlined
 def _entries(m, transposed):
-    """Return the entries of m (3, 3), or of its transpose, row by row: out of memory, so that a
-    loop over columns need not read them anew."""
+    """Return the entries of m (3, 3), or of its transpose, row by row, as scalars: in a loop over
+    columns they stay in registers."""
     if transposed:
         return (m[0, 0], m[1, 0], m[2, 0], m[0, 1], m[1, 1], m[2, 1], m[0, 2], m[1, 2], m[2, 2])
     return (m[0, 0], m[0, 1], m[0, 2], m[1, 0], m[1, 1], m[1, 2], m[2, 0], m[2, 1], m[2, 2])

@@ -179,7 +179,7 @@ def _add_response(rod, held, w, right, dx, turn):
     for i in range(n):
         r, u, g = w.frame[i], w.u[i], w.g[i]
         _add_reactions(held, right, i, z, along)
-        # The row of what is seen is written after: vectors along c need memory along c.
+        # Contiguous in c, so that it is vectorised; turn and dx, which are not, are written after.
         _move(r, u, g, w.yields[i], z[i, :, count:], along)
         for c in range(many):
             for a in range(3):
