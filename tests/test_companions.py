@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import candidates, first_noise
+from ropefit.diagnosis import beginning, candidates, first_noise
 from ropefit.diagnosis import companions as companions_module
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.beginning import settled_start
@@ -49,6 +49,23 @@ def both(nominal: Fit) -> Companions:
     found = companions(nominal, proposals(nominal, slow=True, names=NAMES), NAMES)
     assert found is not None
     return found
+
+
+@pytest.mark.parametrize(("apart", "walks"), [(0.001, 4), (1.0, 1)])
+def test_more_friction_is_not_tried_where_the_least_drags_the_rope_far(
+    nominal: Fit, monkeypatch, apart, walks
+):
+    plane, drag = Hypothesis(SupportPlane(), NO_PLACE), Hypothesis(ContactFriction(), NO_PLACE)
+    starts, tried = [(plane, np.array([-0.2, 0, 0])), (drag, np.array([0.3]))], []
+
+    def walked(model, u):
+        tried.append(float(model.terms[-1].start[0]))
+        return replace(nominal.point, seen=nominal.point.seen + apart)
+
+    monkeypatch.setattr(beginning, "settled", walked)
+    assert (settled_start(nominal, starts) is None) == (walks == 1)
+    assert len(tried) == walks
+    assert tried == sorted(tried)
 
 
 def test_a_plane_and_its_friction_are_fitted_at_once(nominal: Fit, both: Companions):

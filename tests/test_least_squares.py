@@ -5,6 +5,7 @@ Truth comes from a rod twice as fine as the fit's. Markers, unless a test is abo
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from ropefit.inference.objective import (
     PACE_OF,
     PACE_OPTIMISM,
     Objective,
+    _Stopped,
     linear_step,
 )
 from ropefit.inference.problem import FitProblem
@@ -403,6 +405,30 @@ def test_a_fit_ends_where_the_predicted_decrease_is_not_achieved(monkeypatch):
     assert again.converged
     assert len(again.trace) <= 2 + FRUITLESS
     np.testing.assert_allclose(again.point.u, best.point.u, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("costs", "evaluations"),
+    [
+        ([100.0, 99.0, 99.01, 99.02, 90.0], 4),  # they hardly differ
+        ([100.0, 99.0, 104.0, 103.0, 90.0], 5),
+        ([100.0, 99.0, 98.99, 98.98, 98.97], 5),  # each lowers it
+        ([100.0, 99.0, *5 * [104.0], 90.0], 2 + FRUITLESS),
+    ],
+)
+def test_a_fit_ends_where_evaluations_change_nothing(monkeypatch, costs, evaluations):
+    objective = Objective.__new__(Objective)
+    objective.trace, objective.best, objective.rubs = [], np.zeros(1), False
+
+    def rows(self, u):
+        self.trace.append(costs[len(self.trace)])
+        return u
+
+    monkeypatch.setattr(Objective, "rows", rows)
+    with contextlib.suppress(IndexError, _Stopped):
+        while True:
+            objective.patient_rows(np.zeros(1), 0)
+    assert len(objective.trace) == evaluations
 
 
 def test_the_best_linear_step_within_bounds_gains():

@@ -34,6 +34,13 @@ def segments_of(o: Observations) -> int:
     return refinement(len(o.node_arc), finest) * (len(o.node_arc) - 1)
 
 
+def fewer_segments(o: Observations) -> int | None:
+    """Return about half of them, for what is only explored; None where there is no such mesh."""
+    parts = len(o.node_arc) - 1
+    every = segments_of(o) // parts
+    return round(every / 2) * parts if every > 1 else None
+
+
 def base_setup(o: Observations, segments: int) -> Setup:
     """Return the nominal rope in every frame: the weight known or one kilogram a metre, never
     stretching.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.diagnosis.calm import calm, distorted
+from ropefit.diagnosis.coarse_mesh import on_coarse_mesh
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.scan import Projection
 from ropefit.inference.known import settled
@@ -23,6 +24,7 @@ LATE_GAIN = 3.0  # nats: least first-order gain from which a late effect is fitt
 MUCH_LESS = 0.5  # of the rms of the data about the model
 UNMOVED = 1e-8  # m: less is rounding
 JUMPED = 5.0  # times the smaller model's χ²: a distant equilibrium, slow to settle in
+HOPELESS = 100.0  # times that: no fit leads back from there
 CLOSE = 0.1  # usual sizes: starts so close to each other lead to the same
 INSENSITIVE = 1.0  # whitened change of all data by a factor e of a parameter
 
@@ -39,6 +41,11 @@ class Beginning:
     values: np.ndarray
     point: Point
     misfit: float
+
+    def promising(self) -> bool:
+        """Return whether a fit from here may come near the data: it does not lead back from the
+        other side of what is touched."""
+        return self.misfit < HOPELESS * float(self.origin.z @ self.origin.z)
 
 
 def beginning(
@@ -60,17 +67,16 @@ def beginning(
 def most_promising_first(
     smaller: Fit, choices: list[tuple[Hypothesis, np.ndarray]]
 ) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Return alternative starts, of contact first the one that leaves least where it begins: from
-    some the rope comes to lie on the wrong side. Those from which some frame does not settle at
-    once, which is slow, are compared only where no other one settles."""
+    """Return alternative starts, of contact in the order of what they leave where they begin, on a
+    coarse mesh: from some the rope comes to lie on the wrong side. Those from which some frame does
+    not settle at once, which is slow, are compared only where no other one settles."""
     effect = choices[0][0].effect if choices else None
     if effect is None or len(choices) == 1 or not effect.slow or effect.path_dependent:
         return choices
-    left = _left_at(smaller, choices, at_once=True) or _left_at(smaller, choices, at_once=False)
-    if not left:
-        return choices
-    first = min(left)[1]
-    return [choices[first], *(c for k, c in enumerate(choices) if k != first)]
+    coarse = on_coarse_mesh(smaller)
+    left = _left_at(coarse, choices, at_once=True) or _left_at(coarse, choices, at_once=False)
+    order = [k for _, k in sorted(left)]
+    return [choices[k] for k in (*order, *sorted({*range(len(choices))} - {*order}))]
 
 
 def _left_at(
@@ -122,8 +128,8 @@ def settled_start(
 ) -> Beginning | None:  # fmt: skip
     """Return where hypotheses begin on top of a model, from their values (k + p,) in SI, with
     smaller sizes if those make the misfit no smaller, the model refitted to first order; None if
-    they do not settle. of_any_size: the largest that settle, whatever they make of the misfit;
-    at_once: None also if some frame settles only anew."""
+    they do not settle, or drag the rope far off at their least. of_any_size: the largest that
+    settle, whatever they make of the misfit; at_once: None also if some frame settles only anew."""
     setup = smaller.forward.base
     # What depends on the way there moves the frames after, too: none is without it.
     some = any(h.effect.slow and not h.effect.path_dependent for h, _ in starts)
@@ -149,7 +155,10 @@ def settled_start(
         misfit = float(left @ left)
         if best is None or misfit < least:
             best, least = Beginning(origin, terms, forward, begin, first, misfit), misfit
-        if not all_compared and (of_any_size or least < float(project.z @ project.z)):
+        without = float(project.z @ project.z)
+        if all_compared and least > JUMPED * without:
+            return None  # the least friction already drags it along
+        if of_any_size or (not all_compared and least < without):
             break
     return best
 

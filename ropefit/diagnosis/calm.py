@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ropefit.diagnosis.coarse_mesh import on_coarse_mesh
 from ropefit.diagnosis.inlier_frames import on_inlier_frames
 from ropefit.effects.misfit import Push
 from ropefit.inference.least_squares import Fit, attempted, by_parts
@@ -43,10 +44,25 @@ def calm(fitted: Fit) -> Fit:
     if not fitted.forward.instantaneous:
         return fitted
     if fitted.calm is None:
-        found = _calm(fitted)
+        found = _as_on_coarse_mesh(fitted) or _calm(fitted)
         inliers = on_inlier_frames(fitted) if distorted(found) else None
         fitted.calm = inliers or found
     return fitted.calm
+
+
+def _as_on_coarse_mesh(fitted: Fit) -> Fit | None:
+    """Return the model with the values that it has on its coarser mesh; None where there is none,
+    or it does not settle with them."""
+    coarse = on_coarse_mesh(fitted)
+    if coarse is fitted:
+        return None
+    found = _calm(coarse)
+    if found is coarse:
+        return fitted
+    states = found.point.solution.of_segments(fitted.forward.base.segments)
+    forward = fitted.forward.starting_from(states)
+    whole = attempted(forward, fitted.problem, found.point.u, 1, tolerance=1e-3)
+    return whole if whole is not None and whole.point.converged.all() else None
 
 
 def _calm(fitted: Fit) -> Fit:

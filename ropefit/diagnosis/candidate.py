@@ -145,7 +145,7 @@ def fit_candidate(
     if begun is None:
         return None
     slow = hypothesis.effect.slow
-    if slow and not touches(begun):
+    if slow and not (touches(begun) and begun.promising()):
         return None
     most = SLOW_EVALUATIONS if slow else evaluations
     needed = np.inf if slow else needed  # contact has no linear steps

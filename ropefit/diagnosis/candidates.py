@@ -82,7 +82,7 @@ def fit_candidates(
     for one in fits.found():
         # Others have no further starts: what they leave costs time.
         has_further = one.hypothesis.effect.slow and one.fit.cost < fits.most_cost()
-        if has_further and not fits.far_behind(one):
+        if has_further and not fits.far_behind(one) and (one is fits.best() or not for_noise):
             _elsewhere(fits, one, names)
     return fits.found()
 

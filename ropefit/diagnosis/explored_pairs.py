@@ -55,7 +55,7 @@ def explored(
         before = ended[_kinds(both)]
         lowest = min((one.fit.cost for one in before), default=np.inf)
         alike = [one for one in before if one.fit.cost < lowest + ALIKE]
-        if len(alike) >= ENOUGH and not alike[0].far_from(both):
+        if len(alike) >= _enough(alike) and not alike[0].far_from(both):
             continue
         begun = settled_start(few, both)
         if begun is None:
@@ -72,6 +72,12 @@ def explored(
         out.append(Explored(together(few, fitted), starts, fitted))
         before.append(out[-1])
     return out
+
+
+def _enough(alike: list[Explored]) -> int:
+    """Return how many fits of one pair have to end alike: the one that leaves no more than noise
+    is not bettered by another."""
+    return 1 if alike and not leaves_something(alike[0].fit, LEFT_OF_FEW) else ENOUGH
 
 
 def _needed(better: list[Explored]) -> float:

@@ -1,9 +1,10 @@
-"""A fit on few of its frames, where starts of costly fits are compared."""
+"""A fit on few of its frames and a coarse mesh, where starts of costly fits are compared."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ropefit.diagnosis.coarse_mesh import on_coarse_mesh
 from ropefit.inference.least_squares import Fit, attempted
 
 FEW_FRAMES = 10  # frames: shapes between them are like them
@@ -20,6 +21,7 @@ def on_few_frames(fitted: Fit) -> Fit | None:
         return None
     if fitted.point.setup.remembers:
         return None
+    fitted = on_coarse_mesh(fitted)
     index = np.unique(np.linspace(0, frames - 1, FEW_FRAMES).round().astype(int))
     forward = fitted.forward.of_setup(
         fitted.forward.base.frames(index),

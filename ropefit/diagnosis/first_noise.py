@@ -10,6 +10,7 @@ import numpy as np
 from ropefit.diagnosis.beginning import first_order_move
 from ropefit.diagnosis.candidate import Candidate, cost_for, fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates
+from ropefit.diagnosis.coarse_mesh import on_coarse_mesh
 from ropefit.diagnosis.companions import Companions, companions
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import made_possible
@@ -105,8 +106,9 @@ def first_noise(nominal: Fit, rules: Rules) -> FirstNoise:
     slow, late = [], []
     for choices in scan.contact(rules):
         (late if choices[0][0].effect.late else slow).append(choices)
+    coarse = on_coarse_mesh(nominal)
     candidates = fit_candidates(
-        nominal, hidden, quick_starts, slow, least, rules.effects, for_noise=True
+        coarse, hidden, quick_starts, slow, least, rules.effects, for_noise=True
     )
     candidates = [c for c in candidates if c.evidence > least]
     if nominal is at_rest and rules.most_effects > 1:

@@ -165,13 +165,19 @@ class Fits:
             return False
         if self.for_noise:
             return self.sufficient()
-        return not (leaves_something(best.fit) or uneven(best.fit))
+        return self._leaves_noise(best)
+
+    @staticmethod
+    def _leaves_noise(candidate: Candidate) -> bool:
+        """Return whether a candidate leaves no more than noise, in all frames alike."""
+        return not (leaves_something(candidate.fit) or uneven(candidate.fit))
 
     def far_behind(self, candidate: Candidate) -> bool:
         """Return whether a candidate does not come close to the best one, and that is enough."""
         best = self.best()
-        close = CLOSE_EVIDENCE * best.evidence if best else -np.inf
-        return candidate.evidence < close and self.enough()
+        if best is None or candidate.evidence >= CLOSE_EVIDENCE * best.evidence:
+            return False
+        return self.enough() or (best.hypothesis.effect.late and self._leaves_noise(best))
 
     def sufficient(self) -> bool:
         """Return whether no slow fit is needed: a candidate within reach of the best explains all

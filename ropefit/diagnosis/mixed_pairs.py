@@ -20,6 +20,7 @@ import numpy as np
 
 from ropefit.diagnosis.accepted import Accepted, least_evidence
 from ropefit.diagnosis.candidate import Candidate, cost_for
+from ropefit.diagnosis.coarse_mesh import on_coarse_mesh
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.explored_pairs import (
     LEFT_OF_FEW,
@@ -115,7 +116,7 @@ def _beside_singles(
     out: list[ScannedPair] = []
     for one in sorted(_quick(singles), key=lambda c: c.fit.cost)[:MOST_SINGLES]:
         start: Start = (one.hypothesis, one.values())
-        out += _scored_beside(one.fit, start, base, names)
+        out += _scored_beside(on_coarse_mesh(one.fit), start, base, names)
     return out
 
 

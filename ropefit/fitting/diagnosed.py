@@ -11,7 +11,13 @@ from ropefit.adapters.diagnosis_content import Layout, content
 from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.motion_model import at_observed_nodes
 from ropefit.adapters.priors import noise_of
-from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
+from ropefit.adapters.rope_setup import (
+    STATIONS,
+    base_setup,
+    data_in_space,
+    fewer_segments,
+    segments_of,
+)
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS, DiagnoseSettings
 from ropefit.adapters.taken_over import TakenOver, as_found, of_rope, over_mass
 from ropefit.artifacts import Diagnosis, Model, Observations
@@ -31,6 +37,7 @@ from ropefit.fitting.nominal import (
 from ropefit.fitting.nominal_motion import UNRESOLVED, nominal_in_motion
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.problem import FitProblem
+from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
@@ -74,26 +81,32 @@ def at_rest(
     """Diagnose the rope in equilibrium. Raises BadInput, NotConverged, WrongUsage."""
     if o.source == "rgbd" and len(o.points) == 0:
         raise BadInput("no points in space: the diagnosis needs depth, clouds or markers")
-    segments = segments_of(o)
-    every, setup = segments // (len(o.node_arc) - 1), base_setup(o, segments)
+    segments, fewer = segments_of(o), fewer_segments(o)
+    every = segments // (len(o.node_arc) - 1)
     used = spread_evenly(
         np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
     )
-    setup, data = compared(setup, used, settings.most_frames), data_in_space(o).frames(used)
+    data = data_in_space(o).frames(used)
     source, found = (context.external["nominal"] if settings.nominal else model), None
     if settings.nominal:
         source, found = _as_diagnosed(source, context)
     noise = noise_of(o, data)
     if settings.nominal:
         noise = with_what_is_missed(noise, source, o)
-    terms, setup = nominal_terms(o, source, setup, prior=settings.nominal, misfit=noise.misfit)
+
+    def described(segments: int) -> tuple[list[Term], Setup]:
+        setup = compared(base_setup(o, segments), used, settings.most_frames)
+        return nominal_terms(o, source, setup, prior=settings.nominal, misfit=noise.misfit)
+
+    terms, setup = described(segments)
+    coarser = described(fewer)[1] if fewer else None
     known = of_rope(source, found, o, setup) if found else own_laws(source.nominal, setup)
     terms += [term for _, _, term in known]
     problem = FitProblem(data, noise, STATIONS)
     context.progress(0.02, "nominal fit")
     calibrated = context.external["calibration"] if settings.calibration else None
     errors = set_up_errors(setup, o, calibrated) if rules.calibration else []
-    nominal = nominal_at_rest(setup, [*terms, *errors], problem)
+    nominal = nominal_at_rest(setup, [*terms, *errors], problem, coarser)
     result, dropped = None, []
     for _ in range(2):  # with an effect, other frames may be near instability
         edge = on_edge(result.final if result else nominal)
@@ -108,8 +121,8 @@ def at_rest(
             dropped += _dropped(o.frames[used[edge]], UNSTABLE, context.say)
             firm = np.flatnonzero(~edge)
             used, problem = used[firm], problem.frames(firm)
-            setup = setup.frames(firm)
-            nominal = nominal_at_rest(setup, [*terms, *errors], problem)
+            setup, coarser = setup.frames(firm), coarser and coarser.frames(firm)
+            nominal = nominal_at_rest(setup, [*terms, *errors], problem, coarser)
         if result is None or edge.any():
             result = engine.search(nominal, settings.seed, context.progress, rules)
     assert result is not None

@@ -143,9 +143,11 @@ def calibrated(errors: list[Term], source: Model) -> list[Term]:
     return out
 
 
-def nominal_at_rest(setup: Setup, terms: list[Term], problem: FitProblem) -> Fit:
-    """Fit the nominal model. Raises NotConverged."""
-    forward = Equilibrium(setup, terms)
+def nominal_at_rest(
+    setup: Setup, terms: list[Term], problem: FitProblem, coarser: Setup | None = None
+) -> Fit:
+    """Fit the nominal model; coarser: the same rope of fewer segments. Raises NotConverged."""
+    forward = Equilibrium(setup, terms, coarser=coarser)
     start = forward.start()
     states = follow(forward.setup_at(start).rod(), forward.conditions_at(start))
     forward = forward.starting_from(states)

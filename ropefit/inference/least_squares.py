@@ -55,6 +55,7 @@ class Fit:
     # Residuals that were predicted with stretches (True) or frames held out, once computed.
     held_out: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
+    coarse: Fit | None = None  # on fewer segments, once made: `diagnosis/coarse_mesh.py`
     # [m rms], once computed of this very point: `diagnosis/innovations.py`.
     innovations: float | None = field(default=None, init=False)
 

@@ -33,6 +33,7 @@ NEGLIGIBLE = 5e-3  # of χ²: a decrease below which a fit ends
 # Evaluations in a row without such a decrease, after which a fit ends: what a linear step predicts
 # is not achieved, as where points change stations; with friction, where nodes stick and slip.
 FRUITLESS, FRUITLESS_WITH_FRICTION = 5, 3
+FLAT, FLAT_FOR = 0.05, 2  # the same, where such evaluations differ by no more than so much of χ²
 SHORTER = (0.5, 0.25, 0.1)  # of a linear step, on which a contact may be lost
 PROMISING = 2.0  # of χ²: what a linear step must foresee to be taken in part
 KEPT_SHARE = 0.3  # least share of what it foresees there that is gained
@@ -154,7 +155,8 @@ class Objective:
     def patient_rows(self, u: np.ndarray, begun: int) -> np.ndarray:
         """Return the rows; end the fit where evaluations since `begun` have not lowered χ²."""
         out = self.rows(u)
-        steps = FRUITLESS_WITH_FRICTION if self.rubs else FRUITLESS
+        flat = max(self.trace[-FLAT_FOR:]) < min(self.trace) + FLAT
+        steps = FLAT_FOR if flat else FRUITLESS_WITH_FRICTION if self.rubs else FRUITLESS
         if len(self.trace) - begun > steps:
             lowest = min(self.trace)
             if lowest > min(self.trace[:-steps]) - NEGLIGIBLE:

@@ -10,6 +10,7 @@ from ropefit.models.bends import conditions_of
 from ropefit.models.history import WalkedPoint
 from ropefit.models.model import Model
 from ropefit.models.response import Point
+from ropefit.models.terms import Term
 from ropefit.models.walk import walk
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Setup
@@ -31,6 +32,7 @@ class Equilibrium(Model):
     with memory has been through, always in the same increments: with others, at another step of a
     fit, what is fitted would have jumps."""
 
+    coarser: Setup | None = field(default=None, repr=False)  # the same rope of fewer segments
     path: States | None = field(default=None, repr=False, init=False)
     increments: np.ndarray | None = field(default=None, repr=False, init=False)
     reached: bool = field(default=False, init=False)  # has all frames settled once
@@ -38,9 +40,14 @@ class Equilibrium(Model):
 
     def starting_from(self, states: States) -> Equilibrium:
         """Return the same model, which goes on from other states of its frames."""
-        out = Equilibrium(self.base, self.terms, states)
+        out = Equilibrium(self.base, self.terms, states, coarser=self.coarser)
         out.path, out.increments, out.reached = self.path, self.increments, self.reached
         return out
+
+    def of_setup(
+        self, setup: Setup, states: States | None = None, terms: list[Term] | None = None
+    ) -> Equilibrium:
+        return Equilibrium(setup, terms or [], states)
 
     def settling_at_once(self) -> Equilibrium:
         out = self.with_terms(self.terms, self.last)

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import interp1d
 
+from ropefit.rod.quaternion import normalise
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import Follower
 from ropefit.solvers.equilibrium.conditions import Conditions
@@ -38,12 +40,33 @@ class States:
         """Return states whose arrays may be changed."""
         return States(*(getattr(self, name).copy() for name in _STATES))
 
+    def of_segments(self, segments: int) -> States:
+        """Return about the same shapes on a mesh of so many equal segments; these states where
+        they are of as many."""
+        if self.q.shape[1] == segments:
+            return self
+        old, new = self.q.shape[1], (np.arange(segments) + 0.5) / segments
+        turned = (self.q[:, 1:] * self.q[:, :-1]).sum(-1) < 0  # q and -q are the same turn
+        sign = np.cumprod(np.where(turned, -1.0, 1.0), axis=1)
+        q = np.concatenate([self.q[:, :1], sign[..., None] * self.q[:, 1:]], axis=1)
+        middles = (np.arange(old) + 0.5) / old
+        inside = np.clip(new, middles[0], middles[-1])
+        q = normalise(interp1d(middles, q, axis=1)(inside))
+        return States(q, at_nodes_of(segments, self.x), self.base.copy(), self.reaction.copy())
+
     def put(self, mine: Index, other: States, theirs: Index = slice(None)) -> None:
         """Replace frames `mine` by the frames `theirs` of other states."""
         for name in ("q", "x", "base"):
             getattr(self, name)[mine] = getattr(other, name)[theirs]
         known = self.reaction.shape[1]
         self.reaction[mine] = other.reaction[theirs][..., :known]
+
+
+def at_nodes_of(segments: int, x: np.ndarray) -> np.ndarray:
+    """Return (F, segments+1, 3) [m] the places that nodes x (F, N+1, 3) [m] have on a mesh of so
+    many equal segments: on cubics through them."""
+    old, new = (np.linspace(0, 1, many) for many in (x.shape[1], segments + 1))
+    return interp1d(old, x, kind="cubic", axis=1)(new)
 
 
 _STATES = tuple(field.name for field in fields(States))
