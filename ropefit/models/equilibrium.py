@@ -20,7 +20,7 @@ from ropefit.solvers.equilibrium.branches import wound
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import following
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
-from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States
+from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States, at_nodes_of
 from ropefit.solvers.equilibrium.solve import solve
 
 DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
@@ -53,6 +53,18 @@ class Equilibrium(Model):
         out = self.with_terms(self.terms, self.last)
         out.at_once = True
         return out
+
+    def coarsened(self, point: Point) -> Equilibrium | None:
+        if self.coarser is None or point.setup.remembers:
+            return None  # what is remembered would have to be gone through again
+        base, solution = self.coarser, point.solution
+        states = solution.of_segments(base.segments)
+        rough = Equilibrium(base, self.terms, states).at(point.u)
+        if not rough.converged.all():
+            return None
+        drift = at_nodes_of(base.segments, solution.x) - rough.solution.x
+        corrected = base._replace(sensor=base.sensor._replace(drift=drift))
+        return Equilibrium(corrected, self.terms, rough.solution)
 
     def conditions_at(self, u: np.ndarray) -> Conditions:
         """Return what holds the ends at search variables u (P,)."""

@@ -72,6 +72,11 @@ class Model(ABC):
         begins none anew; by default itself."""
         return self
 
+    def coarsened(self, point: Point) -> Self | None:
+        """Return the model on a coarser mesh, with what that changes at a point added to whatever
+        it predicts; None, by default, where there is none."""
+        return None
+
     def horizon(self, seconds: float, most: float = np.inf) -> Self:
         """Return the model that predicts no further than this from what was observed, in parts of
         together at most `most` [s], evenly spread."""
