@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from ropefit.diagnosis.beginning import first_order_move
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.candidate import cost_for, fit_candidate
+from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import FEW_FRAMES, on_few_frames
-from ropefit.diagnosis.hypotheses import Hypothesis
+from ropefit.diagnosis.fits import Fits
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.noise_measurement import end_noise
-from ropefit.effects import HalfSpace, PointMass
+from ropefit.effects import HalfSpace, MassSection, PointMass
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import covariances
 from tests.concealed import nominal_fit, recorded, rope, with_effect
@@ -87,6 +89,18 @@ def test_a_first_order_move_is_what_a_fit_moves(nominal: Fit):
     left = rows - slopes @ np.linalg.lstsq(slopes, rows, rcond=None)[0]
     assert nominal.cost - left @ left == pytest.approx(nominal.cost - fitted.fit.cost, rel=0.1)
     assert fitted.fit.cost < 0.6 * nominal.cost
+
+
+def test_what_may_tie_with_the_best_candidate_is_not_stopped(nominal: Fit):
+    """However much what the smaller model misses scales evidence down: the best leaves noise."""
+    fits = Fits(nominal, 6.0)
+    fits.add([(Hypothesis(PointMass(), NO_PLACE), MASS)])
+    best = fits.best()
+    assert best is not None
+    fits.current = replace(nominal, spread=50.0, cost=1.4 * best.fit.cost)
+    assert cost_for(fits.current, 0.5 * best.evidence) < best.fit.cost
+    needed = fits._needed(Hypothesis(MassSection(), NO_PLACE))
+    assert best.fit.cost + 2 * TIE_NATS < needed < fits.current.cost
 
 
 def test_a_field_that_explains_nothing_moves_nothing():

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ropefit.diagnosis.calm import distorted
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.fits import Fits, Progress, best_first, silent
 from ropefit.diagnosis.leaders import leading
 from ropefit.diagnosis.proposals import Start, proposals_beside
@@ -94,15 +95,15 @@ def _shows_most(scan: list[Score], current: Fit) -> bool:
 
 def _elsewhere(fits: Fits, one: Candidate, names: tuple[str, ...] | None) -> None:
     """Fit a candidate's hypothesis from where its effect proposes other minima, as long as one of
-    them is better."""
+    them is better, by more than a tie."""
     key = one.hypothesis.key
     for _ in range(MOST_MINIMA):
         for choices in _beside(one, names):
             if choices[0][0].key == key:
                 fits.add(choices, below=one.fit.cost)
-        if fits.best_of[key] is one:
+        before, one = one, fits.best_of[key]
+        if before.fit.cost - one.fit.cost < 2 * TIE_NATS:
             return
-        one = fits.best_of[key]
 
 
 def _beside(one: Candidate, names: tuple[str, ...] | None) -> list[list[Start]]:

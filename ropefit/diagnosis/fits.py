@@ -137,8 +137,11 @@ class Fits:
     def _needed(self, hypothesis: Hypothesis) -> float:
         """Return the cost at which a candidate begins to count: it may be accepted, or is close to
         the best, and better than what is known of the same hypothesis."""
-        known = self.best_of.get(hypothesis.key)
+        known, best = self.best_of.get(hypothesis.key), self.best()
         cost = cost_for(self.current, self._least_evidence())
+        if best is not None:  # what may tie with it counts, whatever the smaller model misses
+            far = 2 * FAR_BEHIND * max(1.0, best.fit.spread)
+            cost = max(cost, min(best.fit.cost + far, self.current.cost))
         return cost if known is None else min(cost, known.fit.cost + 2 * TIE_NATS)
 
     def _least_evidence(self) -> float:
