@@ -128,7 +128,7 @@ def settled_start(
 ) -> Beginning | None:  # fmt: skip
     """Return where hypotheses begin on top of a model, from their values (k + p,) in SI, with
     smaller sizes if those make the misfit no smaller, the model refitted to first order; None if
-    they do not settle, or drag the rope far off at their least. of_any_size: the largest that
+    they do not settle, or drag the rope far off at their least. of_any_size: the first that
     settle, whatever they make of the misfit; at_once: None also if some frame settles only anew."""
     setup = smaller.forward.base
     # What depends on the way there moves the frames after, too: none is without it.

@@ -57,6 +57,8 @@ def _as_on_coarse_mesh(fitted: Fit) -> Fit | None:
     if coarse is fitted:
         return None
     found = _calm(coarse)
+    if not distorted(found):
+        coarse.calm = found  # asked for again where starts are compared
     if found is coarse:
         return fitted
     states = found.point.solution.of_segments(fitted.forward.base.segments)

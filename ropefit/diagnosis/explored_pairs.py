@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.diagnosis.beginning import settled_start
-from ropefit.diagnosis.few_frames import FAR_BEHIND
+from ropefit.diagnosis.few_frames import far_behind
 from ropefit.diagnosis.pairs import together
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.unexplained import leaves_something
@@ -83,7 +83,7 @@ def _enough(alike: list[Explored]) -> int:
 def _needed(better: list[Explored]) -> float:
     """Return the cost of a fit that is not far behind the best of these; any, if there is none."""
     best = min(better, key=lambda one: one.fit.cost, default=None)
-    return np.inf if best is None else best.fit.cost + 2 * FAR_BEHIND * max(1.0, best.fit.spread)
+    return np.inf if best is None else far_behind(best.fit)
 
 
 def _ranked(ended: dict[Kinds, list[Explored]], rank: int) -> list[Explored]:

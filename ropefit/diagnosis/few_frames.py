@@ -13,6 +13,11 @@ EVALUATIONS = 5
 FAR_BEHIND = 20.0  # nats, in few frames: what is so far behind there is not the best in all
 
 
+def far_behind(best: Fit) -> float:
+    """Return the cost from which a fit is far behind the best one."""
+    return best.cost + 2 * FAR_BEHIND * max(1.0, best.spread)
+
+
 def on_few_frames(fitted: Fit) -> Fit | None:
     """Return a fit at rest as fitted to `FEW_FRAMES` of its frames, evenly spaced; None where there
     are hardly more, and of a rope that has been through all of them."""

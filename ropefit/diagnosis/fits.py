@@ -13,7 +13,7 @@ from ropefit.diagnosis.beginning import LATE_GAIN, most_promising_first
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of, cost_for, fit_candidate, gain_of, pace
 from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.diagnosis.few_frames import FAR_BEHIND, on_few_frames
+from ropefit.diagnosis.few_frames import FAR_BEHIND, far_behind, on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.proposals import Start, uneven
 from ropefit.diagnosis.quick_fits import alike, quick_ones, unknown_frames
@@ -140,8 +140,7 @@ class Fits:
         known, best = self.best_of.get(hypothesis.key), self.best()
         cost = cost_for(self.current, self._least_evidence())
         if best is not None:  # what may tie with it counts, whatever the smaller model misses
-            far = 2 * FAR_BEHIND * max(1.0, best.fit.spread)
-            cost = max(cost, min(best.fit.cost + far, self.current.cost))
+            cost = max(cost, min(far_behind(best.fit), self.current.cost))
         return cost if known is None else min(cost, known.fit.cost + 2 * TIE_NATS)
 
     def _least_evidence(self) -> float:

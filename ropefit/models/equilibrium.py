@@ -47,7 +47,7 @@ class Equilibrium(Model):
     def of_setup(
         self, setup: Setup, states: States | None = None, terms: list[Term] | None = None
     ) -> Equilibrium:
-        return Equilibrium(setup, terms or [], states)
+        return Equilibrium(setup, terms or [], states)  # the coarser mesh is not of that setup
 
     def settling_at_once(self) -> Equilibrium:
         out = self.with_terms(self.terms, self.last)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import interp1d
 
 from ropefit.rod.quaternion import normalise
 from ropefit.rod.rod import Rod
@@ -43,6 +42,8 @@ class States:
     def of_segments(self, segments: int) -> States:
         """Return about the same shapes on a mesh of so many equal segments; these states where
         they are of as many."""
+        from scipy.interpolate import interp1d  # slow to load, and few ask for it
+
         if self.q.shape[1] == segments:
             return self
         old, new = self.q.shape[1], (np.arange(segments) + 0.5) / segments
@@ -65,6 +66,8 @@ class States:
 def at_nodes_of(segments: int, x: np.ndarray) -> np.ndarray:
     """Return (F, segments+1, 3) [m] the places that nodes x (F, N+1, 3) [m] have on a mesh of so
     many equal segments: on cubics through them."""
+    from scipy.interpolate import interp1d
+
     old, new = (np.linspace(0, 1, many) for many in (x.shape[1], segments + 1))
     return interp1d(old, x, kind="cubic", axis=1)(new)
 
