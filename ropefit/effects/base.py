@@ -127,8 +127,8 @@ class Effect(ABC):
     # tries them at these multiples of their usual sizes.
     shaping: ClassVar[int] = 0
     tries: ClassVar[tuple[float, ...]] = (1.0,)
-    # Multiples of a start's sizes, ascending, the best of which a fit begins with, where a fit that begins
-    # elsewhere stops in a local minimum; by default the first that makes the misfit smaller.
+    # Multiples of a start's sizes, ascending, the best of which a fit begins with, where a fit that
+    # begins elsewhere stops in a local minimum; by default the first that makes the misfit smaller.
     start_shares: ClassVar[tuple[float, ...]] = ()
     # Quantities that are components of one vector are reported as its size, of this name and unit.
     vector: ClassVar[tuple[str, str] | None] = None
