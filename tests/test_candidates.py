@@ -146,7 +146,9 @@ def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsew
     """And its fit is continued only with prospect of that cost."""
     tried, asked = [], []
     setup = SimpleNamespace(potentials=())
-    current = SimpleNamespace(point=SimpleNamespace(setup=setup), z=np.full(100, 2.0), cost=400.0)
+    current = SimpleNamespace(
+        point=SimpleNamespace(setup=setup), z=np.full(100, 2.0), cost=400.0, spread=4.0
+    )
     plane = Hypothesis(SupportPlane(), NO_PLACE)
 
     def fitted(_, hypothesis, start, lowest, *args, **kwargs):
@@ -165,7 +167,7 @@ def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsew
     monkeypatch.setattr(Fits, "sufficient", lambda self: False)
     monkeypatch.setattr(Fits, "_needed", lambda self, _: np.inf)
     monkeypatch.setattr(Fits, "found", lambda self: list(self.best_of.values()))
-    monkeypatch.setattr(candidates, "_elsewhere", lambda fits, one, names: tried.append(one))
+    monkeypatch.setattr(Fits, "_elsewhere", lambda self, one: tried.append(one))
     slow = [[(plane, np.array([-0.3, 0.0, 0.0]))]]
     fit_candidates(current, [], [], slow, 6.0, for_noise=True)  # type: ignore[arg-type]
     assert asked == [100.0]

@@ -44,9 +44,7 @@ def calm(fitted: Fit) -> Fit:
     if not fitted.forward.instantaneous:
         return fitted
     if fitted.calm is None:
-        found = _as_on_coarse_mesh(fitted) or _calm(fitted)
-        inliers = on_inlier_frames(fitted) if distorted(found) else None
-        fitted.calm = inliers or found
+        fitted.calm = _as_on_coarse_mesh(fitted) or _on_usual_frames(fitted)
     return fitted.calm
 
 
@@ -56,9 +54,7 @@ def _as_on_coarse_mesh(fitted: Fit) -> Fit | None:
     coarse = on_coarse_mesh(fitted)
     if coarse is fitted:
         return None
-    found = _calm(coarse)
-    if not distorted(found):
-        coarse.calm = found  # asked for again where starts are compared
+    found = calm(coarse)
     if found is coarse:
         return fitted
     states = found.point.solution.of_segments(fitted.forward.base.segments)
@@ -67,7 +63,15 @@ def _as_on_coarse_mesh(fitted: Fit) -> Fit | None:
     return whole if whole is not None and whole.point.converged.all() else None
 
 
-def _calm(fitted: Fit) -> Fit:
+def _on_usual_frames(fitted: Fit) -> Fit:
+    """Return the model as fitted to the frames that do not stand out, or, where that is distorted,
+    to those that it can explain."""
+    found = _without_outstanding(fitted)
+    inliers = on_inlier_frames(fitted) if distorted(found) else None
+    return inliers or found
+
+
+def _without_outstanding(fitted: Fit) -> Fit:
     now, before = fitted, None
     for _ in range(ROUNDS):
         far = excess(now)

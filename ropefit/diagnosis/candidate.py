@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ropefit.diagnosis.beginning import beginning, touches
+from ropefit.diagnosis.beginning import HOPELESS, beginning, touches
 from ropefit.diagnosis.held_out import block_losses, by_stretches
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.inference.least_squares import Fit, attempted
@@ -14,7 +14,7 @@ from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.terms import SIZE_PRIOR_SD, Term
 
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
-EVALUATIONS = 25
+EVALUATIONS, TOLERANCE = 25, 1e-5
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
 MISSED_ALIKE = 0.5  # of a model's cost: a larger one that leaves more misses the same
 SLOW_ROUNDS = 4  # so often it is continued
@@ -134,12 +134,14 @@ class Candidate:
 def fit_candidate(
     smaller: Fit, hypothesis: Hypothesis, start: np.ndarray, lowest: float = np.inf,
     needed: float = np.inf, evaluations: int = EVALUATIONS, least_gain: float = 0.0,
+    tolerance: float = TOLERANCE,
 ) -> Candidate | None:  # fmt: skip
     """Fit a hypothesis on top of a model, from `start` (k + p,) in SI. None if it cannot settle, or
     gains less than `least_gain` [nats] to first order.
 
     lowest: cost of the best other candidate; a slow fit that cannot reach it is not continued.
-    needed: cost that makes a difference; a fit without prospect of it is stopped.
+    needed: cost that makes a difference; a fit without prospect of it is stopped. tolerance:
+    relative decrease of the cost at which a fit ends.
     """
     begun = beginning(smaller, hypothesis, start, least_gain)
     if begun is None:
@@ -150,8 +152,8 @@ def fit_candidate(
     most = SLOW_EVALUATIONS if slow else evaluations
     needed = np.inf if slow else needed  # contact has no linear steps
     fitted = attempted(
-        begun.forward, smaller.problem, begun.values, most, tolerance=1e-5, needed=needed,
-        matched=not slow,
+        begun.forward, smaller.problem, begun.values, most, tolerance, needed, matched=not slow,
+        highest=HOPELESS * smaller.cost,
     )  # fmt: skip
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = continued(smaller.cost, fitted, lowest)

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 
 from ropefit.diagnosis.calm import distorted
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
-from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.fits import Fits, Progress, best_first, silent
 from ropefit.diagnosis.leaders import leading
-from ropefit.diagnosis.proposals import Start, proposals_beside
+from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
 from ropefit.diagnosis.unexplained import unexplained
 from ropefit.inference.least_squares import Fit
 
 MOST_SHOWN = 0.7  # of the χ² in excess of noise, explained in one place of a scan
-MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 
 
 def fit_candidates(
@@ -28,7 +26,8 @@ def fit_candidates(
 
     slow: what is fitted only unless the best of the others leaves next to nothing. names: of the
     effects that may be proposed; None: all. for_noise: the fits are made for the noise, for which
-    the best place of each is enough. known: candidates on top of the model, fitted already.
+    the best place of each is enough. known: candidates on top of the model, fitted already, also
+    from where else they may be.
     """
     leaders, further = leading(scan, threshold, current.point.setup)
     due = len(leaders) + len(further) + len(quick) + len(slow) + 1
@@ -77,38 +76,16 @@ def fit_candidates(
         fits.add(choices)
     first = fits.best()
     if first and first.evidence > threshold and not (for_noise and fits.enough()):
-        for choices in _beside(first, names):
+        for choices in fits.beside(first):
             if choices[0][0].key != first.hypothesis.key:
                 fits.add(choices)
-    for one in fits.found():
-        # Others have no further starts: what they leave costs time.
-        has_further = one.hypothesis.effect.slow and one.fit.cost < fits.most_cost()
-        if has_further and not fits.far_behind(one) and (one is fits.best() or not for_noise):
-            _elsewhere(fits, one, names)
+    fits.add_elsewhere(known)
     return fits.found()
 
 
 def _shows_most(scan: list[Score], current: Fit) -> bool:
     """Return whether one place of a scan explains most of the misfit."""
     return max((s.score for s in scan), default=0.0) > MOST_SHOWN * unexplained(current)
-
-
-def _elsewhere(fits: Fits, one: Candidate, names: tuple[str, ...] | None) -> None:
-    """Fit a candidate's hypothesis from where its effect proposes other minima, as long as one of
-    them is better, by more than a tie."""
-    key = one.hypothesis.key
-    for _ in range(MOST_MINIMA):
-        for choices in _beside(one, names):
-            if choices[0][0].key == key:
-                fits.add(choices, below=one.fit.cost)
-        before, one = one, fits.best_of[key]
-        if before.fit.cost - one.fit.cost < 2 * TIE_NATS:
-            return
-
-
-def _beside(one: Candidate, names: tuple[str, ...] | None) -> list[list[Start]]:
-    """Return starts of what may fit as well as a candidate does."""
-    return proposals_beside(one.hypothesis.effect, one.values(), one.fit, names)
 
 
 def started_from(known: list[Candidate], starts: list[list[Start]]) -> list[list[Start]]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.beginning import JUMPED
 from ropefit.diagnosis.candidate import comparable
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.inference.least_squares import Fit, attempted
@@ -20,7 +21,6 @@ from ropefit.models.terms import Term
 SHIFTS = (-3.0, 3.0)  # standard errors
 EXPLORING = 8  # evaluations of each start
 EVALUATIONS = 25  # of the best one
-MOST_TIMES = 2  # that a better minimum is searched about
 
 
 def contact_anew(
@@ -31,13 +31,8 @@ def contact_anew(
     touching = [one for one in accepted if one.candidate.hypothesis.effect.slow]
     if not touching or not current.forward.instantaneous or current.point.setup.remembers:
         return None
-    best = current
-    for _ in range(MOST_TIMES):
-        again = _better_nearby(best, [one.candidate.term for one in touching], least_gain)
-        if again is None:
-            break
-        best = again
-    if best is current:
+    best = _better_nearby(current, [one.candidate.term for one in touching], least_gain)
+    if best is None:
         return None
     gain = 0.5 * (current.cost - best.cost) / len(touching)
     return best, [
@@ -60,9 +55,12 @@ def _better_nearby(current: Fit, terms: list[Term], least_gain: float) -> Fit | 
         return again
     forward = current.forward.starting_from(current.point.solution)
     tried = (
-        attempted(forward, current.problem, start, EXPLORING, 1e-4, needed=enough, matched=False)
+        attempted(
+            forward, current.problem, start, EXPLORING, 1e-4, needed=enough, matched=False,
+            highest=JUMPED * current.cost,
+        )
         for start in _shifted(current, terms)
-    )
+    )  # fmt: skip
     found = [f for f in tried if f is not None and comparable(f, current)]
     best = min(found, key=lambda f: f.cost, default=None)
     again = best and _continued(best, current)

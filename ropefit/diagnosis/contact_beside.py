@@ -39,6 +39,7 @@ def by_contact(current: Fit, threshold: float, names: tuple[str, ...] | None) ->
         effect = choices[0][0].effect
         if effect.slow and not (effect.late or effect.path_dependent):
             fits.add(choices)
+    fits.add_elsewhere()  # from the first start, a fit may end where it touches too little
     best = fits.best()
     if best is None or best.evidence < threshold or refusal(best, current):
         return ContactBeside(current, fits.found())

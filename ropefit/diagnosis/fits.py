@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,17 +11,27 @@ from ropefit.diagnosis.acceptance import significant
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, least_evidence
 from ropefit.diagnosis.beginning import LATE_GAIN, most_promising_first
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import Candidate, best_of, cost_for, fit_candidate, gain_of, pace
+from ropefit.diagnosis.candidate import (
+    TOLERANCE,
+    Candidate,
+    best_of,
+    cost_for,
+    fit_candidate,
+    gain_of,
+    pace,
+)
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.few_frames import FAR_BEHIND, far_behind, on_few_frames
 from ropefit.diagnosis.hypotheses import Hypothesis
-from ropefit.diagnosis.proposals import Start, uneven
+from ropefit.diagnosis.proposals import Start, proposals_beside, uneven
 from ropefit.diagnosis.quick_fits import alike, quick_ones, unknown_frames
 from ropefit.diagnosis.unexplained import explained, leaves_something, unexplained
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.objective import OPTIMISM
 
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
+FOR_NOISE, MOST_SPREAD = 1e-3, 10.0  # tolerance, and times the usual one
+MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 
 Progress = Callable[[float, str], None]
@@ -75,6 +85,32 @@ class Fits:
                 start = (candidate.hypothesis, candidate.values())
                 self._keep(self._fitted(start, LATE_GAIN))
 
+    def add_elsewhere(self, known: Sequence[Candidate] = ()) -> None:
+        """Fit bodies that the rope touches from where else they may be; not those `known`."""
+        for one in self.found():
+            # Others have no further starts: what they leave costs time.
+            has_further = one.hypothesis.effect.slow and one.fit.cost < self.most_cost()
+            if not has_further or self.far_behind(one) or any(one is k for k in known):
+                continue
+            if one is self.best() or not self.for_noise:
+                self._elsewhere(one)
+
+    def _elsewhere(self, one: Candidate) -> None:
+        """Fit a candidate's hypothesis from where its effect proposes other minima, as long as one
+        of them is better, by more than a tie."""
+        key = one.hypothesis.key
+        for _ in range(MOST_MINIMA):
+            for choices in self.beside(one):
+                if choices[0][0].key == key:
+                    self.add(choices, below=one.fit.cost)
+            before, one = one, self.best_of[key]
+            if before.fit.cost - one.fit.cost < 2 * TIE_NATS:
+                return
+
+    def beside(self, one: Candidate) -> list[list[Start]]:
+        """Return starts of what may fit as well as a candidate does."""
+        return proposals_beside(one.hypothesis.effect, one.values(), one.fit, self.names)
+
     def _explored(self, few: Fit, choices: list[Start]) -> Candidate | None:
         """Return the first of a kind's starts that settles, fitted for a while to few frames."""
         self._report(choices)
@@ -127,7 +163,16 @@ class Fits:
         best = self.best()
         lowest = min(best.fit.cost if best else np.inf, self.most_cost())
         needed = self._needed(start[0])
-        return fit_candidate(self.current, *start, lowest, needed, least_gain=least_gain)
+        return fit_candidate(
+            self.current, *start, lowest, needed, least_gain=least_gain, tolerance=self._tolerance()
+        )
+
+    def _tolerance(self) -> float:
+        """Return the relative decrease of the cost at which fits end: where only the noise is asked
+        for soon, and the sooner the more the smaller model misses, as that scales evidence down."""
+        if self.for_noise:
+            return FOR_NOISE
+        return TOLERANCE * min(max(1.0, self.current.spread), MOST_SPREAD)
 
     def most_cost(self) -> float:
         """Return the cost without prospect of which slow fits are not continued, nor begun

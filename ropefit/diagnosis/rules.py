@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.candidates import MOST_SHOWN, fit_candidates
@@ -42,11 +40,10 @@ class Selection:
         begin = best.fit.point.u[: current.forward.size]
         forward = current.forward.with_terms(current.forward.terms, best.fit.point.solution)
         gain = share * best.evidence
-        # A step of a motion is costly.
-        hopeless = np.inf if forward.instantaneous else current.cost - gain
         again = attempted(
-            forward, current.problem, begin, RESTART_EVALUATIONS, tolerance=1e-5, needed=hopeless
-        )
+            forward, current.problem, begin, RESTART_EVALUATIONS, tolerance=1e-5,
+            needed=current.cost - gain,
+        )  # fmt: skip
         chosen = cheaper(current, again or current, gain)
         if chosen is current:
             return None

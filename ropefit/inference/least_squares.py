@@ -174,16 +174,18 @@ def fit(
     evaluations: int = 60,
     tolerance: float = 1e-7,
     needed: float = np.inf,
+    highest: float = np.inf,
 ) -> Fit:
     """Minimise the whitened residual and the priors, from `start` (search variables).
 
-    needed: a cost; a fit that, by its linear steps, has no prospect of it is stopped.
+    needed: a cost; a fit that, by its linear steps, has no prospect of it is stopped. highest: the
+    cost above which it is stopped where it begins.
 
     Raises ArithmeticError when the start itself does not settle in any frame, or is not possible:
     a fit stays where length, rigidity and density are positive.
     """
     u = forward.start() if start is None else np.asarray(start, dtype=float)
-    objective = Objective(forward, problem, u, needed)
+    objective = Objective(forward, problem, u, needed, highest)
     best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance))
     point, now, z = objective.at(best["u"])
     cost, status, nfev = best["summary"]
@@ -208,7 +210,7 @@ def fit(
 
 def attempted(
     forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float,
-    needed: float = np.inf, matched: bool = True,
+    needed: float = np.inf, matched: bool = True, highest: float = np.inf,
 ) -> Fit | None:  # fmt: skip
     """Return the same, of shapes at rest with the points matched to the rope where the fit ends;
     None where a rope so described does not settle, or its numbers run away.
@@ -218,7 +220,7 @@ def attempted(
     for; not of a fit that is continued anyway.
     """
     try:
-        found = fit(forward, problem, start, evaluations, tolerance=tolerance, needed=needed)
+        found = fit(forward, problem, start, evaluations, tolerance, needed, highest)
         if found.stopped or found.as_matched or not matched:
             return found
         forward = found.forward.starting_from(found.point.solution)

@@ -30,6 +30,7 @@ PACE_OF = 4  # evaluations, the latest, whose pace is compared with what is need
 PACE_OPTIMISM = 2.0  # times that pace: no fit is expected to gain faster in those left
 FAR = 0.01  # of the cost needed: only one that misses it by more is stopped for its pace
 NEGLIGIBLE = 5e-3  # of χ²: a decrease below which a fit ends
+FORESEEN = 0.3  # of the decrease below which a fit ends, if a linear step promises no more
 # Evaluations in a row without such a decrease, after which a fit ends: what a linear step predicts
 # is not achieved, as where points change stations; with friction, where nodes stick and slip.
 FRUITLESS, FRUITLESS_WITH_FRICTION = 5, 3
@@ -65,10 +66,11 @@ class Objective:
     """
 
     def __init__(
-        self, forward: Model, problem: FitProblem, u: np.ndarray, needed: float = np.inf
-    ) -> None:
+        self, forward: Model, problem: FitProblem, u: np.ndarray, needed: float = np.inf,
+        highest: float = np.inf,
+    ) -> None:  # fmt: skip
         self.forward, self.known = forward, Known(forward, u)
-        self.needed, self.count, self.most = needed, 0, 0
+        self.needed, self.highest, self.count, self.most = needed, highest, 0, 0
         self.prior = forward.prior()
         self.held = np.isfinite(self.prior)
         first = self.known.begin()
@@ -174,18 +176,23 @@ class Objective:
         out = self.known.rows("slope", u, turned)
         self.count += 1
         hopeful = self.needed == np.inf or self.count < FEWEST_SLOPES - 1
-        costly = self.rubs or not self.forward.instantaneous
-        if hopeful and not costly:
-            return out
         low, high = self.forward.bounds()
         cost = float(self.latest @ self.latest)  # slopes are asked for where rows just were
+        if self.count == 1 and cost > self.highest:
+            raise _Stopped(u.copy(), cost, STOPPED)
         gain = linear_step(out, self.latest, low - u, high - u)[1]
         most = OPTIMISM * gain * (EARLY if self.count < FEWEST_SLOPES else 1.0)
         if not hopeful and (cost - most > self.needed or self._too_slow(cost)):
             raise _Stopped(u.copy(), cost, STOPPED)
-        if costly and gain < max(NEGLIGIBLE, self.tolerance * cost):
+        if gain < self._negligible(cost):
             raise _Stopped(u.copy(), cost, ENDED)
         return out
+
+    def _negligible(self, cost: float) -> float:
+        """Return what a linear step must gain for another evaluation."""
+        if self.rubs:
+            return max(NEGLIGIBLE, self.tolerance * cost)
+        return FORESEEN * self.tolerance * cost if self.forward.instantaneous else NEGLIGIBLE
 
     def _too_slow(self, cost: float) -> bool:
         """Return whether the evaluations left lead nowhere near the cost that is needed, at twice
@@ -198,8 +205,7 @@ class Objective:
 
     def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
         """Minimise from u (P,)."""
-        self.most = evaluations
-        self.tolerance = tolerance if self.rubs else 0.0
+        self.most, self.tolerance = evaluations, tolerance
         if not u.size:  # nothing is free; not every scipy takes that
             self.rows(u)
             summary = np.array([0.5 * self.trace[-1], 1, 1])
