@@ -13,6 +13,7 @@ from ropefit.diagnosis.nested import as_usual, is_special_case, with_special_cas
 from ropefit.inference.least_squares import Fit
 
 CLOSE_EVIDENCE = 0.5  # of the best's: candidates with less do not win beside other effects either
+FURTHEST_BEHIND = 30.0  # nats, before the penalty for values: what is further is never as good
 MOST_BEATEN = 3  # kept for reassessment
 LEAST_P = 1e-300
 
@@ -36,9 +37,11 @@ def least_evidence(threshold: float, best: float) -> float:
 
 
 def close_cost(without: Fit, fitted: Fit) -> float:
-    """Return the cost up to which a candidate may win beside other effects: it explains so much of
-    what a fitted one explains on top of the model without either."""
-    return without.cost - CLOSE_EVIDENCE * (without.cost - fitted.cost)
+    """Return the cost up to which a candidate may win beside other effects, or be as good: it
+    explains so much of what a fitted one explains on top of the model without either, and is not
+    further behind than its fewer values may make up for."""
+    half = without.cost - CLOSE_EVIDENCE * (without.cost - fitted.cost)
+    return min(half, fitted.cost + 2 * FURTHEST_BEHIND * max(1.0, fitted.spread))
 
 
 def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: int) -> Accepted:

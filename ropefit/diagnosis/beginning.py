@@ -151,13 +151,14 @@ def settled_start(
         first = settled(forward, begin)
         if not (first.converged.all() and first.setup.possible):
             continue
-        left = project.z - project(_whitened_change(origin, first.seen))
+        change, without = _whitened_change(origin, first.seen), float(project.z @ project.z)
+        left = project.z - change
+        if all_compared and float(left @ left) > JUMPED * without:
+            break  # so much friction drags it along, and more does not less
+        left = project.z - project(change)
         misfit = float(left @ left)
         if best is None or misfit < least:
             best, least = Beginning(origin, terms, forward, begin, first, misfit), misfit
-        without = float(project.z @ project.z)
-        if all_compared and least > JUMPED * without:
-            return None  # the least friction already drags it along
         if of_any_size or (not all_compared and least < without):
             break
     return best

@@ -70,7 +70,8 @@ def two_instead(
     if base is None:
         return current, accepted
     now = contact + (together(base, current, len(held)) if held else 0.0)
-    found = scanned(base, sensitivities(base, [], names, linear=True))
+    coarse = on_coarse_mesh(base)  # the scan only leads on
+    found = scanned(coarse, sensitivities(coarse, [], names, linear=True))
     tried = len(hypotheses(base.point.setup, names))
     leading = [
         (evidence, one, other)

@@ -117,10 +117,14 @@ class Stations:
 
     def places(self, x: np.ndarray) -> np.ndarray:
         """Return (..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3)."""
-        out = np.zeros((*x.shape[:-3], len(self.frame), 3))
+        *many, frames, nodes, axes = x.shape
+        rows = x.reshape(*many, frames * nodes, axes)  # of which to take is quicker
+        out = np.zeros((*many, len(self.frame), axes))
         for k in range(4):
-            node = np.clip(self.segment - 1 + k, 0, x.shape[-2] - 1)
-            out += self.weight[:, k, None] * x[..., self.frame, node, :]
+            node = np.clip(self.segment - 1 + k, 0, nodes - 1)
+            part = rows.take(self.frame * nodes + node, axis=-2)
+            part *= self.weight[:, k, None]
+            out += part
         return out
 
     def project(self, dx: np.ndarray) -> np.ndarray:

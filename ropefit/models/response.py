@@ -205,7 +205,8 @@ def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.nd
 class Slopes:
     """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
     [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending
-    `DIFFERENCE_STEP` to either side; axial (A,): of a law of axial strain."""
+    `DIFFERENCE_STEP` to either side; axial (A,): of a law of axial strain. same_rod: whether all
+    derivatives of the rod's fields are zero."""
 
     rod: list[np.ndarray]
     force: np.ndarray | None
@@ -214,13 +215,15 @@ class Slopes:
     seen: np.ndarray
     springs: tuple[Springs, Springs] | None
     axial: np.ndarray | None
+    same_rod: bool
 
     @property
     def moves_rope(self) -> bool:
         """Return whether the value changes the rope or what holds it, and not only what is seen."""
-        laws = self.force, self.springs, self.axial
-        changed = (*self.rod, self.ends, self.clamp)
-        return any(law is not None for law in laws) or any(item.any() for item in changed)
+        if any(law is not None for law in (self.force, self.springs, self.axial)):
+            return True
+        rod = () if self.same_rod else self.rod
+        return any(item.any() for item in (self.ends, self.clamp, *rod))
 
     def frames(self, index: np.ndarray, frames: int) -> Slopes:
         """Return the slopes in some of the frames; what is the same in all stays as it is."""
@@ -266,7 +269,8 @@ def _slopes(
         axial = slope(a.axial, b.axial)
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     ends = np.zeros(a.ends.shape) if a.ends is b.ends else slope(a.ends, b.ends)
-    return Slopes(rod, force, ends, clamp, sensor_slope(a, b, x), law, axial)
+    seen = sensor_slope(a, b, x)
+    return Slopes(rod, force, ends, clamp, seen, law, axial, same_rod=rod is still)
 
 
 def sensor_slope(a: Setup, b: Setup, x: np.ndarray) -> np.ndarray:

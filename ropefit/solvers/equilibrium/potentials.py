@@ -25,7 +25,10 @@ SMALL_MOVE = (
 ROUND_STEPS = 60  # Newton steps of one round
 SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
 Nodes = slice | np.ndarray  # which nodes: their indices
-STILL, SOFT_STILL = 1e-9, 1e-5  # of the length: nodes that move less have arrived
+# Of the length: nodes that move less have arrived. A smooth potential is then replaced once more,
+# which leaves an error of the square of that; what soft ropes are settled to is not much less.
+STILL, CORNERED_STILL, SOFT_STILL = 1e-6, 1e-9, 1e-5
+GONE = 1e-6  # of the length: what moves more when it is replaced once more has not arrived
 
 
 def force_and_stiffness(
@@ -103,7 +106,8 @@ def solve_with_potentials(
         if near.converged.all():
             return _replaced(rod, conditions, potentials, near.x, near, bold)
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
-    found = _settle(rod, conditions, potentials, start, STILL * length, at_once)
+    still = (CORNERED_STILL if any(p.cornered for p in potentials) else STILL) * length
+    found = _settle(rod, conditions, potentials, start, still, at_once)
     late = np.flatnonzero(~found.converged)
     if at_once or not len(late):
         return found
@@ -114,7 +118,7 @@ def solve_with_potentials(
         current = _settle(few, ends, scaled, current, SOFT_STILL * length)
     again = found.states
     again.put(late, current)
-    return _settle(rod, conditions, potentials, again, STILL * length)
+    return _settle(rod, conditions, potentials, again, still)
 
 
 def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
@@ -198,7 +202,7 @@ def _settle(
     astray = ~np.isfinite(moved)
     found = _replaced(rod, conditions, potentials, x, current, bold)
     gone = np.abs(found.x - x).max(axis=(1, 2))
-    late = found.converged & ~(gone < 1e3 * still)
+    late = found.converged & ~(gone < GONE * float(rod.length.sum(-1).max()))
     found.unsettle(astray, start)
     found.status[late] = Status.LIMIT
     return found
