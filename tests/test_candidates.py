@@ -1,12 +1,14 @@
 """Candidates whose fits were stopped for want of prospect: fitted to the end where they count."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ropefit.diagnosis import candidates
 from ropefit.diagnosis import fits as fits_module
+from ropefit.diagnosis.accepted import close_cost
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.candidates import completed, fit_candidates
 from ropefit.diagnosis.fits import Fits
@@ -22,6 +24,7 @@ from ropefit.effects import (
     SoftSection,
     StiffSection,
     SupportPlane,
+    Tether,
 )
 from ropefit.inference.noise import Noise
 from ropefit.models.terms import Term
@@ -172,6 +175,35 @@ def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsew
     fit_candidates(current, [], [], slow, 6.0, for_noise=True)  # type: ignore[arg-type]
     assert asked == [100.0]
     assert bool(tried) == elsewhere
+
+
+@pytest.mark.parametrize(
+    ("spread", "for_noise", "tolerance"),
+    [(0.8, False, 1e-5), (4.0, False, 4e-5), (500.0, False, 1e-4), (4.0, True, 1e-3)],
+)
+def test_fits_end_the_sooner_the_more_the_smaller_model_misses(
+    spread, for_noise, tolerance, monkeypatch
+):
+    current: Any = SimpleNamespace(z=np.ones(9), cost=9.0, spread=spread)
+    asked = []
+    monkeypatch.setattr(
+        fits_module, "fit_candidate", lambda *_, tolerance, **__: asked.append(tolerance)
+    )
+    Fits(current, 6.0, for_noise=for_noise).add([(Hypothesis(Tether(), NO_PLACE), np.zeros(5))])
+    assert asked == pytest.approx([tolerance])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "spread", "close"),
+    [
+        (1000.0, 960.0, 1.0, 980.0),  # half of what it explains
+        (9000.0, 1000.0, 0.9, 1060.0),  # thirty nats behind it
+        (9000.0, 1000.0, 3.0, 1180.0),
+    ],
+)
+def test_what_may_be_as_good_beside_other_effects(before, after, spread, close):
+    without, fitted = (SimpleNamespace(cost=c, spread=spread) for c in (before, after))
+    assert close_cost(without, fitted) == close  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -51,8 +51,10 @@ def both(nominal: Fit) -> Companions:
     return found
 
 
-@pytest.mark.parametrize(("apart", "walks"), [(0.001, 4), (1.0, 1)])
-def test_more_friction_is_not_tried_where_the_least_drags_the_rope_far(
+@pytest.mark.parametrize(
+    ("apart", "walks"), [(4 * [0.001], 4), (4 * [1.0], 1), ([0.001, 0.001, 1.0, 1.0], 3)]
+)
+def test_more_friction_is_not_tried_where_less_drags_the_rope_far(
     nominal: Fit, monkeypatch, apart, walks
 ):
     plane, drag = Hypothesis(SupportPlane(), NO_PLACE), Hypothesis(ContactFriction(), NO_PLACE)
@@ -60,7 +62,7 @@ def test_more_friction_is_not_tried_where_the_least_drags_the_rope_far(
 
     def walked(model, u):
         tried.append(float(model.terms[-1].start[0]))
-        return replace(nominal.point, seen=nominal.point.seen + apart)
+        return replace(nominal.point, seen=nominal.point.seen + apart[len(tried) - 1])
 
     monkeypatch.setattr(beginning, "settled", walked)
     assert (settled_start(nominal, starts) is None) == (walks == 1)

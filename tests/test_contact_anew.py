@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ropefit.diagnosis import contact_anew as module
 from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.beginning import JUMPED
 from ropefit.diagnosis.candidate import compared
 from ropefit.diagnosis.contact_anew import contact_anew
 from ropefit.diagnosis.full_scan import MARGIN, Scan
@@ -158,6 +160,18 @@ def test_contact_is_fitted_anew_in_a_better_minimum(bar):
     values = term.value(better.point.u[-term.size :])
     assert values[[0, 2, 3]] == pytest.approx(true[[0, 2, 3]], abs=0.005)
     assert contact_anew(better, [now], 6.0) is None  # there is none that is better still
+
+
+def test_a_start_from_which_the_rope_jumps_is_not_fitted(bar, monkeypatch):
+    poor, accepted, _ = bar
+    highest = []
+
+    def tried(*_, **options):
+        highest.append(options.get("highest"))
+
+    monkeypatch.setattr(module, "attempted", tried)
+    assert contact_anew(poor, [accepted], 6.0) is None
+    assert highest == [None] + 10 * [JUMPED * poor.cost]  # continued; either way of five values
 
 
 def test_what_touches_nothing_is_not_fitted_anew(bar):

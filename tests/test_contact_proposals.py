@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import beginning
+from ropefit.diagnosis import beginning, contact_beside
 from ropefit.diagnosis.beginning import most_promising_first
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.contact_beside import by_contact
+from ropefit.diagnosis.fits import Fits
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.proposals import misfit_of, proposals, proposals_beside
 from ropefit.diagnosis.sensitivities import Sensitivities
@@ -177,6 +178,22 @@ def test_a_bar_whose_fit_ends_elsewhere_is_found_from_the_side():
     (found,) = fit_candidates(nominal, [], [], [[(bar, start)]], 6.0, names=("obstacle",))
     assert found.fit.cost < 1.1 * len(nominal.z) < 0.1 * alone.fit.cost
     assert found.values()[[0, 2, 3]] == pytest.approx(true[[0, 2, 3]], abs=0.005)
+
+
+def test_a_bar_beside_an_effect_is_found_from_the_side_too(monkeypatch):
+    """And that is not done again where it is known."""
+    free = rope(288)
+    true = bar_under(free)
+    nominal = nominal_fit(recorded(Obstacle().apply(free, true), seed=6))
+    bar, start = Hypothesis(Obstacle(), NO_PLACE), true.copy()
+    start[0] += 0.03
+    monkeypatch.setattr(contact_beside, "proposals", lambda *_, **__: [[(bar, start)]])
+    (found,) = by_contact(nominal, 6.0, ("obstacle",)).candidates
+    assert found.fit.cost < 1.1 * len(nominal.z)
+    assert found.values()[[0, 2, 3]] == pytest.approx(true[[0, 2, 3]], abs=0.005)
+    monkeypatch.setattr(Fits, "add", lambda *_, **__: pytest.fail("fitted again"))
+    slow, names = [[(bar, start)]], ("obstacle",)
+    assert fit_candidates(nominal, [], [], slow, 6.0, names, known=[found]) == [found]
 
 
 def test_of_alternative_bars_the_one_that_leaves_least_is_first():

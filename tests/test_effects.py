@@ -24,6 +24,7 @@ from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.terms import Term
 from ropefit.rod.potential import slope_of
 from ropefit.rod.setup import Motion, Setup
+from ropefit.solvers.equilibrium import potentials as solver
 from ropefit.solvers.equilibrium.branches import overwound, wound
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
@@ -200,6 +201,20 @@ def test_derivatives_that_a_potential_tells_are_those_of_its_energy(effect, valu
     # Without closed forms these are what counts.
     bare = force_and_stiffness((p._replace(derivatives=None),), x)
     np.testing.assert_allclose(bare[1], stiffness, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"), [(SupportPlane(), VALUES[SupportPlane]), (Obstacle(), VALUES[Obstacle])]
+)
+def test_smooth_contact_has_arrived_before_its_nodes_stand_still(effect, values, monkeypatch):
+    setup = effect.apply(pinned(), np.array(values))
+    rod, held = setup.rod(), Conditions(setup.ends, setup.clamp)
+    found = solve_with_potentials(rod, held, setup.potentials)
+    monkeypatch.setattr(solver, "STILL", 1e-11)
+    exact = solve_with_potentials(rod, held, setup.potentials)
+    assert found.converged.all()
+    assert exact.converged.all()
+    np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=1e-9)
 
 
 def test_a_quadratic_potential_is_replaced_at_once_with_the_same_answer():

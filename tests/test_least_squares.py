@@ -16,6 +16,7 @@ from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import EndNoise, Noise, Whitener, estimate
 from ropefit.inference.objective import (
     FAR,
+    FORESEEN,
     FRUITLESS,
     PACE_OF,
     PACE_OPTIMISM,
@@ -365,6 +366,32 @@ def test_a_fit_without_prospect_of_what_is_needed_is_stopped():
     reached = fit(model, problem, needed=1.01 * whole.cost)
     assert not reached.stopped
     assert reached.cost == pytest.approx(whole.cost, rel=1e-9)
+
+
+def test_a_fit_that_begins_too_far_off_is_stopped_there():
+    model = Equilibrium(setup(30, ends()), [free("EI", 3e-4)])
+    problem = FitProblem(markers(setup(60, ends())), Noise(marker=SD), BINS)
+    whole = fit(model, problem)
+    stopped = fit(model, problem, highest=0.99 * whole.trace[0])
+    assert stopped.stopped
+    assert stopped.trace == pytest.approx(whole.trace[:1])
+    reached = fit(model, problem, highest=1.01 * whole.trace[0])
+    assert reached.cost == pytest.approx(whole.cost)
+
+
+def test_a_fit_ends_where_a_linear_step_promises_nothing():
+    """There no further evaluation is made, and the values are those of one that is made."""
+    model = Equilibrium(setup(30, ends()), [free("EI", 3e-4)])
+    problem = FitProblem(markers(setup(60, ends())), Noise(marker=SD), BINS)
+    whole, rough = fit(model, problem, tolerance=1e-12), fit(model, problem, tolerance=1e-5)
+    assert rough.converged
+    assert len(rough.trace) < len(whole.trace)
+    promised = rough.cost - whole.cost
+    assert promised < FORESEEN * 1e-5 * rough.cost
+    assert abs(rough.point.u - whole.point.u) < 0.1 * whole.sd()
+    again = fit(model.starting_from(whole.point.solution), problem, whole.point.u, tolerance=1e-5)
+    assert again.converged
+    assert len(again.trace) == 1
 
 
 @pytest.mark.parametrize("creeps", [False, True])
