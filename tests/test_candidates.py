@@ -17,6 +17,7 @@ from ropefit.diagnosis.scan import Projection, Scorer
 from ropefit.diagnosis.sensitivities import Sensitivities
 from ropefit.effects import (
     DistributedLoad,
+    ForceField,
     GravityMisalignment,
     MassSection,
     Obstacle,
@@ -148,7 +149,7 @@ def test_of_a_tie_of_one_hypothesis_the_significant_one_is_kept(behind, kept, mo
 def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsewhere, monkeypatch):
     """And its fit is continued only with prospect of that cost."""
     tried, asked = [], []
-    setup = SimpleNamespace(potentials=())
+    setup = SimpleNamespace(potentials=(), remembers=False)
     current = SimpleNamespace(
         point=SimpleNamespace(setup=setup), z=np.full(100, 2.0), cost=400.0, spread=4.0
     )
@@ -175,6 +176,22 @@ def test_contact_is_begun_elsewhere_only_where_it_makes_a_difference(cost, elsew
     fit_candidates(current, [], [], slow, 6.0, for_noise=True)  # type: ignore[arg-type]
     assert asked == [100.0]
     assert bool(tried) == elsewhere
+
+
+@pytest.mark.parametrize(
+    ("remembers", "left", "fitted"), [(False, 1.0, 1), (True, 1.0, 0), (True, 1.5, 1)]
+)
+def test_beside_memory_fields_are_fitted_only_to_more_than_noise(
+    remembers, left, fitted, monkeypatch
+):
+    setup = SimpleNamespace(potentials=(), remembers=remembers)
+    current: Any = SimpleNamespace(point=SimpleNamespace(setup=setup), z=np.full(100, left))
+    tried = []
+    monkeypatch.setattr(Fits, "add_kinds", lambda self, starts: tried.append(starts))
+    monkeypatch.setattr(Fits, "sufficient", lambda self: False)
+    field = Hypothesis(ForceField(), NO_PLACE)
+    fit_candidates(current, [], [], [[(field, np.zeros(5))]], 6.0)
+    assert len(tried) == fitted
 
 
 @pytest.mark.parametrize(

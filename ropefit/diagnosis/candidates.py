@@ -11,7 +11,7 @@ from ropefit.diagnosis.leaders import leading
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
-from ropefit.diagnosis.unexplained import unexplained
+from ropefit.diagnosis.unexplained import leaves_something, unexplained
 from ropefit.inference.least_squares import Fit
 
 MOST_SHOWN = 0.7  # of the χ² in excess of noise, explained in one place of a scan
@@ -63,6 +63,8 @@ def fit_candidates(
         first = fits.best()
     if not fits.sufficient():
         late = [choices for choices in slow if choices[0][0].effect.late]
+        if current.point.setup.remembers and not leaves_something(current):
+            late = []  # beside memory no frame can be spared, and they seldom gain from noise
         for choices in slow:
             # Bodies that do what another one does are proposed beside that.
             if not (choices[0][0].effect.late or fits.enough()):
