@@ -174,7 +174,7 @@ def test_what_remembers_is_fitted_last_on_a_rope_that_touches(
     starts = [[(Hypothesis(kind(), NO_PLACE), np.zeros(1))] for kind in kinds]
     monkeypatch.setattr(candidates, "leading", lambda *_: (starts[:2], []))
     monkeypatch.setattr(Fits, "add", lambda _, choices: order.append(choices[0][0].name))
-    setup = SimpleNamespace(potentials=(None,) if touching else ())
+    setup = SimpleNamespace(potentials=(None,) if touching else (), remembers=False)
     current: Any = SimpleNamespace(point=SimpleNamespace(setup=setup), z=np.full(100, 3.0))
     scan: list[Any] = [SimpleNamespace(score=shown * 800)]
     candidates.fit_candidates(current, scan, [], starts[2:], 6.0)

@@ -196,19 +196,22 @@ def _revived(smaller: Fit) -> np.ndarray:
 def _undistorted(smaller: Fit, begun: Beginning, moved: np.ndarray) -> np.ndarray:
     """Return (P,) where to begin beside an effect that moves the rope by `moved` (M D,) so that no
     error stands for that effect: the smaller model refitted to first order, or all errors zero,
-    where that misses the data by much less (a large effect has no first order)."""
+    where that misses the data by much less (a large effect has no first order); as it had begun
+    where the rope settles with neither."""
     size = begun.terms[0].size
     refitted, plain = begun.values.copy(), begun.values.copy()
     refitted[:-size] = _refitted_beside(smaller, moved)
     plain[:-size][np.isfinite(smaller.prior)] = 0.0
-    least = MUCH_LESS * _missed_by(smaller, begun, refitted)
-    return plain if _missed_by(smaller, begun, plain) < least else refitted
+    missed = _missed_by(smaller, begun, refitted)
+    if _missed_by(smaller, begun, plain) < MUCH_LESS * missed:
+        return plain
+    return refitted if np.isfinite(missed) else begun.values
 
 
 def _missed_by(smaller: Fit, begun: Beginning, values: np.ndarray) -> float:
     """Return the rms [m] of the data about the larger model at values (P,), matched anew; inf if a
-    frame does not settle or no data are near."""
-    point = settled(begun.forward, values)
+    frame does not settle at once or no data are near."""
+    point = settled(begun.forward.settling_at_once(), values)
     if not point.converged.all():
         return np.inf
     missed = smaller.problem.match(point.seen).residual

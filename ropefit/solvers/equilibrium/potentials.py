@@ -23,6 +23,7 @@ SMALL_MOVE = (
     1e-4  # of the length: nodes that move less are where potentials may show their own curvature
 )
 ROUND_STEPS = 60  # Newton steps of one round
+MOST_FAILED = 3  # rounds in a row in which these do not lead to rest
 SOFTER = (0.003, 0.03, 0.3)  # of the hardness, one after the other
 Nodes = slice | np.ndarray  # which nodes: their indices
 # Of the length: nodes that move less have arrived. A smooth potential is then replaced once more,
@@ -92,24 +93,25 @@ def solve_with_potentials(
     The solution's own conditions and rods are those with the supports and loads that stand for the
     potentials there: derivatives of the states need them. Frames that do not settle are marked.
     Those that do not at first begin anew from where they would hang alone, and are brought out of
-    the obstacle in steps, while it hardens. at_once: none is begun anew.
+    the obstacle in steps, while it hardens; not beside forces alone from a `start`, which is nearer
+    than that. at_once: none is begun anew.
     """
-    rod, conditions = rod.in_numpy(), conditions.in_numpy()
+    rod, conditions, near = rod.in_numpy(), conditions.in_numpy(), True
     if start is None or (isinstance(start, Solution) and not start.converged.all()):
-        start = solve(rod, conditions)
+        start, near = solve(rod, conditions), False
     length = float(rod.length.sum(-1).max())
     if deepest < np.inf and _depth(potentials, start.x) > deepest * length:
         return unsettled(rod, conditions, start)
     if all(p.quadratic for p in potentials):  # supports that stand for them do so anywhere
         bold = np.ones(len(start.x), dtype=bool)
-        near = _replaced(rod, conditions, potentials, start.x, start, bold)
-        if near.converged.all():
-            return _replaced(rod, conditions, potentials, near.x, near, bold)
+        once = _replaced(rod, conditions, potentials, start.x, start, bold)
+        if once.converged.all():
+            return _replaced(rod, conditions, potentials, once.x, once, bold)
     # A softer obstacle may let the rope through: only where nothing else leads to rest.
     still = (CORNERED_STILL if any(p.cornered for p in potentials) else STILL) * length
     found = _settle(rod, conditions, potentials, start, still, at_once)
     late = np.flatnonzero(~found.converged)
-    if at_once or not len(late):
+    if at_once or not len(late) or (near and not any(map(_is_body, potentials))):
         return found
     few, ends = rod.frames(late), conditions.frames(late)
     current: States = solve(few, ends)
@@ -119,6 +121,11 @@ def solve_with_potentials(
     again = found.states
     again.put(late, current)
     return _settle(rod, conditions, potentials, again, still)
+
+
+def _is_body(p: Potential) -> bool:
+    """Return whether a potential is something that the rope touches."""
+    return p.hardness is not None
 
 
 def _depth(potentials: tuple[Potential, ...], x: np.ndarray) -> float:
@@ -151,7 +158,8 @@ def _settle(
     far = conditions.far_supports
     current = States(start.q.copy(), x.copy(), start.base.copy(), start.reaction[:, :far].copy())
     moved = np.full(frames, np.inf)
-    cornered = any(p.cornered for p in potentials)
+    cornered, bodies = any(p.cornered for p in potentials), any(map(_is_body, potentials))
+    failed = np.zeros(frames, dtype=int)  # rounds in a row
     own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
     near = np.full(frames, SMALL_MOVE * float(rod.length.sum(-1).max()))
     bold, share = np.full(frames, cornered), np.ones(frames)
@@ -176,6 +184,9 @@ def _settle(
         earlier, moved[mine] = moved[mine], np.abs(step).max(axis=(1, 2))
         if at_once and not reached.all():
             return unsettled(rod, conditions, start)
+        failed[mine] = np.where(reached, 0, failed[mine] + 1)
+        if not bodies:  # forces alone: contact comes and goes
+            moved[mine[failed[mine] >= MOST_FAILED]] = np.inf
         astray = ~np.isfinite(moved[mine])
         going[mine] = ~astray & ~(bold[mine] & (moved[mine] < still))
         x[mine[astray]] = start.x[mine[astray]]
