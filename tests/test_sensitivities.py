@@ -55,6 +55,24 @@ def test_the_derivative_at_zero_is_the_response_to_a_small_size(effect, held):
 
 
 @pytest.mark.parametrize("effect", [FreeKink(), FreeCurvature()], ids=lambda effect: effect.name)
+def test_a_rope_with_memory_turns_towards_its_bends(effect, monkeypatch):
+    """Without going through all frames anew for every place."""
+    setup = with_effect(there_and_back(48), BendingHysteresis(), [1e-3, 1.0])
+    model = Equilibrium(setup, [PARAMETERS["EI"].term(setup)])
+    seen = model.at(np.zeros(1)).seen
+    fitted = fit(model, FitProblem(scanned(seen), Noise(), BINS), evaluations=1)
+    every = Hypothesis(effect, effect.scan_places(setup))
+    one = Hypothesis(effect, every.places[len(every.places) // 3 :][:1])
+    sensitivities = Sensitivities(fitted)
+    response = sensitivities._finite_responses(one)[0]
+    monkeypatch.delattr(Sensitivities, "_finite_responses")
+    found = sensitivities.of(one).moved
+    assert found is not None
+    assert np.linalg.norm(response) > 1e-3  # m
+    assert np.linalg.norm(found[0] - response) < 0.05 * np.linalg.norm(response)
+
+
+@pytest.mark.parametrize("effect", [FreeKink(), FreeCurvature()], ids=lambda effect: effect.name)
 def test_a_rope_dragged_over_a_rough_table_turns_towards_its_bends(effect, monkeypatch):
     """Without settling every frame anew for every place."""
     model = Equilibrium(rough(swept(48), ROUGH), [PARAMETERS["EI"].term(swept(48))])

@@ -64,7 +64,7 @@ def fit_candidates(
     if not fits.sufficient():
         late = [choices for choices in slow if choices[0][0].effect.late]
         if current.point.setup.remembers and not leaves_something(current):
-            late = []  # beside memory no frame can be spared, and they seldom gain from noise
+            late = []  # with memory, every evaluation goes through all frames
         for choices in slow:
             # Bodies that do what another one does are proposed beside that.
             if not (choices[0][0].effect.late or fits.enough()):

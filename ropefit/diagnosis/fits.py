@@ -30,7 +30,8 @@ from ropefit.inference.least_squares import Fit
 from ropefit.inference.objective import OPTIMISM
 
 NEARLY_NOTHING = 1e-3  # of the χ² in excess of noise
-FOR_NOISE, MOST_SPREAD = 1e-3, 10.0  # tolerance, and times the usual one
+FOR_NOISE = 1e-3  # tolerance of fits that are made for the noise
+MOST_SPREAD = 10.0  # times the usual tolerance, where the smaller model misses much
 MOST_MINIMA = 4  # of one hypothesis, each better than the one before
 EXPLORING = 8  # evaluations of each start of a late effect; the best is fitted further
 

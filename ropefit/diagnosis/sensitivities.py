@@ -110,9 +110,8 @@ class Sensitivities:
         return iter([(np.arange(len(self.point.seen)), self._finite_responses(hypothesis))])
 
     def _spins_freely(self) -> bool:
-        """Return whether the rope may spin at no cost: it is straight without loads. Where bends
-        have a memory that holds it for next to nothing of the turn (measured: responses to
-        finite sizes are the same to a few per cent, unless a frame jumps)."""
+        """Return whether the rope may spin at no cost, or nearly, where its bends have a memory: it
+        is straight without loads."""
         straight = bool(np.abs(self.point.solution.rod.rest).max() < STRAIGHT)
         return self.fit.forward.instantaneous and straight
 

@@ -60,8 +60,7 @@ def force_of(
 def acted_on(potentials: tuple[Potential, ...], x: np.ndarray) -> list[Nodes]:
     """Return which nodes each potential acts on in some frame of x (F, K, 3)."""
     return [
-        _nodes_of(p) if p.hardness is None else np.flatnonzero(_acting(p, x).any(0))
-        for p in potentials
+        np.flatnonzero(_acting(p, x).any(0)) if _is_body(p) else _nodes_of(p) for p in potentials
     ]
 
 
@@ -74,7 +73,7 @@ def _nodes_of(p: Potential) -> Nodes:
 def _acting(p: Potential, x: np.ndarray) -> np.ndarray:
     """Return (..., K) the nodes that a potential acts on: most ropes touch something with few."""
     acting = np.broadcast_to(p.share != 0, x.shape[:-1])
-    return acting if p.hardness is None else acting & (p.energy(x) > 0)
+    return acting & (p.energy(x) > 0) if _is_body(p) else acting
 
 
 def solve_with_potentials(
@@ -96,9 +95,10 @@ def solve_with_potentials(
     the obstacle in steps, while it hardens; not beside forces alone from a `start`, which is nearer
     than that. at_once: none is begun anew.
     """
-    rod, conditions, near = rod.in_numpy(), conditions.in_numpy(), True
-    if start is None or (isinstance(start, Solution) and not start.converged.all()):
-        start, near = solve(rod, conditions), False
+    rod, conditions = rod.in_numpy(), conditions.in_numpy()
+    alone = start is None or (isinstance(start, Solution) and not start.converged.all())
+    if start is None or alone:
+        start = solve(rod, conditions)
     length = float(rod.length.sum(-1).max())
     if deepest < np.inf and _depth(potentials, start.x) > deepest * length:
         return unsettled(rod, conditions, start)
@@ -111,7 +111,7 @@ def solve_with_potentials(
     still = (CORNERED_STILL if any(p.cornered for p in potentials) else STILL) * length
     found = _settle(rod, conditions, potentials, start, still, at_once)
     late = np.flatnonzero(~found.converged)
-    if at_once or not len(late) or (near and not any(map(_is_body, potentials))):
+    if at_once or not len(late) or not (alone or any(map(_is_body, potentials))):
         return found
     few, ends = rod.frames(late), conditions.frames(late)
     current: States = solve(few, ends)
@@ -161,7 +161,8 @@ def _settle(
     cornered, bodies = any(p.cornered for p in potentials), any(map(_is_body, potentials))
     failed = np.zeros(frames, dtype=int)  # rounds in a row
     own = np.full(x.shape, np.nan)  # the rod's own force on the nodes, once it is known
-    near = np.full(frames, SMALL_MOVE * float(rod.length.sum(-1).max()))
+    length = float(rod.length.sum(-1).max())
+    near = np.full(frames, SMALL_MOVE * length)
     bold, share = np.full(frames, cornered), np.ones(frames)
     going, alone = ~_untouched(potentials, x), Supported(rod, conditions)
     if not going.all():
@@ -213,7 +214,7 @@ def _settle(
     astray = ~np.isfinite(moved)
     found = _replaced(rod, conditions, potentials, x, current, bold)
     gone = np.abs(found.x - x).max(axis=(1, 2))
-    late = found.converged & ~(gone < GONE * float(rod.length.sum(-1).max()))
+    late = found.converged & ~(gone < GONE * length)
     found.unsettle(astray, start)
     found.status[late] = Status.LIMIT
     return found
@@ -222,7 +223,7 @@ def _settle(
 def _untouched(potentials: tuple[Potential, ...], x: np.ndarray) -> np.ndarray:
     """Return (F,) bool: frames whose nodes x (F, K, 3) are outside of everything; none of them
     where a potential acts everywhere."""
-    out = np.full(len(x), all(p.hardness is not None for p in potentials))
+    out = np.full(len(x), all(map(_is_body, potentials)))
     if out.any():
         for p in potentials:
             out &= ~_acting(p, x).any(-1)
