@@ -13,6 +13,7 @@ from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.noise_measurement import on_edge
+from ropefit.diagnosis.search import EVALUATIONS
 from ropefit.diagnosis.wander import with_what_is_missed_alike
 from ropefit.effects.point_mass import PointMass
 from ropefit.fitting.nominal import (
@@ -50,7 +51,7 @@ def weighed(o: Observations, source: Model) -> Candidate | None:
         return None
     best = found[0]
     problem = problem.under(with_what_is_missed_alike(problem.noise, best.fit, []))
-    again = fit(best.fit.forward, problem, best.fit.point.u, 10, tolerance=1e-5)
+    again = fit(best.fit.forward, problem, best.fit.point.u, EVALUATIONS, tolerance=1e-5)
     return replace(best, fit=again)
 
 

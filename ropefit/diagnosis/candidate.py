@@ -153,7 +153,7 @@ def fit_candidate(
     needed = np.inf if slow else needed  # contact has no linear steps
     fitted = attempted(
         begun.forward, smaller.problem, begun.values, most, tolerance, needed, matched=not slow,
-        highest=HOPELESS * smaller.cost,
+        highest=HOPELESS * smaller.cost if slow else np.inf,
     )  # fmt: skip
     if slow and fitted is not None and fitted.cost < smaller.cost:
         fitted = continued(smaller.cost, fitted, lowest)

@@ -53,7 +53,7 @@ from ropefit.inference.problem import FitProblem
 MORE_ROUNDS = 4  # than effects: a restart, contact anew, one uncounted, one that sees what is left
 # Of a fit after the noise was measured again; few of frames that are settled one after the other,
 # which take long, and are fitted once more at the end.
-EVALUATIONS, FEW_EVALUATIONS = 10, 4
+EVALUATIONS, FEW_EVALUATIONS = 25, 4
 REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 
