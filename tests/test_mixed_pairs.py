@@ -157,6 +157,9 @@ def test_what_explains_as_much_as_the_best_is_not_stopped(both):
     assert little > cost_for(both, 0.5 * (both.cost - little))
     clean = fitted(recorded(rope(288), seed=108))
     assert cost_for(clean, 5.0) == pytest.approx(clean.cost - 10.0, rel=1e-3)
+    noise = len(clean.z)
+    near_noise = replace(clean, cost=1.5 * noise, spread=30.0)
+    assert noise < cost_for(near_noise, 0.1 * noise) < 1.5 * noise  # not below what noise leaves
 
 
 def test_without_prospect_of_what_counts_no_pair_goes_on(both, monkeypatch):

@@ -16,7 +16,8 @@ from ropefit.models.terms import SIZE_PRIOR_SD, Term
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
 EVALUATIONS, TOLERANCE = 25, 1e-5
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
-MISSED_ALIKE = 0.5  # of a model's cost: a larger one that leaves more misses the same
+MISSED_ALIKE = 0.5  # of what a model leaves beyond noise: a larger one that leaves more
+# misses the same
 SLOW_ROUNDS = 4  # so often it is continued
 SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
 UNSEEN = 1e-6  # whitened change of all data by a step of one: less is rounding
@@ -219,13 +220,15 @@ def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> C
 def cost_for(smaller: Fit, evidence: float) -> float:
     """Return the cost at which a larger model has so much evidence [nats], but for its penalty.
 
-    What it misses scales evidence down. Where it leaves more than `MISSED_ALIKE` of the cost, as
-    much as for the smaller model, in proportion to the cost; else as if the rest were white.
+    What it misses scales evidence down. Where it leaves more than `MISSED_ALIKE` of what the
+    smaller one leaves beyond noise, as much as for that, in proportion to the cost; else as if the
+    rest were white.
     """
-    before, twice = smaller.cost, 2 * evidence
+    before, twice, noise = smaller.cost, 2 * evidence, min(len(smaller.z), smaller.cost)
     alike = before / (1 + twice * max(1.0, smaller.spread) / before)
-    white = min(MISSED_ALIKE * before, before / (1 + twice / len(smaller.z)))
-    return min(before - twice, alike if alike > MISSED_ALIKE * before else white)
+    most = noise + MISSED_ALIKE * (before - noise)
+    white = min(most, before / (1 + twice / len(smaller.z)))
+    return min(before - twice, alike if alike > most else white)
 
 
 def gain_of(candidate: Candidate) -> float:
