@@ -11,6 +11,7 @@ from ropefit.diagnosis.acceptance import at_most
 from ropefit.diagnosis.equivalence import equivalents, ordered, within_reach
 from ropefit.diagnosis.limits import Limits
 from ropefit.effects import (
+    BendingHysteresis,
     BendingLaw,
     ClampedEnd,
     EndOffset,
@@ -26,6 +27,7 @@ from ropefit.effects import (
     PointMass,
     StiffSection,
     SupportPlane,
+    Tether,
     TimeLag,
     WallField,
 )
@@ -187,6 +189,24 @@ def test_what_may_be_zero_is_tied_if_it_contains_the_best(effect, significance, 
     mass.hypothesis.name, other.hypothesis.name = "point_mass", effect.name
     other.significance, other.plausible = lambda: significance, lambda: plausible
     assert (equivalents(mass, [mass, other], 2045.0) == [other]) == tied
+
+
+@pytest.mark.parametrize(
+    ("effect", "evidence", "gained", "tied"),
+    [
+        (Tether(), 2.3, 45.0, True),  # what is against it is how broad the priors of its values are
+        (Tether(), 2.3, 24.0, False),
+        (Tether(), -1.0, 45.0, False),  # less likely than nothing at all
+        (ForceField(), 2.3, 45.0, False),  # of stretches, not of frames
+    ],
+)
+def test_what_predicts_held_out_data_better_ties(effect, evidence, gained, tied):
+    hysteresis = candidate(BendingHysteresis(), 13.0, 22.0)
+    other = candidate(effect, evidence, gained)
+    hysteresis.fit.cost, other.fit.cost = 2632.7, 2600.3
+    hysteresis.hypothesis.name, other.hypothesis.name = "bending_hysteresis", effect.name
+    other.significance, other.plausible = lambda: 7.5, lambda: True
+    assert (equivalents(hysteresis, [hysteresis, other], 2660.3) == [other]) == tied
 
 
 @pytest.mark.parametrize(("cost", "tied"), [(2327.0, True), (2370.0, False)])

@@ -46,11 +46,14 @@ def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Can
 
 def _predicts_better(one: Candidate, than: Candidate) -> bool:
     """Return whether physics as likely as a measurement error predicts held-out data better."""
-    effect, other = one.hypothesis.effect, than.hypothesis.effect
-    if effect.kind == "measurement" or effect.held_out != other.held_out:
-        return False
     tied = than.evidence - one.evidence < TIE_NATS
-    return tied and _held_out_gain(one) - _held_out_gain(than) > TIE_NATS
+    return one.hypothesis.effect.kind != "measurement" and tied and _foretells(one, than)
+
+
+def _foretells(one: Candidate, than: Candidate) -> bool:
+    """Return whether a candidate predicts the same held-out data better than another."""
+    alike = one.hypothesis.effect.held_out == than.hypothesis.effect.held_out
+    return alike and _held_out_gain(one) - _held_out_gain(than) > TIE_NATS
 
 
 def _held_out_gain(one: Candidate) -> float:
@@ -63,13 +66,13 @@ def _held_out_gain(one: Candidate) -> float:
 
 def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> list[Candidate]:
     """Return candidates of other effects that are within reach of the best, or that explain nearly
-    all that it does and are hardly worse.
+    all that it does and are hardly worse, or that predict held-out data better than one of those.
 
     before: χ² of the model without any of them. Each has its evidence by its own estimate of what
     is missed. Where much is explained, a difference of these in the fourth digit is many nats: by
     one and the same they are compared as well.
     """
-    out = []
+    out, others = [], []
     for one in candidates:
         same_effect = one.hypothesis.name == best.hypothesis.name
         if one is best or same_effect or not (_contains(one, best) or _is_there(one)):
@@ -77,9 +80,11 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
         less = _less(one, best)
         alike = less + _penalty(one, before) - _penalty(best, before)
-        if within_reach(min(alike, best.evidence - one.evidence), share, less):
-            out.append(one)
-    return out
+        reached = within_reach(min(alike, best.evidence - one.evidence), share, less)
+        (out if reached else others).append(one)
+    # Of many values most evidence against them is how broad their priors are.
+    tied = (best, *out)
+    return [*out, *(c for c in others if c.evidence > 0 and any(_foretells(c, t) for t in tied))]
 
 
 def _less(one: Candidate, best: Candidate) -> float:
