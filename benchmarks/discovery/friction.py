@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import processor_time
 from benchmarks.discovery import dragging
 from benchmarks.discovery.made import write
 from benchmarks.discovery.run import diagnose, kept, read_json
@@ -35,13 +34,7 @@ def one(seed: int, rough: float, out: Path) -> dict[str, Any]:
         except (RuntimeError, NotConverged, np.linalg.LinAlgError) as error:
             return {"seed": seed, "not_made": str(error)}
         write(recording, truth, f"friction-{seed}", made, seed, "pair")
-
-    def work() -> dict[str, Any]:
-        before = processor_time()
-        found = diagnose(recording, out / f"run-{seed}")
-        return found | {"processor": processor_time() - before}
-
-    done = kept(out / f"{seed}.json", work)
+    done = kept(out / f"{seed}.json", lambda: diagnose(recording, out / f"run-{seed}"))
     scores = {e["name"]: e["score"] for e in read_json(truth)["effects"]}
     return {"seed": seed, "score": scores[NAME], **judge(rough, done["answer"]), **done}
 

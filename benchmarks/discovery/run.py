@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.command import CommandFailed, ropefit
+from benchmarks.command import CommandFailed, processor_time, ropefit
 
 TIMEOUT = 900.0  # s, one command
 
@@ -47,8 +47,10 @@ def identified(recording: Path, run: Path) -> dict[str, Any]:
 
 
 def stages(*steps: tuple[str | Path, ...]) -> dict[str, Any]:
-    """Return the last answer of some commands, times [s] and the error of the first that failed."""
+    """Return the last answer of some commands, their times and the processor time of all [s], and
+    the error of the first that failed."""
     seconds: dict[str, float] = {}
+    before = processor_time()
     out: dict[str, Any] = {"seconds": seconds, "answer": None, "error": None}
     for step in steps:
         start = time.perf_counter()
@@ -59,7 +61,7 @@ def stages(*steps: tuple[str | Path, ...]) -> dict[str, Any]:
         seconds[str(step[0])] = time.perf_counter() - start
         if out["error"]:
             break
-    return out
+    return out | {"processor": processor_time() - before}
 
 
 def kept(path: Path, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
