@@ -192,18 +192,20 @@ def test_what_may_be_zero_is_tied_if_it_contains_the_best(effect, significance, 
 
 
 @pytest.mark.parametrize(
-    ("effect", "evidence", "gained", "tied"),
+    ("effect", "evidence", "gained", "cost", "tied"),
     [
-        (Tether(), 2.3, 45.0, True),  # what is against it is how broad the priors of its values are
-        (Tether(), 2.3, 24.0, False),
-        (Tether(), -1.0, 45.0, False),  # less likely than nothing at all
-        (ForceField(), 2.3, 45.0, False),  # of stretches, not of frames
+        (Tether(), 2.3, 45.0, 2600.3, True),  # only the priors of its values count against it
+        (Tether(), 2.3, 24.0, 2600.3, False),
+        (Tether(), 2.3, 45.0, 2640.3, False),  # it makes the data less likely
+        (Tether(), -1.0, 45.0, 2600.3, False),  # less likely than nothing at all
+        (ForceField(), 2.3, 45.0, 2600.3, False),  # of stretches, not of frames
+        (LostOutOfPlane(), 2.3, 45.0, 2600.3, False),  # no physics: it would be named first
     ],
 )
-def test_what_predicts_held_out_data_better_ties(effect, evidence, gained, tied):
+def test_what_predicts_held_out_data_better_ties(effect, evidence, gained, cost, tied):
     hysteresis = candidate(BendingHysteresis(), 13.0, 22.0)
     other = candidate(effect, evidence, gained)
-    hysteresis.fit.cost, other.fit.cost = 2632.7, 2600.3
+    hysteresis.fit.cost, other.fit.cost = 2632.7, cost
     hysteresis.hypothesis.name, other.hypothesis.name = "bending_hysteresis", effect.name
     other.significance, other.plausible = lambda: 7.5, lambda: True
     assert (equivalents(hysteresis, [hysteresis, other], 2660.3) == [other]) == tied

@@ -35,22 +35,24 @@ def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Can
         first, others = ordered(leader, [c for c in possible if c is not leader])
         return first, [*others, *beyond]
     first, others = _measurement_first(*_end_first(*_simplest_first(best, same)))
-    better = [c for c in others if _predicts_better(c, first)]
-    if first.hypothesis.effect.kind != "measurement" or not better:
+    better = [
+        c
+        for c in others
+        if _is_physics(c) and first.evidence - c.evidence < TIE_NATS and _predicts_better(c, first)
+    ]
+    if _is_physics(first) or not better:
         return first, others
     leader = max(better, key=lambda c: c.evidence)
-    physics = [c for c in others if c.hypothesis.effect.kind != "measurement" and c is not leader]
+    physics = [c for c in others if _is_physics(c) and c is not leader]
     named = _simplest_first(leader, physics)[0]
     return named, [c for c in (first, *others) if c is not named]
 
 
+def _is_physics(one: Candidate) -> bool:
+    return one.hypothesis.effect.kind != "measurement"
+
+
 def _predicts_better(one: Candidate, than: Candidate) -> bool:
-    """Return whether physics as likely as a measurement error predicts held-out data better."""
-    tied = than.evidence - one.evidence < TIE_NATS
-    return one.hypothesis.effect.kind != "measurement" and tied and _foretells(one, than)
-
-
-def _foretells(one: Candidate, than: Candidate) -> bool:
     """Return whether a candidate predicts the same held-out data better than another."""
     alike = one.hypothesis.effect.held_out == than.hypothesis.effect.held_out
     return alike and _held_out_gain(one) - _held_out_gain(than) > TIE_NATS
@@ -66,7 +68,8 @@ def _held_out_gain(one: Candidate) -> float:
 
 def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> list[Candidate]:
     """Return candidates of other effects that are within reach of the best, or that explain nearly
-    all that it does and are hardly worse, or that predict held-out data better than one of those.
+    all that it does and are hardly worse, or physics that predicts held-out data better than these
+    and is behind only by the penalty for its values, which is mostly how broad their priors are.
 
     before: χ² of the model without any of them. Each has its evidence by its own estimate of what
     is missed. Where much is explained, a difference of these in the fourth digit is many nats: by
@@ -80,11 +83,12 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
         less = _less(one, best)
         alike = less + _penalty(one, before) - _penalty(best, before)
-        reached = within_reach(min(alike, best.evidence - one.evidence), share, less)
-        (out if reached else others).append(one)
-    # Of many values most evidence against them is how broad their priors are.
+        if within_reach(min(alike, best.evidence - one.evidence), share, less):
+            out.append(one)
+        elif less < SAME_LIKELIHOOD and one.evidence > 0 and _is_physics(one):
+            others.append(one)
     tied = (best, *out)
-    return [*out, *(c for c in others if c.evidence > 0 and any(_foretells(c, t) for t in tied))]
+    return [*out, *(c for c in others if any(_predicts_better(c, than) for than in tied))]
 
 
 def _less(one: Candidate, best: Candidate) -> float:
@@ -176,7 +180,7 @@ def _end_beside(one: Candidate) -> int | None:
 
 def _measurement_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
     """Name the measurement first in a tie between physics and measurement."""
-    if best.hypothesis.effect.kind == "measurement":
+    if not _is_physics(best):
         return best, same
     return _preferred(best, same, lambda e: e.kind == "measurement")
 
