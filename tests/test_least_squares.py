@@ -18,6 +18,7 @@ from ropefit.inference.objective import (
     FAR,
     FORESEEN,
     FRUITLESS,
+    FURTHEST_STEP,
     PACE_OF,
     PACE_OPTIMISM,
     Objective,
@@ -456,6 +457,20 @@ def test_a_fit_ends_where_evaluations_change_nothing(monkeypatch, costs, evaluat
         while True:
             objective.patient_rows(np.zeros(1), 0)
     assert len(objective.trace) == evaluations
+
+
+def test_a_linear_step_is_found_where_the_normal_equations_are_singular_in_floating_point():
+    """In a bad start slopes span nine orders of magnitude, and their squares eighteen."""
+    rng = np.random.default_rng(3)
+    turn, other = (np.linalg.qr(rng.normal(size=(n, n)))[0] for n in (28, 27))
+    slopes = turn[:, :27] @ np.diag(np.geomspace(7e7, 5e-2, 27)) @ other
+    rows, wide = rng.normal(size=28) * 1e3, np.full(27, 1e9)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(slopes.T @ slopes)
+    gain = linear_step(slopes, rows, -wide, wide)[1]
+    held = np.concatenate([slopes, np.eye(27) / FURTHEST_STEP])
+    step = np.linalg.lstsq(held, np.concatenate([-rows, np.zeros(27)]), rcond=None)[0]
+    assert gain == pytest.approx(rows @ rows - np.square(rows + slopes @ step).sum(), rel=1e-6)
 
 
 def test_the_best_linear_step_within_bounds_gains():

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from scipy import optimize
-from scipy.linalg import solve_triangular
 from threadpoolctl import ThreadpoolController
 
 from ropefit.inference.bins import Stations, aligned, collected
@@ -288,11 +287,13 @@ def linear_step(
 ) -> tuple[np.ndarray, float]:
     """Return the best linear step (P,) for the sum of squares of rows (M,), whose derivatives are
     slopes (M, P), between its bounds low and high (P,), and by how much it lowers that sum."""
-    pull, square = slopes.T @ rows, slopes.T @ slopes
-    root = np.linalg.cholesky(square + np.eye(len(low)) / FURTHEST_STEP**2).T
+    many = len(low)
+    # Not by the normal equations: in a bad start steps are as sensitive as 1 to 1e9.
+    q, r = np.linalg.qr(np.concatenate([slopes, np.eye(many) / FURTHEST_STEP]))
     within = low, np.maximum(high, low + np.finfo(float).eps)
-    step = optimize.lsq_linear(root, solve_triangular(root, -pull, trans=1), within).x
-    return step, max(float(-2 * pull @ step - step @ square @ step), 0.0)
+    step = optimize.lsq_linear(r, -(q[: len(rows)].T @ rows), within).x
+    left = rows + slopes @ step
+    return step, max(float(rows @ rows - left @ left), 0.0)
 
 
 def _fill(seen: np.ndarray, good: np.ndarray) -> np.ndarray:
