@@ -18,6 +18,19 @@ from ropefit.rod.setup import Setup
 
 TakenOver = tuple[str, Cause, Term]  # a name for it, the cause there, and the term here
 LEAST_SD = 1e-3  # of the usual size, or of the length: however well another run knows a value
+MOST_LEFT = 3.0  # times the noise of a point: what leaves more at rest is not the whole cause
+
+
+def understood(model: Model, found: Diagnosis) -> bool:
+    """Return whether what a run at rest found may be taken over: it leaves little, or all of it
+    belongs to the rope.
+
+    What acts on the rope and leaves much stands for something else, which may be the rope's own,
+    and the rope's values were fitted beside it: without it, in another recording, they are wrong.
+    """
+    of_the_rope = all(effect_of(cause).of_rope for cause in found.causes.values())
+    little = found.rms_after <= MOST_LEFT * found.noise_white
+    return of_the_rope or little or model.nominal.balance is None
 
 
 def as_found(model: Model, found: Diagnosis) -> Model:

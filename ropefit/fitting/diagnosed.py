@@ -19,7 +19,13 @@ from ropefit.adapters.rope_setup import (
     segments_of,
 )
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS, DiagnoseSettings
-from ropefit.adapters.taken_over import TakenOver, as_found, of_rope, over_mass
+from ropefit.adapters.taken_over import (
+    TakenOver,
+    as_found,
+    of_rope,
+    over_mass,
+    understood,
+)
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.artifacts.observations import DroppedFrame
@@ -160,6 +166,13 @@ def _as_diagnosed(source: Model, context: Context) -> tuple[Model, Diagnosis | N
         context.say(
             "warning: the nominal run was not diagnosed: what its rope has besides its rigidity is "
             "not known here and may be taken for a change; run `ropefit diagnose` on it"
+        )
+        return source, None
+    if not understood(source, found):
+        context.say(
+            "warning: what was found in the nominal run is not of the rope alone and leaves "
+            f"{1e3 * found.rms_after:.1f} mm (noise {1e3 * found.noise_white:.1f} mm): the rope is "
+            "taken as identified there, without it"
         )
         return source, None
     if found.verdict == "unknown":
