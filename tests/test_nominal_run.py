@@ -10,7 +10,7 @@ import pytest
 
 from ropefit.adapters.rope_setup import base_setup
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, DiagnoseSettings
-from ropefit.adapters.taken_over import as_found, held_alike, of_rope, over_mass
+from ropefit.adapters.taken_over import as_found, held_alike, of_rope, over_mass, understood
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
@@ -77,8 +77,9 @@ def found_with(model: Model, **causes: Cause) -> Any:
     p = next(iter(model.nominal.groups.values())).parameters["EI"]
     size = Size(value=1.2 * p.value, unit=p.unit, ci95=(1.1 * p.value, 1.3 * p.value))
     return SimpleNamespace(
-        verdict="found", causes=causes, known={}, rope={"EI": size}, rms_after=1e-4
-    )
+        verdict="found", causes=causes, known={}, rope={"EI": size}, rms_after=1e-4,
+        noise_white=1e-3,
+    )  # fmt: skip
 
 
 def test_what_belongs_to_the_rope_is_known_as_well_as_it_was_found(identified):
@@ -111,6 +112,23 @@ def test_the_ropes_own_values_are_those_fitted_along_with_what_was_found(identif
     lengths = [m.nominal.balance.bending_length for m in (model, changed) if m.nominal.balance]
     assert now.value / was.value == pytest.approx((lengths[1] / lengths[0]) ** 3)  # same weight
     assert as_found(model, found_with(model)) is model
+
+
+@pytest.mark.parametrize(
+    ("left", "causes", "expected"),
+    [
+        (2e-3, {"tilt": TILT}, True),
+        (4e-3, {"tilt": TILT}, False),  # stands for something else, and the rope was fitted beside
+        (4e-3, {"mass": MASS, "section": SECTION}, True),  # all of it is there in any recording
+        (4e-3, {"mass": MASS, "tilt": TILT}, False),
+    ],
+)
+def test_what_leaves_much_is_taken_over_if_it_belongs_to_the_rope(
+    identified, left, causes, expected
+):
+    model, found = identified[1], found_with(identified[1], **causes)
+    found.rms_after = left
+    assert understood(model, found) is expected
 
 
 def test_rigidities_of_another_recording_are_not_known_exactly(identified):
