@@ -30,6 +30,16 @@ from tests.test_memory import there_and_back, with_effect
 SMALL = 0.02  # usual sizes
 
 
+def at_a_third(setup, effect, evaluations: int):
+    """Return the sensitivities of a rope fitted to its own shapes, and an effect at one place."""
+    model = Equilibrium(setup, [PARAMETERS["EI"].term(setup)])
+    seen = model.at(np.zeros(1)).seen
+    fitted = fit(model, FitProblem(scanned(seen), Noise(), BINS), evaluations=evaluations)
+    every = Hypothesis(effect, effect.scan_places(setup))
+    one = Hypothesis(effect, every.places[len(every.places) // 3 :][:1])
+    return Sensitivities(fitted), one
+
+
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize(
     "effect",
@@ -40,12 +50,7 @@ def test_the_derivative_at_zero_is_the_response_to_a_small_size(effect, held):
     setup = there_and_back(48)
     if held:  # by a thread
         setup = with_effect(setup, Tether(), [0.05, 0.0, 0.0, -0.003, 0.6])
-    model = Equilibrium(setup, [PARAMETERS["EI"].term(setup)])
-    seen = model.at(np.zeros(1)).seen
-    fitted = fit(model, FitProblem(scanned(seen), Noise(), BINS), evaluations=2)
-    every = Hypothesis(effect, effect.scan_places(setup))
-    one = Hypothesis(effect, every.places[len(every.places) // 3 :][:1])
-    sensitivities = Sensitivities(fitted)
+    sensitivities, one = at_a_third(setup, effect, evaluations=2)
     found = sensitivities.of(one).moved[0]
     size = SMALL * one.scales(setup)
     response = sensitivities.response(one, np.concatenate([size, one.places[0]]))
@@ -58,12 +63,7 @@ def test_the_derivative_at_zero_is_the_response_to_a_small_size(effect, held):
 def test_a_rope_with_memory_turns_towards_its_bends(effect, monkeypatch):
     """Without going through all frames anew for every place."""
     setup = with_effect(there_and_back(48), BendingHysteresis(), [1e-3, 1.0])
-    model = Equilibrium(setup, [PARAMETERS["EI"].term(setup)])
-    seen = model.at(np.zeros(1)).seen
-    fitted = fit(model, FitProblem(scanned(seen), Noise(), BINS), evaluations=1)
-    every = Hypothesis(effect, effect.scan_places(setup))
-    one = Hypothesis(effect, every.places[len(every.places) // 3 :][:1])
-    sensitivities = Sensitivities(fitted)
+    sensitivities, one = at_a_third(setup, effect, evaluations=1)
     response = sensitivities._finite_responses(one)[0]
     monkeypatch.delattr(Sensitivities, "_finite_responses")
     found = sensitivities.of(one).moved

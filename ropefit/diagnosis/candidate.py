@@ -16,7 +16,7 @@ from ropefit.models.terms import SIZE_PRIOR_SD, Term
 PLACE_PRIOR_SD = 0.29  # of the length: sd of a uniform place
 EVALUATIONS, TOLERANCE = 25, 1e-5
 SLOW_EVALUATIONS = 6  # of a slow fit, in which it must gain something
-MISSED_ALIKE = 0.5  # of what a model leaves beyond noise: who leaves more misses the same
+MISSED_ALIKE = 0.5  # of what a model leaves beyond noise: a larger one with more misses the same
 SLOW_ROUNDS = 4  # so often it is continued
 SLOW_COST, SLOW_SHARE = 4.0, 0.05  # least gain of a round: cost, and share of all gained so far
 UNSEEN = 1e-6  # whitened change of all data by a step of one: less is rounding

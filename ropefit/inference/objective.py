@@ -287,9 +287,8 @@ def linear_step(
 ) -> tuple[np.ndarray, float]:
     """Return the best linear step (P,) for the sum of squares of rows (M,), whose derivatives are
     slopes (M, P), between its bounds low and high (P,), and by how much it lowers that sum."""
-    many = len(low)
-    # Not by the normal equations: in a bad start steps are as sensitive as 1 to 1e9.
-    q, r = np.linalg.qr(np.concatenate([slopes, np.eye(many) / FURTHEST_STEP]))
+    # Not by the normal equations: from a bad start singular values of the slopes span 1e9.
+    q, r = np.linalg.qr(np.concatenate([slopes, np.eye(len(low)) / FURTHEST_STEP]))
     within = low, np.maximum(high, low + np.finfo(float).eps)
     step = optimize.lsq_linear(r, -(q[: len(rows)].T @ rows), within).x
     left = rows + slopes @ step
