@@ -15,6 +15,7 @@ from ropefit.effects import BendingHysteresis, FollowerForce, PointForce
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.problem import FitProblem
+from ropefit.models import equilibrium
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.parameters import PARAMETERS, Range, terms
@@ -50,6 +51,28 @@ def test_the_force_is_that_of_the_rope_in_the_state_that_it_makes():
     )
     turned = in_space(setup.followers, s.q)
     assert np.abs(turned - turned[0]).max() > 0.1 * np.abs(turned).max()
+
+
+def test_a_frame_beyond_its_fold_is_given_up_and_the_others_settle(monkeypatch):
+    """Beyond the most force that an equilibrium carries, whole steps lead round and round."""
+    settled = 0
+
+    def counted(*given):
+        nonlocal settled
+        settled += 1
+        return under_dead_loads(*given)
+
+    under_dead_loads = equilibrium._under_dead_loads
+    monkeypatch.setattr(equilibrium, "_under_dead_loads", counted)
+    effect, setup = FollowerForce(), clamped(40)
+    at = np.array([0.2, 0.0, 0.0, 0.43])
+    s = Equilibrium(effect.apply(setup, at), []).at(np.empty(0)).solution
+    assert 4 <= s.converged.sum() < len(s.q)
+    assert settled < 16
+    few = s.converged
+    added = s.rod.load - setup.rod().load
+    wanted = loads(s.followers, s.q, 41)
+    np.testing.assert_allclose(added[few], wanted[few], atol=1e-6 * at[0])
 
 
 def test_frames_rotate_as_quaternions_do():

@@ -12,6 +12,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import first_acceptable
 from ropefit.diagnosis.accepted import Accepted, accept, close_cost
+from ropefit.diagnosis.beginning import HOPELESS
 from ropefit.diagnosis.candidate import Candidate, best_of, comparable, compared, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.proposals import proposals_beside
@@ -73,12 +74,14 @@ def refitted_beside(
     candidate: Candidate, later: list[Candidate], without: Fit, needed: float
 ) -> Candidate | None:
     """Return a candidate from where its own fit left it, with later effects beside it; stopped
-    where it is without prospect of the cost that is `needed`."""
+    where it is without prospect of the cost that is `needed`, and where it begins too far off: the
+    rope was fitted with one of the two, and both may bend it twice as much."""
     parts = [
         *parts_of(candidate.fit), *(p for c in later for p in parts_of(c.fit) if p[0] is c.term),
     ]  # fmt: skip
     parts.sort(key=lambda part: part[0] is candidate.term)
-    fitted = fitted_again(candidate.fit, parts, without.problem, needed)
+    highest = HOPELESS * without.cost
+    fitted = fitted_again(candidate.fit, parts, without.problem, needed, highest)
     if fitted is None or len(fitted.z) != len(without.z):
         return None
     return compared(candidate.hypothesis, candidate.term, without, fitted)
@@ -121,10 +124,12 @@ def parts_of(fitted: Fit) -> list[tuple[Term, np.ndarray]]:
 
 def fitted_again(
     fitted: Fit, parts: list[tuple[Term, np.ndarray]], problem: FitProblem,
-    needed: float = np.inf,
+    needed: float = np.inf, highest: float = np.inf,
 ) -> Fit | None:  # fmt: skip
     """Return the fit of a model of some terms, in that order, from their values in another fit;
-    stopped where it is without prospect of the cost that is `needed`."""
+    stopped where it is without prospect of the cost that is `needed`, or begins above `highest`."""
     forward = fitted.forward.with_terms([term for term, _ in parts], fitted.point.solution)
     begin = np.concatenate([part for _, part in parts])
-    return attempted(forward, problem, begin, EVALUATIONS, tolerance=1e-5, needed=needed)
+    return attempted(
+        forward, problem, begin, EVALUATIONS, tolerance=1e-5, needed=needed, highest=highest
+    )

@@ -104,7 +104,15 @@ def middle_of(setup: Setup) -> np.ndarray:
 
 def between_quarters(setup: Setup) -> np.ndarray:
     """Return (N, 5) how much every segment has of what is reported at each of `QUARTERS`."""
-    length = setup.properties.length
-    share = (setup.arc[1:] - 0.5 * length) / length.sum()
+    length = np.ascontiguousarray(setup.properties.length, dtype=np.float64)
+    return _between_quarters(length.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _between_quarters(lengths: bytes) -> np.ndarray:
+    length = np.frombuffer(lengths)
+    share = (length.cumsum() - 0.5 * length) / length.sum()
     places = 0.01 * np.array(QUARTERS)
-    return np.maximum(1 - np.abs(share[:, None] - places) / (places[1] - places[0]), 0.0)
+    out = np.maximum(1 - np.abs(share[:, None] - places) / (places[1] - places[0]), 0.0)
+    out.setflags(write=False)
+    return out

@@ -16,7 +16,9 @@ from ropefit.solvers.equilibrium.solution import Solution, States
 from ropefit.solvers.status import Status
 
 ROUNDS = 25
-STILL = 1e-9  # of the force: a change below it ends the search
+STILL, SETTLED = 1e-9, 1e-6  # of the force: a change that ends the search, or is an equilibrium's
+SHORTER, ENOUGH = 0.25, 0.1  # steps that bring the forces less nearer than that are shortened
+MOST_SHORTENED = 4  # times, before a frame is given up: beyond a fold there is no equilibrium
 
 Followers = tuple[Follower, ...]
 Settle = Callable[[np.ndarray, States | None], Solution]  # under loads (F, N+1, 3) [N], from states
@@ -30,9 +32,17 @@ def rotated(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return v + 2 * w * across + 2 * np.cross(axis, across)
 
 
+def _carrying(follower: Follower) -> np.ndarray:
+    """Return the segments whose frames carry a force: few of them."""
+    return np.flatnonzero(follower.weight)
+
+
 def in_space(followers: Followers, q: np.ndarray) -> np.ndarray:
     """Return (F, 3 m) [N] the m forces in space, carried by frames q (F, N, 4)."""
-    forces = [np.einsum("n,fna->fa", k.weight, rotated(q, k.force)) for k in followers]
+    forces = []
+    for k in followers:
+        at = _carrying(k)
+        forces.append(np.einsum("n,fna->fa", k.weight[at], rotated(q[:, at], k.force)))
     return np.concatenate(forces, axis=1)
 
 
@@ -53,10 +63,11 @@ def loads(followers: Followers, q: np.ndarray, nodes: int) -> np.ndarray:
 def turned(followers: Followers, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Return (F, P, 3 m) changes of the forces by turns (F, P, N, 3) [rad] of the frames q about
     their own directors."""
-    parts = [
-        np.einsum("n,fpna->fpa", k.weight, rotated(q[:, None], np.cross(turn, k.force)))
-        for k in followers
-    ]
+    parts = []
+    for k in followers:
+        at = _carrying(k)
+        moved = rotated(q[:, None, at], np.cross(turn[:, :, at], k.force))
+        parts.append(np.einsum("n,fpna->fpa", k.weight[at], moved))
     return np.concatenate(parts, axis=-1)
 
 
@@ -78,30 +89,43 @@ def closed(
     return dx, turn + np.einsum("fkp,fkna->fpna", forces, turning)
 
 
+def _newton(found: Solution, followers: Followers, gap: np.ndarray, dead: Response) -> np.ndarray:
+    """Return by what forces (F, 3 m) in space are to change, of which those of the frames that they
+    lead to differ by `gap`."""
+    _, turning = dead(found, unit_loads(followers))
+    loop = turned(followers, found.q, turning).swapaxes(1, 2)
+    return np.linalg.solve(np.eye(loop.shape[-1]) - loop, gap[..., None])[..., 0]
+
+
 def solve_with_followers(
     settle: Settle, followers: Followers, start: States | None, dead: Response
 ) -> Solution:
     """Return equilibria of F frames under forces that turn with the rope. Frames in which these do
     not come to rest are marked."""
     first = start if start is not None else settle(np.zeros(0), None)
-    forces = in_space(followers, np.nan_to_num(first.q))
+    best = first.states if isinstance(first, Solution) else first.copy()
+    held = in_space(followers, np.nan_to_num(first.q))
     size = max(float(np.linalg.norm(k.force)) for k in followers)
-    state: States = first
+    least = np.full(len(held), np.inf)  # [N] how far the forces are from those of their frames
+    step, share = np.zeros_like(held), np.ones(len(held))
+    shortened = np.zeros(len(held), dtype=int)  # how often
     for _ in range(ROUNDS):
-        found = settle(on_nodes(followers, forces), state)
+        forces = held + share[:, None] * step
+        found = settle(on_nodes(followers, forces), best)
         gap = in_space(followers, found.q) - forces
-        moved = np.abs(gap).max(axis=1)
-        settled = found.converged & np.isfinite(moved)
-        if not settled.any() or moved[settled].max() <= STILL * size:
+        off = np.abs(gap).max(axis=1)
+        off[~(found.converged & np.isfinite(off))] = np.inf
+        better = off < (1 - ENOUGH * share) * least
+        share, shortened = np.where(better, 1.0, SHORTER * share), shortened + ~better
+        arrived = (off <= STILL * size) | (~better & (off <= SETTLED * size))
+        if (arrived | (shortened > MOST_SHORTENED)).all():
             break
-        _, turning = dead(found, unit_loads(followers))
-        loop = turned(followers, found.q, turning).swapaxes(1, 2)
-        step = np.linalg.solve(np.eye(loop.shape[-1]) - loop, gap[..., None])[..., 0]
-        far = np.linalg.norm(step, axis=1, keepdims=True) / size
-        step /= np.maximum(far, 1.0)
-        forces = np.where(settled[:, None], forces + step, forces)
-        state = found
-    late = found.converged & ~(moved <= 1e3 * STILL * size)
+        newton = _newton(found, followers, gap, dead)
+        far = np.linalg.norm(newton, axis=1, keepdims=True) / size
+        step[better] = (newton / np.maximum(far, 1.0))[better]
+        held[better], least[better] = forces[better], off[better]
+        best.put(better, found, better)
+    late = found.converged & ~(off <= SETTLED * size)
     found.status[late] = Status.LIMIT
     return replace(found, followers=followers)
 
