@@ -18,12 +18,10 @@ from ropefit.inference.objective import (
     FAR,
     FORESEEN,
     FRUITLESS,
-    FURTHEST_STEP,
     PACE_OF,
     PACE_OPTIMISM,
     Objective,
     _Stopped,
-    linear_step,
 )
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
@@ -457,33 +455,6 @@ def test_a_fit_ends_where_evaluations_change_nothing(monkeypatch, costs, evaluat
         while True:
             objective.patient_rows(np.zeros(1), 0)
     assert len(objective.trace) == evaluations
-
-
-def test_a_linear_step_is_found_where_the_normal_equations_are_singular_in_floating_point():
-    """In a bad start slopes span nine orders of magnitude, and their squares eighteen."""
-    rng = np.random.default_rng(3)
-    turn, other = (np.linalg.qr(rng.normal(size=(n, n)))[0] for n in (28, 27))
-    slopes = turn[:, :27] @ np.diag(np.geomspace(7e7, 5e-2, 27)) @ other
-    rows, wide = rng.normal(size=28) * 1e3, np.full(27, 1e9)
-    with pytest.raises(np.linalg.LinAlgError):
-        np.linalg.cholesky(slopes.T @ slopes)
-    gain = linear_step(slopes, rows, -wide, wide)[1]
-    held = np.concatenate([slopes, np.eye(27) / FURTHEST_STEP])
-    step = np.linalg.lstsq(held, np.concatenate([-rows, np.zeros(27)]), rcond=None)[0]
-    assert gain == pytest.approx(rows @ rows - np.square(rows + slopes @ step).sum(), rel=1e-6)
-
-
-def test_the_best_linear_step_within_bounds_gains():
-    """Where two parameters do nearly the same, the free step cut off at a bound would lose."""
-    slopes = np.array([[1.0, 1.0], [0.0, 0.1]])
-    rows = np.array([-1.0, 1.0])  # freely: (11, -10)
-    low, high = np.array([-20.0, -1.0]), np.array([20.0, 20.0])
-    cut = rows + slopes @ np.clip([11.0, -10.0], low, high)
-    assert cut @ cut > rows @ rows
-    gain = linear_step(slopes, rows, low, high)[1]
-    left = rows + slopes @ np.array([2.0, -1.0])  # by hand: the best one has the second at -1
-    assert gain == pytest.approx(rows @ rows - left @ left, rel=1e-3)
-    assert linear_step(slopes, rows, np.zeros(2), np.zeros(2))[1] == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("rows", [3, 500, 20_000])

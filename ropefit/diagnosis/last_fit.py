@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.objective import LEFT
 
 ROUNDS = 4  # at most, of either; one where fits are slow
 STILL = 0.05  # standard errors: a fit that moves by less stays
@@ -34,7 +35,7 @@ def last_fit(found: Fit) -> Fit:
         return found
     slow = any(term.effect is not None and term.effect.slow for term in found.forward.terms)
     for _ in range(1 if slow else ROUNDS):
-        ended = found.converged and found.as_matched
+        ended = found.converged and found.as_matched and found.left_to_gain < LEFT
         again = None if ended else _refitted(found, np.zeros_like(found.point.u))
         if again is None:
             break
@@ -72,7 +73,7 @@ def _refitted(found: Fit, step: np.ndarray) -> Fit | None:
     forward = found.forward.starting_from(found.point.solution)
     begin = np.clip(found.point.u + step, low, high)
     most = EVALUATIONS_WITH_FRICTION if found.point.setup.rubs else EVALUATIONS
-    again = attempted(forward, found.problem, begin, most, tolerance=1e-6)
+    again = attempted(forward, found.problem, begin, most, tolerance=1e-6, thorough=True)
     if again is None or len(again.z) != len(found.z) or not again.point.converged.all():
         return None
     return again

@@ -15,6 +15,7 @@ from ropefit.inference.discrepancy import inflation, inflation_of_repeated, misl
 from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.objective import STOPPED, Objective
 from ropefit.inference.problem import FitProblem
+from ropefit.inference.steps import foreseen
 from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.model import Model
 from ropefit.models.response import Parts, Point
@@ -76,6 +77,15 @@ class Fit:
         recording that the rope is known from."""
         at_rest = self.problem.data.material and self.forward.instantaneous
         return at_rest and (self.problem.noise.misfit or self.scale > MISFIT)
+
+    @cached_property
+    def left_to_gain(self) -> float:
+        """Return by how much a linear step lowers χ², as large as noise makes it: of a fit that has
+        arrived next to nothing."""
+        held = np.isfinite(self.prior)
+        rows = np.concatenate([self.z, (self.point.u / self.prior)[held]])
+        slopes = np.concatenate([-self.jacobian, np.diag(1 / self.prior)[held]])
+        return foreseen(rows, slopes, self.point.u, *self.forward.bounds())
 
     @cached_property
     def by_noise(self) -> np.ndarray:
@@ -175,18 +185,20 @@ def fit(
     tolerance: float = 1e-7,
     needed: float = np.inf,
     highest: float = np.inf,
+    thorough: bool = False,
 ) -> Fit:
     """Minimise the whitened residual and the priors, from `start` (search variables).
 
     needed: a cost; a fit that, by its linear steps, has no prospect of it is stopped. highest: the
-    cost above which it is stopped where it begins.
+    cost above which it is stopped where it begins. thorough: shapes at rest are fitted also along
+    a narrow, curved valley, where they touch nothing.
 
     Raises ArithmeticError when the start itself does not settle in any frame, or is not possible:
     a fit stays where length, rigidity and density are positive.
     """
     u = forward.start() if start is None else np.asarray(start, dtype=float)
     objective = Objective(forward, problem, u, needed, highest)
-    best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance))
+    best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance, thorough))
     point, now, z = objective.at(best["u"])
     cost, status, nfev = best["summary"]
     jacobian, prior, held = objective.jacobian(best["u"]), objective.prior, objective.held
@@ -210,7 +222,7 @@ def fit(
 
 def attempted(
     forward: Model, problem: FitProblem, start: np.ndarray, evaluations: int, tolerance: float,
-    needed: float = np.inf, matched: bool = True, highest: float = np.inf,
+    needed: float = np.inf, matched: bool = True, highest: float = np.inf, thorough: bool = False,
 ) -> Fit | None:  # fmt: skip
     """Return the same, of shapes at rest with the points matched to the rope where the fit ends;
     None where a rope so described does not settle, or its numbers run away.
@@ -220,11 +232,13 @@ def attempted(
     for; not of a fit that is continued anyway.
     """
     try:
-        found = fit(forward, problem, start, evaluations, tolerance, needed, highest)
+        found = fit(forward, problem, start, evaluations, tolerance, needed, highest, thorough)
         if found.stopped or found.as_matched or not matched:
             return found
         forward = found.forward.starting_from(found.point.solution)
-        again = fit(forward, problem, found.point.u, min(evaluations, MATCHED), tolerance)
+        again = fit(
+            forward, problem, found.point.u, min(evaluations, MATCHED), tolerance, thorough=thorough
+        )
         return again if len(again.z) == len(found.z) else found
     except (ArithmeticError, ValueError):  # of which a singular matrix is one
         return None

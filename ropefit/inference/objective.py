@@ -15,14 +15,14 @@ from ropefit.inference.bins import Stations, aligned, collected
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Whitener
 from ropefit.inference.problem import FitProblem
+from ropefit.inference.steps import along_valley, foreseen, linear_step
 from ropefit.inference.turned import turned_jacobian, turned_residual
 from ropefit.models.model import Model
 from ropefit.models.response import Point
 from ropefit.runs.journal import Arrays
 
-STOPPED, ENDED = -2, 1  # status of a fit
+STOPPED, UNCONVERGED, ENDED = -2, 0, 1  # status of a fit
 OPTIMISM = 4.0  # times what a linear step gains: no fit is expected to gain more
-FURTHEST_STEP = 100.0  # search variables
 FEWEST_SLOPES = 3  # of a fit, before it may be stopped without a wider margin
 EARLY = 4.0  # times that: no fit is expected to gain more at the slope before the fewest
 PACE_OF = 4  # evaluations, the latest, whose pace is compared with what is needed
@@ -38,6 +38,10 @@ SHORTER = (0.5, 0.25, 0.1)  # of a linear step, on which a contact may be lost
 PROMISING = 2.0  # of χ²: what a linear step must foresee to be taken in part
 KEPT_SHARE = 0.3  # least share of what it foresees there that is gained
 MOST_SHORTENED = 5  # steps of a fit
+# Of χ², as large as noise makes it: what a linear step may promise where a fit ends (a minimum that
+# is so far is half a standard error away), where a valley was followed, and of one that converged.
+LEFT, LEAST_LEFT, MOST_LEFT = 0.3, 0.03, 1.0
+VALLEY_EVALUATIONS = 40
 UNSETTLED_RESIDUAL = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 
 
@@ -89,6 +93,8 @@ class Objective:
         self.best, self.tolerance = u, 0.0
         self.touches = bool(first.setup.potentials)
         self.rubs = first.setup.rubs
+        bodies = any(p.hardness is not None or p.cornered for p in first.setup.potentials)
+        self.smooth = forward.instantaneous and not (bodies or self.rubs)
         self.latest = np.empty(0)
         self._last: _Evaluation | None = None
         self._best: _Evaluation | None = None  # of shapes at rest
@@ -202,8 +208,10 @@ class Objective:
         reach = cost - PACE_OPTIMISM * left * (min(before) - cost) / PACE_OF
         return reach > (1 + FAR) * self.needed
 
-    def minimum(self, u: np.ndarray, evaluations: int, tolerance: float) -> tuple[Arrays, Point]:
-        """Minimise from u (P,)."""
+    def minimum(
+        self, u: np.ndarray, evaluations: int, tolerance: float, thorough: bool = False
+    ) -> tuple[Arrays, Point]:
+        """Minimise from u (P,); thorough: also along a narrow, curved valley."""
         self.most, self.tolerance = evaluations, tolerance
         if not u.size:  # nothing is free; not every scipy takes that
             self.rows(u)
@@ -226,6 +234,9 @@ class Objective:
         except _Stopped as stopped:
             best, cost, status = stopped.args
             summary = np.array([0.5 * cost, status, len(self.trace)])
+        if thorough and self.smooth and summary[1] != STOPPED:
+            best, summary[1] = self._along_valley(best, summary[1])
+            summary[0], summary[2] = 0.5 * min(self.trace), len(self.trace)
         best = self.forward.with_unit_directions(best)  # their lengths drift from fit to fit
         return {"u": best, "summary": summary, "trace": np.array(self.trace)}, self.at(best)[0]
 
@@ -256,6 +267,24 @@ class Objective:
             asked.clear()
         return result.x, np.array([result.cost, result.status, len(self.trace)])
 
+    def _along_valley(self, u: np.ndarray, status: float) -> tuple[np.ndarray, float]:
+        """Return where what is left to gain is small (P,), and the status, from where a fit ended
+        with a status."""
+        low, high = self.forward.bounds()
+
+        def slopes(at: np.ndarray) -> np.ndarray:
+            return np.concatenate([-self.jacobian(at), np.diag(1 / self.prior)[self.held]])
+
+        def left(at: np.ndarray) -> float:
+            return foreseen(self.whole(at), slopes(at), at, low, high)
+
+        with _blas_alone():
+            if left(u) < LEFT:
+                return u, status
+            u = along_valley(self.whole, slopes, u, low, high, LEAST_LEFT, VALLEY_EVALUATIONS)
+            self.rows(u)
+            return u, ENDED if left(u) < MOST_LEFT else UNCONVERGED
+
     def _by_shorter_step(self, u: np.ndarray) -> np.ndarray | None:
         """Return where a part of the linear step from u (P,) leads, if that lowers the cost.
 
@@ -280,19 +309,6 @@ def _libraries() -> ThreadpoolController:
 def _blas_alone() -> AbstractContextManager[Any]:
     """Return where matrix products take one thread: on small ones several only wait."""
     return _libraries().limit(limits=1, user_api="blas")
-
-
-def linear_step(
-    slopes: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """Return the best linear step (P,) for the sum of squares of rows (M,), whose derivatives are
-    slopes (M, P), between its bounds low and high (P,), and by how much it lowers that sum."""
-    # Not by the normal equations: from a bad start singular values of the slopes span 1e9.
-    q, r = np.linalg.qr(np.concatenate([slopes, np.eye(len(low)) / FURTHEST_STEP]))
-    within = low, np.maximum(high, low + np.finfo(float).eps)
-    step = optimize.lsq_linear(r, -(q[: len(rows)].T @ rows), within).x
-    left = rows + slopes @ step
-    return step, max(float(rows @ rows - left @ left), 0.0)
 
 
 def _fill(seen: np.ndarray, good: np.ndarray) -> np.ndarray:
