@@ -23,6 +23,7 @@ from ropefit.effects import (
 )
 from ropefit.inference.least_squares import attempted, fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.objective import LEFT
 from ropefit.inference.problem import FitProblem
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
@@ -131,6 +132,20 @@ def test_a_weight_in_wrong_units_is_no_better_known_than_the_rigidity():
     assert found.misses
     assert sd > 0.2 * (1 + excess)
     assert abs(excess - 7.0) < found.quantile * sd
+
+
+def test_a_fit_that_ended_far_from_its_minimum_is_led_there(loaded):
+    """It may end as converged where its steps, not what is left to gain, have become small."""
+    _, fitted = loaded
+    aside = 0.2 * np.ones_like(fitted.point.u)
+    forward = fitted.forward.starting_from(fitted.point.solution)
+    early = attempted(forward, fitted.problem, fitted.point.u + aside, 40, tolerance=0.9)
+    assert early is not None
+    assert early.converged
+    assert early.left_to_gain > LEFT
+    found = last_fit(early)
+    assert found.left_to_gain < LEFT
+    assert found.cost < early.cost
 
 
 def test_a_fit_that_goes_back_to_where_it_was_is_not_moved_again(loaded, monkeypatch):

@@ -96,20 +96,22 @@ def recorded(pair: Pair, weights: tuple[tuple[float, float], ...], folder: Path,
 
 
 def tried(seed: int) -> dict[str, Any]:
-    """Return what a pair's diagnosis says, and the truth."""
+    """Return what a pair's diagnosis says, the truth, and the processor time [s] of all stages of
+    that of the two recordings which took longer."""
     pair = drawn(np.random.default_rng(seed))
     place, mass = pair.weight
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         nominal, run = folder / "run-without", folder / "run-with"
         fitted = stages(*_until_fitted(recorded(pair, (), folder / "without", 2 * seed), nominal))
-        stages(("diagnose", "--run", nominal))
+        alone = stages(("diagnose", "--run", nominal))
         found = stages(
             *_until_fitted(recorded(pair, (pair.weight,), folder / "with", 2 * seed + 1), run),
             ("diagnose", "--run", run, "--nominal", nominal),
         )
+    longest = max(found["processor"], fitted["processor"] + alone["processor"])
     return {
-        "seed": seed, "mass": mass, "place_m": place * pair.cable.length,
+        "seed": seed, "longest": longest, "mass": mass, "place_m": place * pair.cable.length,
         "length_m": pair.cable.length, "rms_nominal_m": fitted["answer"]["rms_fit_m"], **found,
     }  # fmt: skip
 
@@ -160,6 +162,7 @@ def table(rows: list[dict[str, Any]], seeds: str) -> str:
     ]
     median = 1e3 * np.median([row["rms_nominal_m"] for row in rows])
     half = f"{100 * np.median([one['half'] for one in named]):.0f} %" if named else "-"
+    longest = max(row["longest"] for row in rows)
     lines = [
         "Cables that their nominal model does not describe (sharp bends, friction, a softening",
         "law, a fitting at the tip, a base askew), held at 23 angles without and with a weight;",
@@ -173,6 +176,7 @@ def table(rows: list[dict[str, Any]], seeds: str) -> str:
         f"| something else named, without the weight in the set | {len(wrong)} |",
         f"| mass inside its 95 % interval | {_of(named, 'mass holds')} |",
         f"| place inside its 95 % interval | {_of(named, 'place holds')} |",
+        f"| longest processor time of a recording, all stages [s] | {longest:.1f} |",
         "",
         f"Half an interval of the mass: {half} of the mass (median). Named wrongly:",
         f"{', '.join(wrong) or 'none'}. Outside an interval: {', '.join(tight) or 'none'}.",
