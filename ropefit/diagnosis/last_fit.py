@@ -34,12 +34,14 @@ def last_fit(found: Fit) -> Fit:
     if not found.forward.instantaneous:
         return found
     slow = any(term.effect is not None and term.effect.slow for term in found.forward.terms)
+    gained = np.inf
     for _ in range(1 if slow else ROUNDS):
-        ended = found.converged and found.as_matched and found.left_to_gain < LEFT
-        again = None if ended else _refitted(found, np.zeros_like(found.point.u))
+        ended = found.converged and found.as_matched and min(found.left_to_gain, gained) < LEFT
+        again = None if ended else _refitted(found, np.zeros_like(found.point.u), thorough=True)
         if again is None:
             break
         before, found = found, again
+        gained = before.cost - found.cost
         if stays(before, found):
             break
     return _with_least_sizes(found)
@@ -67,13 +69,13 @@ def _with_least_sizes(found: Fit) -> Fit:
     return found
 
 
-def _refitted(found: Fit, step: np.ndarray) -> Fit | None:
+def _refitted(found: Fit, step: np.ndarray, thorough: bool = False) -> Fit | None:
     """Return the fit from a step (P,) away; None if it cannot be compared."""
     low, high = found.forward.bounds()
     forward = found.forward.starting_from(found.point.solution)
     begin = np.clip(found.point.u + step, low, high)
     most = EVALUATIONS_WITH_FRICTION if found.point.setup.rubs else EVALUATIONS
-    again = attempted(forward, found.problem, begin, most, tolerance=1e-6, thorough=True)
+    again = attempted(forward, found.problem, begin, most, tolerance=1e-6, thorough=thorough)
     if again is None or len(again.z) != len(found.z) or not again.point.converged.all():
         return None
     return again

@@ -39,8 +39,8 @@ PROMISING = 2.0  # of χ²: what a linear step must foresee to be taken in part
 KEPT_SHARE = 0.3  # least share of what it foresees there that is gained
 MOST_SHORTENED = 5  # steps of a fit
 # Of χ², as large as noise makes it: what a linear step may promise where a fit ends (a minimum that
-# is so far is half a standard error away), where a valley was followed, and of one that converged.
-LEFT, LEAST_LEFT, MOST_LEFT = 0.3, 0.03, 1.0
+# is so far is 0.7 standard errors away), where a valley was followed, and of one that converged.
+LEFT, LEAST_LEFT, MOST_LEFT = 0.5, 0.05, 1.0
 VALLEY_EVALUATIONS = 40
 UNSETTLED_RESIDUAL = 1e3  # whitened residual of a frame that did not settle: no fit goes there
 

@@ -17,8 +17,9 @@ from scipy import optimize
 FURTHEST_STEP = 100.0  # search variables
 AHEAD = 0.1  # of a step: where its second derivative is measured
 MOST_BENT = 0.4  # of a step: the most by which the second derivative may bend it
-DAMPING, STUCK = 1e-3, 1e8  # of each direction: the first, and the most
+DAMPING, LEAST_DAMPING = 1e-3, 1e-5  # of each direction: the first, and the least
 CHANGE = 10.0  # by how much it grows where a step fails, and shrinks where one gains
+MOST_FAILED = 5  # steps in a row
 
 Function = Callable[[np.ndarray], np.ndarray]
 
@@ -52,23 +53,23 @@ def along_valley(
     """Return (P,) from where a linear step gains less than `enough`, between low and high (P,), or
     where some evaluations lead, from u; rows (M,) and their slopes (M, P) as functions of it."""
     z, slope, damping = rows(u), slopes(u), DAMPING
-    scale = np.zeros(len(u))
-    for _ in range(evaluations // 2):
-        if damping > STUCK:
-            break
+    scale, failed, count = np.zeros(len(u)), 0, 0
+    while count < evaluations and failed < MOST_FAILED:
         scale = np.maximum(scale, np.linalg.norm(slope, axis=0))
         damped = np.concatenate([slope, np.diag(np.sqrt(damping) * np.maximum(scale, 1e-12))])
         inverse = np.linalg.pinv(damped)[:, : len(z)]
         step = -inverse @ z
-        ahead = rows(np.clip(u + AHEAD * step, low, high))
+        ahead, count = rows(np.clip(u + AHEAD * step, low, high)), count + 1
         bend = -inverse @ ((ahead - z) / AHEAD - slope @ step) / AHEAD
         trial = np.clip(u + step + bend, low, high)
-        new = rows(trial)
-        bent = np.linalg.norm(scale * bend) > MOST_BENT * np.linalg.norm(scale * step)
-        if bent or not new @ new < z @ z:
-            damping *= CHANGE
+        near = np.linalg.norm(scale * bend) < MOST_BENT * np.linalg.norm(scale * step)
+        new = rows(trial) if near else ahead
+        count += near
+        if not (near and new @ new < z @ z):
+            damping, failed = damping * CHANGE, failed + 1
             continue
-        u, z, slope, damping = trial, new, slopes(trial), damping / CHANGE
+        u, z, slope, failed = trial, new, slopes(trial), 0
+        damping = max(damping / CHANGE, LEAST_DAMPING)
         if foreseen(z, slope, u, low, high) < enough:
             break
     return u

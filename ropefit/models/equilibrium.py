@@ -23,7 +23,8 @@ from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States, at_nodes_of
 from ropefit.solvers.equilibrium.solve import solve
 
-DEEPEST = 0.05  # of the length: a step of a fit goes no deeper into what the rope touches
+DEEPEST = 0.05  # of the length: a step of a fit, in which all frames settle, goes no deeper into
+# what the rope touches
 
 
 @dataclass
@@ -151,7 +152,8 @@ def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
 
 
 def _settled(setup: Setup, start: States | None, deepest: float, at_once: bool) -> Solution:
-    """Return equilibria of frames, each by itself."""
+    """Return equilibria of frames, each by itself; of steps of a fit (`deepest`) or at once none,
+    where a force that follows the rope does not come to rest in one."""
     rod = _rod_of(setup)
     if not setup.followers:
         return _under_dead_loads(setup, rod, start, deepest, at_once)
@@ -161,7 +163,7 @@ def _settled(setup: Setup, start: States | None, deepest: float, at_once: bool) 
         with_load = own._replace(load=own.load + load) if load.size else own
         return _under_dead_loads(setup, with_load, near, deepest, at_once)
 
-    return following(settle, setup.followers, start)
+    return following(settle, setup.followers, start, every=at_once or deepest < np.inf)
 
 
 def _under_dead_loads(

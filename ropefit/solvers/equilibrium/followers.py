@@ -18,7 +18,7 @@ from ropefit.solvers.status import Status
 ROUNDS = 25
 STILL, SETTLED = 1e-9, 1e-6  # of the force: a change that ends the search, or is an equilibrium's
 SHORTER, ENOUGH = 0.25, 0.1  # steps that bring the forces less nearer than that are shortened
-MOST_SHORTENED = 4  # times, before a frame is given up: beyond a fold there is no equilibrium
+MOST_SHORTENED = 3  # times, before a frame is given up: beyond a fold there is no equilibrium
 
 Followers = tuple[Follower, ...]
 Settle = Callable[[np.ndarray, States | None], Solution]  # under loads (F, N+1, 3) [N], from states
@@ -98,10 +98,10 @@ def _newton(found: Solution, followers: Followers, gap: np.ndarray, dead: Respon
 
 
 def solve_with_followers(
-    settle: Settle, followers: Followers, start: States | None, dead: Response
+    settle: Settle, followers: Followers, start: States | None, dead: Response, every: bool = False
 ) -> Solution:
     """Return equilibria of F frames under forces that turn with the rope. Frames in which these do
-    not come to rest are marked."""
+    not come to rest are marked; every: all are, as soon as one of them is given up."""
     first = start if start is not None else settle(np.zeros(0), None)
     best = first.states if isinstance(first, Solution) else first.copy()
     held = in_space(followers, np.nan_to_num(first.q))
@@ -118,7 +118,11 @@ def solve_with_followers(
         better = off < (1 - ENOUGH * share) * least
         share, shortened = np.where(better, 1.0, SHORTER * share), shortened + ~better
         arrived = (off <= STILL * size) | (~better & (off <= SETTLED * size))
-        if (arrived | (shortened > MOST_SHORTENED)).all():
+        lost = ~arrived & (shortened > MOST_SHORTENED)
+        if every and lost.any():
+            off[:] = np.inf
+            break
+        if (arrived | lost).all():
             break
         newton = _newton(found, followers, gap, dead)
         far = np.linalg.norm(newton, axis=1, keepdims=True) / size

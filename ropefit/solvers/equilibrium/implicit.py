@@ -167,7 +167,9 @@ def _or_zero(given: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     return np.array(np.broadcast_to(given, shape), dtype=np.float64, order="C")
 
 
-def following(settle: Settle, followers: tuple[Follower, ...], start: States | None) -> Solution:
+def following(
+    settle: Settle, followers: tuple[Follower, ...], start: States | None, every: bool = False
+) -> Solution:
     """Return equilibria under forces that turn with the rope, as `settle` finds them under loads
-    that stay (empty for none)."""
-    return solve_with_followers(settle, followers, start, _by_loads)
+    that stay (empty for none); every: no frame, where one of them does not settle."""
+    return solve_with_followers(settle, followers, start, _by_loads, every)
