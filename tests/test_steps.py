@@ -77,7 +77,7 @@ def test_a_valley_is_followed_to_a_bound_and_not_beyond():
 
 
 def test_a_step_is_not_taken_where_the_rope_would_not_settle():
-    """Nor is it tried, from a second derivative that such a place makes enormous: that takes long."""
+    """Nor is it tried where such a place makes the second derivative enormous: that takes long."""
     furthest = 0.0
 
     def settled(u: np.ndarray) -> np.ndarray:

@@ -80,7 +80,7 @@ def test_a_frame_about_to_snap_through_does_not_hold_a_fit_where_it_is(tmp_path)
     pair = drawn(np.random.default_rng(SNAPPING))
     o = ropefit.preprocess(recorded(pair, (), tmp_path / "without", 2 * SNAPPING))
     said: list[str] = []
-    settings = IdentifySettings(free=FREE.split(","))
+    settings = IdentifySettings.model_validate({"free": FREE.split(",")})
     found = equilibrium.compute(o, settings, Context(say=said.append))
     assert said == ["excluded, at the edge of stability: frames 21"]
     assert found.groups["group_0"].converged

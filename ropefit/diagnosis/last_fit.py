@@ -2,6 +2,7 @@
 
 Points are matched to the rope where a fit begins. Where it ends elsewhere the match is a wrong one,
 and so is the minimum, along a valley by more than an interval: the fit is repeated until it stays.
+So is one that ended, with small steps, where a linear step promises more: along its valley.
 
 Some of what it then has the data may leave open. Shapes at rest show only ratios of forces to the
 weight: a steady load along gravity does what a heavier, stiffer rope does, and a fit ends anywhere
