@@ -37,7 +37,8 @@ def last_fit(found: Fit) -> Fit:
     slow = any(term.effect is not None and term.effect.slow for term in found.forward.terms)
     gained = np.inf
     for _ in range(1 if slow else ROUNDS):
-        ended = found.converged and found.as_matched and min(found.left_to_gain, gained) < LEFT
+        arrived = slow or min(found.left_to_gain, gained) < LEFT
+        ended = found.converged and found.as_matched and arrived
         again = None if ended else _refitted(found, np.zeros_like(found.point.u), thorough=True)
         if again is None:
             break
