@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 import ropefit
 from benchmarks.accuracy.wrong_nominal import FREE, drawn, judged, recorded
@@ -17,19 +16,16 @@ from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.search import EVALUATIONS
 from ropefit.diagnosis.wander import with_what_is_missed_alike
 from ropefit.effects.point_mass import PointMass
-from ropefit.fitting import equilibrium
 from ropefit.fitting.nominal import (
     nominal_at_rest,
     nominal_terms,
     set_up_errors,
     with_what_is_missed,
 )
-from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.least_squares import fit
 from ropefit.inference.problem import FitProblem
-from ropefit.runs.protocol import Context
 
-SEED, SNAPPING = 101, 242
+SEED = 101
 
 
 def weighed(o: Observations, source: Model) -> Candidate | None:
@@ -73,21 +69,6 @@ def test_a_weight_is_within_an_interval_that_says_something(tmp_path):
     assert fitted.misses
     assert (off < fitted.quantile * found.sd()).all()
     assert found.sd()[0] < 0.5 * truth[0]  # and says something
-
-
-def test_a_frame_about_to_snap_through_does_not_hold_a_fit_where_it_is(tmp_path):
-    """With it the fit ends where a linear step still promises 70 of χ²."""
-    pair = drawn(np.random.default_rng(SNAPPING))
-    o = ropefit.preprocess(recorded(pair, (), tmp_path / "without", 2 * SNAPPING))
-    said: list[str] = []
-    settings = IdentifySettings.model_validate({"free": FREE.split(",")})
-    found = equilibrium.compute(o, settings, Context(say=said.append))
-    assert said == ["excluded, at the edge of stability: frames 21"]
-    assert found.groups["group_0"].converged
-    assert not found.heldout[21]
-    firm = np.setdiff1d(np.flatnonzero(~found.heldout), [21])
-    assert found.rms_fit == pytest.approx(np.sqrt(np.mean(found.rms[firm] ** 2)))
-    assert found.rms[21] > 2 * found.rms_fit
 
 
 def test_what_is_named_instead_of_the_weight_counts_as_wrong_unless_it_ties():

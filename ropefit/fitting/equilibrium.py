@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 SCREEN = (-4.0, -2.0, 0.0, 2.0, 4.0)  # logarithms of EI over the usual, from which a fit starts
 LOOK = 12  # evaluations of the fit from each
-LEAST_FIRM = 0.5  # of the frames: with fewer away from the edge of stability none is excluded
 
 
 def compute(o: Observations, settings: IdentifySettings, context: Context) -> FittedModel:
@@ -60,14 +59,10 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
     for number in range(int(group.max()) + 1):
         mine = np.flatnonzero(group == number)
         inside = np.isin(mine, train)
-        part, law, edge = _fit_group(
+        part, law = _fit_group(
             started.frames(mine), data.frames(mine), inside, free, o, settings,
             _share_of(context, number, int(group.max()) + 1),
         )  # fmt: skip
-        if edge.any():
-            excluded = ", ".join(str(n) for n in o.frames[mine[edge]])
-            context.say(f"excluded, at the edge of stability: frames {excluded}")
-            train = np.setdiff1d(train, mine[edge])
         groups[f"group_{number}"] = describe_group(part, o.frames[mine], o)
         parts.append((mine, part))
     context.progress(0.9, "stability")
@@ -157,25 +152,11 @@ def _fit_group(
     o: Observations,
     settings: IdentifySettings,
     progress: Progress,
-) -> tuple[Part, Candidate | None, np.ndarray]:
+) -> tuple[Part, Candidate | None]:
     """Fit on the training frames (mask `inside`), then settle all of the group's frames; the law,
-    if one is asked for, and which frames (F,) were excluded, at the edge of stability.
-
-    Where such a frame is about to snap through, its derivatives grow without bound, and the fit
-    ends there, at no minimum.
-    """
-    from ropefit.diagnosis.noise_measurement import on_edge
-
+    if one is asked for."""
     few, seen = setup.frames(inside), data.frames(inside)
     found, law = nominal_fit(few, seen, free, o, settings.evaluations, progress), None
-    edge = np.zeros_like(inside)
-    edge[inside] = on_edge(found)
-    firm = inside & ~edge
-    if edge.any() and firm.sum() > LEAST_FIRM * inside.sum():
-        inside, few, seen = firm, setup.frames(firm), data.frames(firm)
-        found = nominal_fit(few, seen, free, o, settings.evaluations, progress)
-    else:
-        edge[:] = False
     if settings.law:
         from ropefit.fitting.free_law import law_named, with_law
 
@@ -187,4 +168,4 @@ def _fit_group(
     whole = Equilibrium(setup, found.forward.terms)
     start = follow(whole.setup_at(found.point.u).rod(), whole.conditions_at(found.point.u)).states
     start.put(inside, found.point.solution)
-    return (found, whole.at(found.point.u, start), estimates), law, edge
+    return (found, whole.at(found.point.u, start), estimates), law
