@@ -16,16 +16,19 @@ from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.search import EVALUATIONS
 from ropefit.diagnosis.wander import with_what_is_missed_alike
 from ropefit.effects.point_mass import PointMass
+from ropefit.fitting import equilibrium
 from ropefit.fitting.nominal import (
     nominal_at_rest,
     nominal_terms,
     set_up_errors,
     with_what_is_missed,
 )
+from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.least_squares import fit
 from ropefit.inference.problem import FitProblem
+from ropefit.runs.protocol import Context
 
-SEED = 101
+SEED, SNAPPING = 101, 242
 
 
 def weighed(o: Observations, source: Model) -> Candidate | None:
@@ -69,6 +72,17 @@ def test_a_weight_is_within_an_interval_that_says_something(tmp_path):
     assert fitted.misses
     assert (off < fitted.quantile * found.sd()).all()
     assert found.sd()[0] < 0.5 * truth[0]  # and says something
+
+
+def test_a_fit_that_a_frame_about_to_snap_through_holds_is_told(tmp_path):
+    pair = drawn(np.random.default_rng(SNAPPING))
+    o = ropefit.preprocess(recorded(pair, (), tmp_path / "without", 2 * SNAPPING))
+    said: list[str] = []
+    settings = IdentifySettings.model_validate({"free": FREE.split(",")})
+    equilibrium.compute(o, settings, Context(say=said.append))
+    assert len(said) == 1
+    assert "ended before its minimum" in said[0]
+    assert "held by frames at the edge of stability: 21;" in said[0]
 
 
 def test_what_is_named_instead_of_the_weight_counts_as_wrong_unless_it_ties():

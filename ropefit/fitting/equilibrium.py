@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ from ropefit.fitting.settings import IdentifySettings
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise, estimate
+from ropefit.inference.objective import MOST_LEFT
 from ropefit.inference.problem import FitProblem
 from ropefit.inference.profile import profile_intervals
 from ropefit.inference.starts import best_start
@@ -63,6 +64,7 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
             started.frames(mine), data.frames(mine), inside, free, o, settings,
             _share_of(context, number, int(group.max()) + 1),
         )  # fmt: skip
+        _warn_before_minimum(part[0], o.frames[mine[inside]], context.say)
         groups[f"group_{number}"] = describe_group(part, o.frames[mine], o)
         parts.append((mine, part))
     context.progress(0.9, "stability")
@@ -73,6 +75,22 @@ def compute(o: Observations, settings: IdentifySettings, context: Context) -> Fi
         context.progress(0.95, "forms of the law")
         model = model.model_copy(update={"laws": {"law_0": law_cause(o, law)}})
     return model
+
+
+def _warn_before_minimum(found: Fit, frames: np.ndarray, say: Callable[[str], None]) -> None:
+    """Warn of a fit that ended where a linear step still promises much, and of the frames that may
+    hold it there: the derivatives of one that is about to snap through grow without bound."""
+    left = found.left_to_gain
+    if left < MOST_LEFT:
+        return
+    from ropefit.diagnosis.noise_measurement import on_edge
+
+    edge = frames[on_edge(found)]
+    held = f", held by frames at the edge of stability: {', '.join(map(str, edge))}"
+    say(
+        f"warning: the fit ended before its minimum (a linear step promises {left:.2g} of χ²)"
+        f"{held if len(edge) else ''}; intervals may be too narrow"
+    )
 
 
 def _share_of(context: Context, number: int, groups: int) -> Progress:
