@@ -97,3 +97,4 @@ def test_what_is_foreseen_is_counted_as_large_as_noise_makes_it():
     slope = rng.normal(size=(400, 2))
     one, ten = (foreseen(k * rows, slope, np.zeros(2), -WIDE, WIDE) for k in (1, 10))
     assert one == pytest.approx(ten, rel=0.03)
+    assert foreseen(rows, np.zeros((400, 0)), *np.zeros((3, 0))) == 0.0  # nothing is free

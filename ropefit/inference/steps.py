@@ -42,6 +42,8 @@ def foreseen(
 ) -> float:
     """Return by how much the best linear step from u (P,) lowers the sum of squares, in units in
     which the noise adds one for each of the rows (M,)."""
+    if not u.size:
+        return 0.0
     scale = max(1.0, float(rows @ rows) / max(len(rows) - len(u), 1))
     return linear_step(slopes, rows, low - u, high - u)[1] / scale
 
