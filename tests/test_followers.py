@@ -75,6 +75,20 @@ def test_a_frame_beyond_its_fold_is_given_up_and_the_others_settle(monkeypatch):
     np.testing.assert_allclose(added[few], wanted[few], atol=1e-6 * at[0])
 
 
+def test_a_step_of_a_fit_ends_where_one_frame_is_lost():
+    """A fit takes no step to where a frame does not settle, however the others do."""
+    effect, free = FollowerForce(), np.full(4, np.inf)
+    term = Term(
+        effect.name, effect.names, ("1",) * 4, effect.apply, np.array([0.05, 0.0, 0.0, 0.43]),
+        np.ones(4), -free, free, free,
+    )  # fmt: skip
+    further = np.array([0.15, 0.0, 0.0, 0.0])
+    fitted = Equilibrium(clamped(40), [term])
+    assert 4 <= fitted.at(further).converged.sum() < 6  # where a fit begins, they count
+    assert fitted.at(np.zeros(4)).converged.all()
+    assert not fitted.at(further).converged.any()
+
+
 def test_frames_rotate_as_quaternions_do():
     half = np.sqrt(0.5)
     np.testing.assert_allclose(
