@@ -74,8 +74,8 @@ def refitted_beside(
     candidate: Candidate, later: list[Candidate], without: Fit, needed: float
 ) -> Candidate | None:
     """Return a candidate from where its own fit left it, with later effects beside it; stopped
-    where it is without prospect of the cost that is `needed`, and where it begins too far off: the
-    rope was fitted with one of the two, and both may bend it twice as much."""
+    where it is without prospect of the cost that is `needed`, and where it begins too far off: each
+    was fitted in the other's place, and both may bend the rope twice as much as it is bent."""
     parts = [
         *parts_of(candidate.fit), *(p for c in later for p in parts_of(c.fit) if p[0] is c.term),
     ]  # fmt: skip

@@ -15,7 +15,7 @@ from ropefit.inference.discrepancy import inflation, inflation_of_repeated, misl
 from ropefit.inference.noise import MISFIT, Whitener
 from ropefit.inference.objective import STOPPED, Objective
 from ropefit.inference.problem import FitProblem
-from ropefit.inference.steps import foreseen
+from ropefit.inference.steps import foreseen, with_priors
 from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.model import Model
 from ropefit.models.response import Parts, Point
@@ -82,10 +82,10 @@ class Fit:
     def left_to_gain(self) -> float:
         """Return by how much a linear step lowers χ², as large as noise makes it: of a fit that has
         arrived next to nothing."""
-        held = np.isfinite(self.prior)
-        rows = np.concatenate([self.z, (self.point.u / self.prior)[held]])
-        slopes = np.concatenate([-self.jacobian, np.diag(1 / self.prior)[held]])
-        return foreseen(rows, slopes, self.point.u, *self.forward.bounds())
+        u, held = self.point.u, np.isfinite(self.prior)
+        rows = np.concatenate([self.z, (u / self.prior)[held]])
+        slopes = with_priors(self.jacobian, self.prior)
+        return foreseen(rows, slopes, u, *self.forward.bounds())
 
     @cached_property
     def by_noise(self) -> np.ndarray:
@@ -190,8 +190,8 @@ def fit(
     """Minimise the whitened residual and the priors, from `start` (search variables).
 
     needed: a cost; a fit that, by its linear steps, has no prospect of it is stopped. highest: the
-    cost above which it is stopped where it begins. thorough: shapes at rest are fitted also along
-    a narrow, curved valley, where they touch nothing.
+    cost above which it is stopped where it begins. thorough: shapes at rest that touch
+    nothing are fitted also along a narrow, curved valley.
 
     Raises ArithmeticError when the start itself does not settle in any frame, or is not possible:
     a fit stays where length, rigidity and density are positive.

@@ -15,7 +15,7 @@ from ropefit.inference.bins import Stations, aligned, collected
 from ropefit.inference.known import Known
 from ropefit.inference.noise import Whitener
 from ropefit.inference.problem import FitProblem
-from ropefit.inference.steps import along_valley, foreseen, linear_step
+from ropefit.inference.steps import along_valley, foreseen, linear_step, with_priors
 from ropefit.inference.turned import turned_jacobian, turned_residual
 from ropefit.models.model import Model
 from ropefit.models.response import Point
@@ -273,7 +273,7 @@ class Objective:
         low, high = self.forward.bounds()
 
         def slopes(at: np.ndarray) -> np.ndarray:
-            return np.concatenate([-self.jacobian(at), np.diag(1 / self.prior)[self.held]])
+            return with_priors(self.jacobian(at), self.prior)
 
         def left(at: np.ndarray) -> float:
             return foreseen(self.whole(at), slopes(at), at, low, high)

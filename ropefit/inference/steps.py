@@ -37,6 +37,12 @@ def linear_step(
     return step, max(float(rows @ rows - left @ left), 0.0)
 
 
+def with_priors(jacobian: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Return the slopes of the residual rows of a prediction's Jacobian (M, P), those of priors of
+    one sigma (P,), inf for none, last."""
+    return np.concatenate([-jacobian, np.diag(1 / prior)[np.isfinite(prior)]])
+
+
 def foreseen(
     rows: np.ndarray, slopes: np.ndarray, u: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> float:

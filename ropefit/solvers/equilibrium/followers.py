@@ -124,6 +124,8 @@ def solve_with_followers(
             break
         if (arrived | lost).all():
             break
+        if not better.any():
+            continue
         newton = _newton(found, followers, gap, dead)
         far = np.linalg.norm(newton, axis=1, keepdims=True) / size
         step[better] = (newton / np.maximum(far, 1.0))[better]
