@@ -10,11 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ropefit.diagnosis.acceptance import first_acceptable
+from ropefit.diagnosis.acceptance import first_acceptable, significant
 from ropefit.diagnosis.accepted import Accepted, accept, close_cost
 from ropefit.diagnosis.beginning import HOPELESS
 from ropefit.diagnosis.candidate import Candidate, best_of, comparable, compared, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.proposals import proposals_beside
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.problem import FitProblem
@@ -85,6 +86,27 @@ def refitted_beside(
     if fitted is None or len(fitted.z) != len(without.z):
         return None
     return compared(candidate.hypothesis, candidate.term, without, fitted)
+
+
+def without_insignificant(
+    current: Fit, accepted: list[Accepted], threshold: float
+) -> tuple[Fit, list[Accepted]]:
+    """Return a last fit and its effects without those whose sizes it leaves not significantly
+    different from zero, where the others explain as much alone."""
+    out = list(accepted)
+    for one in accepted:
+        if len(out) == 1 or significant(replace(one.candidate, fit=current)):
+            continue
+        later = [f.candidate for f in out if f is not one]
+        if _needed(current, one.candidate, later):
+            continue
+        without = without_effects(current, one.candidate)
+        if without is None or not comparable(current, without):
+            continue
+        without = last_fit(without)
+        if 0.5 * (without.cost - current.cost) < threshold:
+            current, out = without, [f for f in out if f is not one]
+    return current, out
 
 
 def _with_their_like(

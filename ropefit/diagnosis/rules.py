@@ -51,6 +51,12 @@ class Selection:
             return None
         return chosen
 
+    def supported(
+        self, candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]
+    ) -> list[Candidate]:
+        """Return the candidates that what is known beside the recording does not refute."""
+        return candidates
+
     def acceptable(
         self, candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]
     ) -> Candidate | None:

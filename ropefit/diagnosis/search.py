@@ -34,7 +34,7 @@ from ropefit.diagnosis.own_motion import with_own_motion
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.quick_fits import unknown_frames
-from ropefit.diagnosis.reassessment import reassessed
+from ropefit.diagnosis.reassessment import reassessed, without_insignificant
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.sensitivities import Sensitivity
@@ -203,7 +203,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
     assert limits is not None
-    current = with_own_motion(last_fit(current)) if accepted else current
+    if accepted:
+        current, accepted = without_insignificant(last_fit(current), accepted, limits.threshold)
+        current = with_own_motion(current)
     verdict = verdict_of(nominal, current, accepted, latent, crowded, refused)
     return Diagnosis(
         verdict, accepted, nominal, current, scores,
@@ -251,6 +253,7 @@ def _acceptable(
     """Return the candidates and the one that is accepted, if any; why others are not goes to
     `refused`. Where the leader is not, those that were stopped for it are fitted to the end."""
     refusals: list[str] = []
+    candidates = rules.selection.supported(candidates, needed, current, refused)
     best = rules.selection.acceptable(candidates, needed, current, refusals)
     if refusals and any(c.fit.stopped for c in candidates):
         candidates, refusals = completed(current, candidates), []

@@ -21,6 +21,7 @@ class AxialExtensibility(Effect):
 
     name = "axial_extensibility"
     of_rope = True
+    changes = False
     of_simulators = True
     implausible = 100.0  # twice as long under its own weight: a cord of rubber
     quantities = (

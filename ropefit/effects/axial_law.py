@@ -38,6 +38,7 @@ class AxialLaw(Effect):
     name = "axial_law"
     in_motion = False
     of_rope = True
+    changes = False
     counted = False  # it corrects the linear stretch, which is a parameter or an effect of its own
     quantities = (
         Quantity("exponent", "1", 0.5, -0.95, 4.0),

@@ -175,6 +175,8 @@ class Effect(ABC):
     may_leave: ClassVar[float] = MAY_LEAVE
     # It belongs to the rope, wherever that is recorded: `--nominal` takes it over.
     of_rope: ClassVar[bool] = False
+    # It may come between two recordings of one rope: a law of its material does not.
+    changes: ClassVar[bool] = True
     # The name by which `identify --law` fits its curve, if it begins at zero.
     asked_as: ClassVar[str] = ""
     # The form of a law without a variable, whose constants are the effect's own quantities, and why

@@ -28,6 +28,7 @@ class BendingHysteresis(Effect):
     )
     linear = False
     path_dependent = True
+    changes = False
     shaping = 1
     looks_like_noise = True
     tries = (0.3, 2.0, 10.0)

@@ -35,6 +35,7 @@ class BendingLaw(Effect):
     name = "bending_law"
     in_motion = False
     of_rope = True
+    changes = False
     asked_as = "bending"
     quantities = (
         Quantity("exponent", "1", 0.3, -0.9, 3.0),

@@ -23,6 +23,7 @@ class ViscoelasticCreep(Effect):
     )
     linear = False
     path_dependent = True
+    changes = False
     shaping = 1
     looks_like_noise = True
     tries = (0.2, 1.0, 4.0)

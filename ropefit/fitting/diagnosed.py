@@ -3,54 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ropefit.adapters.diagnosis_content import Layout, content
-from ropefit.adapters.frames import spread_evenly
 from ropefit.adapters.motion_model import at_observed_nodes
-from ropefit.adapters.priors import noise_of
-from ropefit.adapters.rope_setup import (
-    STATIONS,
-    base_setup,
-    data_in_space,
-    fewer_segments,
-    segments_of,
-)
+from ropefit.adapters.rope_setup import segments_of
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS, DiagnoseSettings
-from ropefit.adapters.taken_over import (
-    TakenOver,
-    as_found,
-    of_rope,
-    over_mass,
-    understood,
-)
+from ropefit.adapters.taken_over import TakenOver, as_found, over_mass, understood
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.artifacts.observations import DroppedFrame
 from ropefit.diagnosis import search as engine
+from ropefit.diagnosis.control import Controlled
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import Rules
 from ropefit.errors import BadInput
-from ropefit.fitting.free_law import own_laws
-from ropefit.fitting.nominal import (
-    nominal_at_rest,
-    nominal_terms,
-    set_up_errors,
-    with_what_is_missed,
-)
+from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal_motion import UNRESOLVED, nominal_in_motion
+from ropefit.fitting.posed import FEWEST_FRAMES, Known, posed
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.problem import FitProblem
-from ropefit.models.terms import Term
-from ropefit.rod.setup import Setup
 from ropefit.runs.protocol import Context
 
-FEWEST_FRAMES = 4
 UNSTABLE = "at the edge of stability"
 OUTSIDE = "as their shapes depend on what was before or after the recording"
-PATH_FRAMES = 2  # times the compared frames: those that a path-dependent rope goes through
 
 
 def in_motion(
@@ -87,33 +65,17 @@ def at_rest(
     """Diagnose the rope in equilibrium. Raises BadInput, NotConverged, WrongUsage."""
     if o.source == "rgbd" and len(o.points) == 0:
         raise BadInput("no points in space: the diagnosis needs depth, clouds or markers")
-    segments, fewer = segments_of(o), fewer_segments(o)
-    every = segments // (len(o.node_arc) - 1)
-    used = spread_evenly(
-        np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
-    )
-    data = data_in_space(o).frames(used)
-    source, found = (context.external["nominal"] if settings.nominal else model), None
-    if settings.nominal:
-        source, found = _as_diagnosed(source, context)
-    noise = noise_of(o, data)
-    if settings.nominal:
-        noise = with_what_is_missed(noise, source, o)
-
-    def described(segments: int) -> tuple[list[Term], Setup]:
-        setup = compared(base_setup(o, segments), used, settings.most_frames)
-        return nominal_terms(o, source, setup, prior=settings.nominal, misfit=noise.misfit)
-
-    terms, setup = described(segments)
-    coarser = described(fewer)[1] if fewer else None
-    known = of_rope(source, found, o, setup) if found else own_laws(source.nominal, setup)
-    terms += [term for _, _, term in known]
-    problem = FitProblem(data, noise, STATIONS)
     context.progress(0.02, "nominal fit")
     calibrated = context.external["calibration"] if settings.calibration else None
-    errors = set_up_errors(setup, o, calibrated) if rules.calibration else []
-    nominal = nominal_at_rest(setup, [*terms, *errors], problem, coarser)
-    result, dropped = None, []
+    rope, control = Known(model, calibration=calibrated), None
+    if settings.nominal:
+        source, found = _as_diagnosed(context.external["nominal"], context)
+        rope = Known(source, found, source.recording != o.recording, calibrated)
+        rope, control = controlled(rope, o, settings, context)
+    problem = posed(o, rope, settings, rules.calibration)
+    if control:
+        rules = replace(rules, selection=Controlled(control))
+    nominal, result, dropped = problem.fitted(), None, []
     for _ in range(2):  # with an effect, other frames may be near instability
         edge = on_edge(result.final if result else nominal)
         if (~edge).sum() < FEWEST_FRAMES:
@@ -124,21 +86,20 @@ def at_rest(
                 "decides the shape; record poses in which the rope hangs firmly"
             )
         if edge.any():
-            dropped += _dropped(o.frames[used[edge]], UNSTABLE, context.say)
-            firm = np.flatnonzero(~edge)
-            used, problem = used[firm], problem.frames(firm)
-            setup, coarser = setup.frames(firm), coarser and coarser.frames(firm)
-            nominal = nominal_at_rest(setup, [*terms, *errors], problem, coarser)
+            dropped += _dropped(o.frames[problem.used[edge]], UNSTABLE, context.say)
+            problem = problem.without(edge)
+            nominal = problem.fitted()
         if result is None or edge.any():
             result = engine.search(nominal, settings.seed, context.progress, rules)
     assert result is not None
     was, still = nominal.problem.data.mask, result.final.problem.data.mask
-    dropped += lost_with_effects(was, still, o.frames[used], context.say)
-    nodes = len(o.node_arc)
+    dropped += lost_with_effects(was, still, o.frames[problem.used], context.say)
+    nodes, every = len(o.node_arc), segments_of(o) // (len(o.node_arc) - 1)
     layout = Layout(
-        o.frames[used], np.arange(len(used)), 0.0, o.length, lambda x: x[:, ::every][:, :nodes]
-    )
-    fields = {"known": _as_fitted(known, result.final), "dropped": dropped}
+        o.frames[problem.used], np.arange(len(problem.used)), 0.0, o.length,
+        lambda x: x[:, ::every][:, :nodes],
+    )  # fmt: skip
+    fields = {"known": _as_fitted(problem.taken, result.final), "dropped": dropped}
     return content(o, result, layout) | fields
 
 
@@ -188,13 +149,3 @@ def _as_fitted(known: list[TakenOver], final: Fit) -> dict[str, Cause]:
         u = next(part for one, part in parts if one is term)
         out[name] = cause.model_copy(update={"values": term.value(u)})
     return out
-
-
-def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:
-    """Return the setup in the frames `used`, which a path-dependent rope reaches through some of
-    the others: as many again, evenly spread."""
-    every = np.arange(len(setup.ends))
-    between = spread_evenly(every, np.zeros_like(every), PATH_FRAMES * most)
-    passed = np.union1d(used, between)
-    through = setup.frames(passed)._replace(past=None)
-    return through.frames(np.searchsorted(passed, used))

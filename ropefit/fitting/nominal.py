@@ -40,15 +40,16 @@ LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run know
 
 
 def nominal_terms(
-    o: Observations, source: Model, setup: Setup, prior: bool, misfit: bool = False
-) -> tuple[list[Term], Setup]:
+    o: Observations, source: Model, setup: Setup, prior: bool, elsewhere: bool = False,
+    misfit: bool = False,
+) -> tuple[list[Term], Setup]:  # fmt: skip
     """Return the rope's own parameters, starting where they were identified; at their usual values
     where the search ran to a bound.
 
     prior: they are known from another run, within that run's intervals, and the points of a rest
     curve, which are correlated, within its covariance. GJ joins them where both clamps hold twist.
-    Of a rope recorded elsewhere rigidities are no better known than `RIGIDITY_SD`; and not uniform,
-    where its misfit is more than noise (misfit).
+    elsewhere: in another recording; rigidities are then no better known than `RIGIDITY_SD`. misfit:
+    they are not uniform either, as the rope misses more than noise there.
     """
     group = next(iter(source.nominal.groups.values()))
     if prior:
@@ -74,8 +75,8 @@ def nominal_terms(
             term = _with_prior(term, GJ_PRIOR_SD)
         p = group.parameters.get(name)
         if prior and p is not None:
-            elsewhere = source.recording != o.recording and name in ("EI", "GJ")
-            term = as_known(term, p, RIGIDITY_SD if elsewhere else LEAST_PRIOR_SD)
+            changed = elsewhere and name in ("EI", "GJ")
+            term = as_known(term, p, RIGIDITY_SD if changed else LEAST_PRIOR_SD)
         terms.append(term)
     bends = {name: PARAMETERS[name].term(setup, value) for name, value in curve.items()}
     seen = [name for name in bends if prior and group.parameters[name].ci95 is not None]
@@ -94,11 +95,9 @@ def _uneven(setup: Setup, v: np.ndarray) -> Setup:
     return setup._replace(properties=p._replace(bend=p.bend * np.exp(between_quarters(setup) @ v)))
 
 
-def with_what_is_missed(noise: Noise, source: Model, o: Observations) -> Noise:
-    """Return the noise of markers, no smaller than the rms misfit of the rope in the recording it
-    was identified from: as much misfit here has no cause of its own."""
-    if o.source != "markers" or source.recording == o.recording:
-        return noise
+def with_what_is_missed(noise: Noise, source: Model) -> Noise:
+    """Return the noise of markers, no smaller than the rms misfit of the rope in another recording:
+    as much misfit here has no cause of its own."""
     missed = max(noise.marker, source.nominal.rms_fit / 3**0.5)
     return replace(noise, marker=missed, sensor=noise.sensor or noise.marker)
 

@@ -1,0 +1,62 @@
+"""The recording that a rope is known from, as a control: the rope that is handed on must be that
+one, and a change has nothing to explain there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ropefit.adapters.causes import effect_of
+from ropefit.adapters.settings import NOMINAL_OBSERVATIONS, DiagnoseSettings
+from ropefit.artifacts import Observations
+from ropefit.diagnosis.noise_measurement import on_edge
+from ropefit.diagnosis.unexplained import UNLIKE_ELSEWHERE
+from ropefit.errors import NotConverged
+from ropefit.fitting.posed import FEWEST_FRAMES, Known, posed
+from ropefit.inference.least_squares import Fit
+from ropefit.runs.protocol import Context
+
+
+def controlled(
+    rope: Known, o: Observations, settings: DiagnoseSettings, context: Context
+) -> tuple[Known, Fit | None]:
+    """Return a rope as it is handed on to a recording, and the nominal model as fitted to the one
+    it is known from; None where there is none of markers, or the two know different weights.
+
+    What was found beside the rope there is not handed on. Where the rope's values were fitted
+    beside that, and miss much without it, the rope is taken as it was identified.
+    """
+    there = context.external.get(NOMINAL_OBSERVATIONS)
+    if there is None or not rope.elsewhere or {there.source, o.source} != {"markers"}:
+        return rope, None
+    if bool(there.mass) != bool(o.mass):
+        return rope, None
+    fitted, found = _control(there, rope, settings), rope.found
+    if fitted is None or found is None:
+        return rope, fitted
+    missed = float(np.sqrt((fitted.stations.residual**2).sum(axis=1).mean()))
+    most = UNLIKE_ELSEWHERE**0.5 * found.rms_after
+    if missed <= most or all(effect_of(cause).of_rope for cause in found.causes.values()):
+        return rope, fitted
+    context.say(
+        "warning: what was found in the nominal run is not of the rope alone, and with that of the "
+        f"rope alone its own recording is missed by {1e3 * missed:.1f} mm: the rope is taken as "
+        "identified there, without what was found"
+    )
+    rope = replace(rope, model=context.external["nominal"], found=None)
+    return rope, _control(there, rope, settings)
+
+
+def _control(there: Observations, rope: Known, settings: DiagnoseSettings) -> Fit | None:
+    """Return the nominal model as fitted to another recording without frames at the edge of their
+    stability; None where it does not settle there."""
+    problem = posed(there, rope, settings)
+    try:
+        fitted = problem.fitted()
+        edge = on_edge(fitted)
+        if not edge.any() or (~edge).sum() < FEWEST_FRAMES:
+            return fitted
+        return problem.without(edge).fitted()
+    except NotConverged:
+        return None
