@@ -14,8 +14,11 @@ from ropefit.adapters.taken_over import as_found, held_alike, of_rope, over_mass
 from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
-from ropefit.fitting import diagnosed as diagnoses
+from ropefit.fitting import controlled as handing_on
+from ropefit.fitting import posed as problems
+from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal import RIGIDITY_SD, nominal_terms
+from ropefit.fitting.posed import Known
 from ropefit.models.correlated import Correlated
 from ropefit.models.grips import grips
 from ropefit.models.priors import DEGREE, PAIR
@@ -141,11 +144,10 @@ def test_rigidities_of_another_recording_are_not_known_exactly(identified):
         ei = group.parameters["EI"]
         sure = ei.model_copy(update={"ci95": (0.999 * ei.value, 1.001 * ei.value)})
         changed = group.model_copy(update={"parameters": group.parameters | {"EI": sure}})
-        of = "another" if elsewhere else o.recording
         nominal = model.nominal.model_copy(update={"groups": {"all": changed}})
-        source = model.model_copy(update={"models": {"nominal": nominal}, "recording": of})
+        source = model.model_copy(update={"models": {"nominal": nominal}})
         for misfit in (False, True):
-            terms, setup = nominal_terms(o, source, base_setup(o, 24), prior=True, misfit=misfit)
+            terms, setup = nominal_terms(o, source, base_setup(o, 24), True, elsewhere, misfit)
             known[elsewhere, misfit] = {term.name: term for term in terms}
     assert known[False, False]["EI"].prior[0] == pytest.approx(0.001 / 1.96, rel=0.01)
     assert known[True, False]["EI"].prior[0] == RIGIDITY_SD
@@ -221,7 +223,7 @@ def test_a_nominal_run_that_was_not_diagnosed_is_asked_for(identified, monkeypat
     def fitted(setup, terms, *_):
         raise Reached([term.name for term in terms])
 
-    monkeypatch.setattr(diagnoses, "nominal_at_rest", fitted)
+    monkeypatch.setattr(problems, "nominal_at_rest", fitted)
     inputs = {Observations.file_name: o, Model.file_name: model}
     for found, named, asked in ((None, False, 1), (found_with(model, mass=MASS), True, 0)):
         said: list[str] = []
@@ -231,3 +233,44 @@ def test_a_nominal_run_that_was_not_diagnosed_is_asked_for(identified, monkeypat
             diagnose.diagnosed(inputs, DiagnoseSettings(nominal=True), context, RULES)
         assert ("point_mass" in caught.value.args[0]) is named
         assert len([line for line in said if "run `ropefit diagnose` on it" in line]) == asked
+
+
+@pytest.mark.parametrize(
+    ("missed", "causes", "handed_on"),
+    [(1.2e-4, {"tilt": TILT}, True), (2e-4, {"tilt": TILT}, False), (2e-4, {"mass": MASS}, True)],
+)
+def test_a_rope_is_handed_on_if_it_explains_its_own_recording(
+    identified,
+    monkeypatch,
+    missed,
+    causes,
+    handed_on,
+):
+    """Of 0.1 mm that are left with all that was found."""
+    o, model = identified
+    residual = np.full((50, 3), missed / 3**0.5)
+    fits = {True: SimpleNamespace(stations=SimpleNamespace(residual=residual)), False: "again"}
+    monkeypatch.setattr(
+        handing_on, "_control", lambda there, rope, settings: fits[rope.found is not None]
+    )
+    said: list[str] = []
+    external = {"nominal": "as identified", "nominal_observations": o}
+    context = Context(say=said.append, external=external)
+    known = Known(model, found_with(model, **causes), elsewhere=True)
+    rope, control = controlled(known, o, SimpleNamespace(), context)  # type: ignore
+    assert (rope is known) is handed_on
+    assert control is fits[handed_on]
+    assert len(said) == (not handed_on)
+    if not handed_on:
+        assert (rope.model, rope.found) == ("as identified", None)
+        assert "taken as identified there" in said[0]
+
+
+def test_without_the_nominal_recording_there_is_no_control(identified):
+    o, model = identified
+    known = Known(model, elsewhere=True)
+    assert isinstance(o, Observations)
+    assert controlled(known, o, SimpleNamespace(), Context(external={})) == (known, None)  # type: ignore
+    same = Known(model)
+    context = Context(external={"nominal_observations": o})
+    assert controlled(same, o, SimpleNamespace(), context) == (same, None)  # type: ignore

@@ -34,8 +34,8 @@ SEED, SNAPPING = 101, 242
 def weighed(o: Observations, source: Model) -> Candidate | None:
     """Return the weight as fitted to a recording of a rope that is known from another."""
     data, setup = data_in_space(o), base_setup(o, segments_of(o))
-    noise = with_what_is_missed(noise_of(o, data), source, o)
-    terms, setup = nominal_terms(o, source, setup, prior=True, misfit=noise.misfit)
+    noise = with_what_is_missed(noise_of(o, data), source)
+    terms, setup = nominal_terms(o, source, setup, True, elsewhere=True, misfit=noise.misfit)
     problem = FitProblem(data, noise, STATIONS)
     terms += set_up_errors(setup, o, None)
     nominal = nominal_at_rest(setup, terms, problem)

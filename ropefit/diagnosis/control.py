@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ropefit.diagnosis.accepted import CLOSE_EVIDENCE
 from ropefit.diagnosis.candidate import EVALUATIONS, TOLERANCE, Candidate, fit_candidate
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.rules import Selection
@@ -33,7 +34,9 @@ class Controlled(Selection):
     ) -> list[Candidate]:
         """Return the candidates that the control does not refute, and that do not explain
         significantly less than those that it refutes; why others are not is added to `refused`."""
-        possible = [c for c in candidates if c.evidence >= threshold]
+        # Others are neither accepted nor as good, whatever the control says of them.
+        least = CLOSE_EVIDENCE * max((c.evidence for c in candidates), default=0.0)
+        possible = [c for c in candidates if c.evidence >= max(threshold, least)]
         if not possible:
             return candidates
         noise = replace(current.problem.noise, ends=None, unequal=None)
@@ -74,4 +77,4 @@ def _as_found(candidate: Candidate, control: Fit) -> float:
     fitted = attempted(forward, control.problem, begin, EVALUATIONS, TOLERANCE)
     if fitted is None or len(fitted.z) != len(control.z):
         return -np.inf
-    return 0.5 * (control.cost - fitted.cost) / max(1.0, control.spread)
+    return 0.5 * (control.cost - fitted.cost) / max(1.0, fitted.spread)

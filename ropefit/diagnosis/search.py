@@ -26,6 +26,7 @@ from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.fits import Progress
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import made_possible
+from ropefit.diagnosis.known_rope import from_known_rope
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import clean_limits
@@ -146,6 +147,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             continue
         slow = started_from(fitted, scan.contact(rules, needed))
         touching = contact.on(current) if slow else []
+        if not accepted:
+            touching = [*touching, *from_known_rope(current, needed, rules.effects)]
         candidates = best_of([*singles_of(slow=slow, known=touching), leader])
         leader = None
         singles = singles if accepted else candidates

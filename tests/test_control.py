@@ -1,0 +1,89 @@
+"""The nominal recording as a control: what explains it as well is no change."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ropefit.diagnosis import control as controls
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.control import CONTRADICTED, IN_BOTH, Controlled, refuted
+from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.effects import BendingLaw, PointMass
+from ropefit.inference.least_squares import fit
+from ropefit.inference.noise import Noise
+from tests.concealed import nominal_fit, recorded, rope, with_effect
+
+NEEDED = 6.0
+WEIGHT, LAW = (0.004, 0.37), (-0.5,)
+
+
+def law_of(exponent: float) -> list[float]:
+    """The values of a law of bending along one of its forms."""
+    usual = Hypothesis(BendingLaw(), NO_PLACE)
+    return [exponent, *np.zeros(len(usual.effect.quantities) - 1)]
+
+
+@pytest.fixture(scope="module")
+def fits():
+    """Nominal fits to three recordings of one rope: as it is, with a weight, and with a law."""
+    setups = {
+        "bare": rope(144), "weight": with_effect(PointMass(), list(WEIGHT), 144),
+        "law": with_effect(BendingLaw(), law_of(-0.4), 144),
+    }  # fmt: skip
+    return {
+        name: nominal_fit(recorded(setup, seed=k), 72)
+        for k, (name, setup) in enumerate(setups.items())
+    }
+
+
+@pytest.fixture(scope="module")
+def weight(fits):
+    return fit_candidate(fits["weight"], Hypothesis(PointMass(), NO_PLACE), np.array(WEIGHT))
+
+
+@pytest.fixture(scope="module")
+def law(fits):
+    values = np.array(law_of(-0.4))
+    return fit_candidate(fits["law"], Hypothesis(BendingLaw(), NO_PLACE), values)
+
+
+def test_a_weight_is_a_change_unless_the_control_has_it_as_well(fits, weight):
+    assert weight.evidence > NEEDED
+    assert refuted(weight, fits["bare"], NEEDED) == ""
+    assert refuted(weight, fits["weight"], NEEDED) == IN_BOTH
+
+
+def test_a_law_of_the_rope_holds_in_the_control_too(fits, law):
+    assert law.evidence > NEEDED
+    assert refuted(law, fits["bare"], NEEDED) == CONTRADICTED
+    assert refuted(law, fits["law"], NEEDED) == IN_BOTH
+
+
+def test_a_law_that_the_control_does_not_show_may_be_one(fits, law):
+    """As of a rope that was hardly bent there."""
+    control = fits["bare"]
+    problem = control.problem.under(Noise(white=(1.0, 1.0)))  # m²
+    hardly = fit(control.forward, problem, control.point.u)
+    assert refuted(law, hardly, NEEDED) == ""
+
+
+def single(name: str, evidence: float):
+    return SimpleNamespace(hypothesis=SimpleNamespace(name=name), evidence=evidence)
+
+
+def test_what_explains_significantly_less_than_what_is_refuted_goes_with_it(fits, monkeypatch):
+    kept = [single("point_mass", 30.0 - 0.5 * TIE_NATS), single("tether", 30.0 - 2 * TIE_NATS)]
+    every = [single("bending_law", 30.0), *kept]
+    monkeypatch.setattr(controls, "refuted", lambda c, *_: CONTRADICTED if c is every[0] else "")
+    refused: list[str] = []
+    rule = Controlled(fits["bare"])
+    assert rule.supported(every, NEEDED, fits["weight"], refused) == [kept[0]]  # type: ignore
+    assert refused == [f"bending_law: {CONTRADICTED}"]
+    assert rule.supported(kept, NEEDED, fits["weight"], refused) == kept  # type: ignore
+    weak = [single("bending_law", 0.5 * NEEDED)]
+    assert rule.supported(weak, NEEDED, fits["weight"], refused) == weak  # type: ignore
+    assert len(refused) == 1
