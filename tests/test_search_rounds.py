@@ -4,7 +4,11 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from ropefit.diagnosis import reassessment
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.mixed_pairs import beside_contact
 from ropefit.diagnosis.rules import RULES, Selection
@@ -54,3 +58,30 @@ def test_what_explained_most_alone_is_tried_beside_contact():
     weighed = [SimpleNamespace(candidate=single(PointMass(), 30.0))]
     assert beside_contact(weighed, singles) == []  # type: ignore[arg-type]
     assert beside_contact([], singles) == []  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("significant", "costs_more", "left"),
+    [(True, 1.0, 2), (False, 1.0, 1), (False, 20.0, 2), (False, None, 2)],
+)
+def test_an_effect_that_the_last_fit_leaves_insignificant_is_dropped(
+    monkeypatch, significant, costs_more, left
+):
+    """Unless its evidence says that it is there all the same, or the model without it has none."""
+    current = SimpleNamespace(cost=100.0)
+    other = None if costs_more is None else SimpleNamespace(cost=100.0 + costs_more)
+    first, second = (
+        Accepted(Candidate(*[None] * 5), [], 10.0, 0.0)
+        for _ in range(2)  # type: ignore
+    )
+    weak = {id(first): significant, id(second): True}
+    marks = iter([weak[id(one)] for one in (first, second)])
+    monkeypatch.setattr(reassessment, "significant", lambda candidate: next(marks))
+    monkeypatch.setattr(reassessment, "_needed", lambda *_: False)
+    monkeypatch.setattr(reassessment, "without_effects", lambda *_: other)
+    monkeypatch.setattr(reassessment, "comparable", lambda *_: True)
+    monkeypatch.setattr(reassessment, "last_fit", lambda fit: fit)
+    fitted, kept = reassessment.without_insignificant(current, [first, second], 6.0)  # type: ignore
+    assert len(kept) == left
+    assert kept[-1] is second
+    assert fitted is (current if left == 2 else other)
