@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,7 +19,7 @@ from ropefit.fitting import controlled as handing_on
 from ropefit.fitting import posed as problems
 from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal import RIGIDITY_SD, nominal_terms
-from ropefit.fitting.posed import Known
+from ropefit.fitting.posed import Known, posed
 from ropefit.models.correlated import Correlated
 from ropefit.models.grips import grips
 from ropefit.models.priors import DEGREE, PAIR
@@ -274,3 +275,17 @@ def test_without_the_nominal_recording_there_is_no_control(identified):
     same = Known(model)
     context = Context(external={"nominal_observations": o})
     assert controlled(same, o, SimpleNamespace(), context) == (same, None)  # type: ignore
+
+
+def test_a_misfit_counts_as_noise_only_in_another_recording(identified):
+    """In its own it is what is to be explained."""
+    o, model = identified
+    nominal = model.nominal.model_copy(update={"rms_fit": 0.03})
+    rope = Known(model.model_copy(update={"models": {"nominal": nominal}}))
+    own, other = (
+        posed(o, replace(rope, elsewhere=elsewhere), DiagnoseSettings(nominal=True)).problem.noise
+        for elsewhere in (False, True)
+    )
+    assert own.marker == pytest.approx(float(np.median(o.noise)))
+    assert other.marker == pytest.approx(0.03 / 3**0.5)
+    assert other.misfit

@@ -146,10 +146,10 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
             accepted, current = _with_both(current, every, pair, scan)
             continue
         slow = started_from(fitted, scan.contact(rules, needed))
-        touching = contact.on(current) if slow else []
+        begun = contact.on(current) if slow else []
         if not accepted:
-            touching = [*touching, *from_known_rope(current, needed, rules.effects)]
-        candidates = best_of([*singles_of(slow=slow, known=touching), leader])
+            begun = [*begun, *from_known_rope(current, needed, rules.effects)]
+        candidates = best_of([*singles_of(slow=slow, known=begun), leader])
         leader = None
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
