@@ -18,7 +18,7 @@ from ropefit.inference.noise import Noise
 from tests.concealed import nominal_fit, recorded, rope, with_effect
 
 NEEDED = 6.0
-WEIGHT, LAW = (0.004, 0.37), (-0.5,)
+WEIGHT = (0.004, 0.37)  # kg, m
 
 
 def law_of(exponent: float) -> list[float]:

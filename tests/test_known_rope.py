@@ -17,7 +17,7 @@ from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.known_rope import from_known_rope
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.effects import PointMass
-from ropefit.fitting.posed import Known, posed
+from ropefit.fitting.posed import KnownRope, posed
 from ropefit.inference.least_squares import Fit, attempted
 
 SEED, NEEDED = 274, 6.0
@@ -36,7 +36,7 @@ def known(pair: Pair, folder: Path) -> list[Fit]:
         ropefit.preprocess(recorded(pair, weights, folder / f"{k}", 2 * SEED + k))
         for k, weights in enumerate(((), (pair.weight,)))
     ]
-    rope = Known(ropefit.fit(every[0], free=FREE.split(",")), elsewhere=True)
+    rope = KnownRope(ropefit.fit(every[0], free=FREE.split(",")), elsewhere=True)
     out = []
     for o in every:
         problem = posed(o, rope, DiagnoseSettings(nominal=True))

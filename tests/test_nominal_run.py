@@ -19,7 +19,7 @@ from ropefit.fitting import controlled as handing_on
 from ropefit.fitting import posed as problems
 from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal import RIGIDITY_SD, nominal_terms
-from ropefit.fitting.posed import Known, posed
+from ropefit.fitting.posed import KnownRope, posed
 from ropefit.models.correlated import Correlated
 from ropefit.models.grips import grips
 from ropefit.models.priors import DEGREE, PAIR
@@ -257,7 +257,7 @@ def test_a_rope_is_handed_on_if_it_explains_its_own_recording(
     said: list[str] = []
     external = {"nominal": "as identified", "nominal_observations": o}
     context = Context(say=said.append, external=external)
-    known = Known(model, found_with(model, **causes), elsewhere=True)
+    known = KnownRope(model, found_with(model, **causes), elsewhere=True)
     rope, control = controlled(known, o, SimpleNamespace(), context)  # type: ignore
     assert (rope is known) is handed_on
     assert control is fits[handed_on]
@@ -269,10 +269,10 @@ def test_a_rope_is_handed_on_if_it_explains_its_own_recording(
 
 def test_without_the_nominal_recording_there_is_no_control(identified):
     o, model = identified
-    known = Known(model, elsewhere=True)
+    known = KnownRope(model, elsewhere=True)
     assert isinstance(o, Observations)
     assert controlled(known, o, SimpleNamespace(), Context(external={})) == (known, None)  # type: ignore
-    same = Known(model)
+    same = KnownRope(model)
     context = Context(external={"nominal_observations": o})
     assert controlled(same, o, SimpleNamespace(), context) == (same, None)  # type: ignore
 
@@ -281,7 +281,7 @@ def test_a_misfit_counts_as_noise_only_in_another_recording(identified):
     """In its own it is what is to be explained."""
     o, model = identified
     nominal = model.nominal.model_copy(update={"rms_fit": 0.03})
-    rope = Known(model.model_copy(update={"models": {"nominal": nominal}}))
+    rope = KnownRope(model.model_copy(update={"models": {"nominal": nominal}}))
     own, other = (
         posed(o, replace(rope, elsewhere=elsewhere), DiagnoseSettings(nominal=True)).problem.noise
         for elsewhere in (False, True)

@@ -18,7 +18,7 @@ from ropefit.diagnosis.rules import Selection
 from ropefit.inference.least_squares import Fit, attempted
 
 AS_FOUND = 1e-3  # search variables, one sigma: values that are held
-IN_BOTH = "the nominal recording, in which it is not, shows it as well"
+IN_BOTH = "it explains the nominal recording as well, and is no change"
 CONTRADICTED = "a law of the rope, which the nominal recording contradicts"
 
 
@@ -35,8 +35,8 @@ class Controlled(Selection):
         """Return the candidates that the control does not refute, and that do not explain
         significantly less than those that it refutes; why others are not is added to `refused`."""
         # Others are neither accepted nor as good, whatever the control says of them.
-        least = CLOSE_EVIDENCE * max((c.evidence for c in candidates), default=0.0)
-        possible = [c for c in candidates if c.evidence >= max(threshold, least)]
+        close = CLOSE_EVIDENCE * max((c.evidence for c in candidates), default=0.0)
+        possible = [c for c in candidates if c.evidence >= max(threshold, close)]
         if not possible:
             return candidates
         noise = replace(current.problem.noise, ends=None, unequal=None)

@@ -1,9 +1,9 @@
 """Candidates fitted from the rope as it is known from another recording.
 
-Without what is missing, the nominal model bends what is known: rigidity, rest shape and errors of
-the set-up give way together, far from their priors. Fits that begin there end in narrow valleys
-before they are back, and what a scan about that rope shows misleads. About the rope as known they
-begin nearer, if what is missing has about its size: by a scan about that rope.
+Where an effect is missing, the nominal fit compensates with rigidity, rest shape and errors of the
+set-up, far beyond their priors. Fits that begin there may stop in narrow valleys, far from their
+minimum, and a scan about that rope misleads. Here the scan and the fits begin at the prior means:
+at the sizes that explain the recording best while all else stays as known.
 """
 
 from __future__ import annotations

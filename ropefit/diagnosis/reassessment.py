@@ -97,8 +97,8 @@ def without_insignificant(
     for one in accepted:
         if len(out) == 1 or significant(replace(one.candidate, fit=current)):
             continue
-        later = [f.candidate for f in out if f is not one]
-        if _needed(current, one.candidate, later):
+        others = [f.candidate for f in out if f is not one]
+        if _needed(current, one.candidate, others):
             continue
         without = without_effects(current, one.candidate)
         if without is None or not comparable(current, without):

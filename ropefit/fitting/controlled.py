@@ -13,14 +13,14 @@ from ropefit.artifacts import Observations
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.unexplained import UNLIKE_ELSEWHERE
 from ropefit.errors import NotConverged
-from ropefit.fitting.posed import FEWEST_FRAMES, Known, posed
+from ropefit.fitting.posed import FEWEST_FRAMES, KnownRope, posed
 from ropefit.inference.least_squares import Fit
 from ropefit.runs.protocol import Context
 
 
 def controlled(
-    rope: Known, o: Observations, settings: DiagnoseSettings, context: Context
-) -> tuple[Known, Fit | None]:
+    rope: KnownRope, o: Observations, settings: DiagnoseSettings, context: Context
+) -> tuple[KnownRope, Fit | None]:
     """Return a rope as it is handed on to a recording, and the nominal model as fitted to the one
     it is known from; None where there is none of markers, or the two know different weights.
 
@@ -48,7 +48,7 @@ def controlled(
     return rope, _control(there, rope, settings)
 
 
-def _control(there: Observations, rope: Known, settings: DiagnoseSettings) -> Fit | None:
+def _control(there: Observations, rope: KnownRope, settings: DiagnoseSettings) -> Fit | None:
     """Return the nominal model as fitted to another recording without frames at the edge of their
     stability; None where it does not settle there."""
     problem = posed(there, rope, settings)

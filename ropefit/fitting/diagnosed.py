@@ -23,7 +23,7 @@ from ropefit.diagnosis.rules import Rules
 from ropefit.errors import BadInput
 from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal_motion import UNRESOLVED, nominal_in_motion
-from ropefit.fitting.posed import FEWEST_FRAMES, Known, posed
+from ropefit.fitting.posed import FEWEST_FRAMES, KnownRope, posed
 from ropefit.inference.least_squares import Fit
 from ropefit.runs.protocol import Context
 
@@ -67,10 +67,10 @@ def at_rest(
         raise BadInput("no points in space: the diagnosis needs depth, clouds or markers")
     context.progress(0.02, "nominal fit")
     calibrated = context.external["calibration"] if settings.calibration else None
-    rope, control = Known(model, calibration=calibrated), None
+    rope, control = KnownRope(model, calibration=calibrated), None
     if settings.nominal:
         source, found = _as_diagnosed(context.external["nominal"], context)
-        rope = Known(source, found, source.recording != o.recording, calibrated)
+        rope = KnownRope(source, found, source.recording != o.recording, calibrated)
         rope, control = controlled(rope, o, settings, context)
     problem = posed(o, rope, settings, rules.calibration)
     if control:

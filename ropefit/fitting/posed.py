@@ -36,7 +36,7 @@ PATH_FRAMES = 2  # times the compared frames: those that a path-dependent rope g
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownRope:
     """The rope of a recording: model, and of another run what was found there; whether that is a
     recording of its own, and the run whose camera and gravity are known."""
 
@@ -71,7 +71,9 @@ class Posed:
         )  # fmt: skip
 
 
-def posed(o: Observations, rope: Known, settings: DiagnoseSettings, errors: bool = True) -> Posed:
+def posed(
+    o: Observations, rope: KnownRope, settings: DiagnoseSettings, errors: bool = True
+) -> Posed:
     """Return a recording at rest as a problem; errors: whether those of the set-up are fitted."""
     fewer = fewer_segments(o)
     used = spread_evenly(
