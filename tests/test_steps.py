@@ -76,6 +76,21 @@ def test_a_valley_is_followed_to_a_bound_and_not_beyond():
     np.testing.assert_allclose(found, [0.5, 0.25], atol=1e-2)
 
 
+def test_a_valley_is_followed_along_a_bound():
+    """The third would cross its bound, as a weight at the very tip: the others go on without it."""
+
+    def rows(u: np.ndarray) -> np.ndarray:
+        return np.array([*(valley(u) / [10, 1] + [0, 3 * u[2]]), 20 * (u[2] - 0.8 + 0.5 * u[0])])
+
+    def slopes(u: np.ndarray) -> np.ndarray:
+        return np.array([[-20 * u[0], 10.0, 0.0], [-1.0, 0.0, 3.0], [10.0, 0.0, 20.0]])
+
+    low, high = np.full(3, -10.0), np.array([10.0, 10.0, 0.0])
+    found = along_valley(rows, slopes, np.array([-1.5, 1.0, 0.0]), low, high, 1e-4, 60)
+    a = 161 / 101  # by hand, with the third at zero: (1 - a)² + (10 a - 16)² is least
+    np.testing.assert_allclose(found, [a, a**2, 0.0], atol=1e-3)
+
+
 def test_a_step_is_not_taken_where_the_rope_would_not_settle():
     """Nor is it tried where such a place makes the second derivative enormous: that takes long."""
     furthest = 0.0

@@ -65,9 +65,8 @@ def along_valley(
     while count < evaluations and failed < MOST_FAILED:
         scale = np.maximum(scale, np.linalg.norm(slope, axis=0))
         damped = np.concatenate([slope, np.diag(np.sqrt(damping) * np.maximum(scale, 1e-12))])
-        inverse = np.linalg.pinv(damped)[:, : len(z)]
-        step = -inverse @ z
-        ahead, count = rows(np.clip(u + AHEAD * step, low, high)), count + 1
+        step, inverse = _within(damped, z, low - u, high - u)
+        ahead, count = rows(u + AHEAD * step), count + 1
         bend = -inverse @ ((ahead - z) / AHEAD - slope @ step) / AHEAD
         trial = np.clip(u + step + bend, low, high)
         near = np.linalg.norm(scale * bend) < MOST_BENT * np.linalg.norm(scale * step)
@@ -81,3 +80,25 @@ def along_valley(
         if foreseen(z, slope, u, low, high) < enough:
             break
     return u
+
+
+def _within(
+    damped: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the step (P,) that makes z (M,) and the rows of a damping least, of which the slopes
+    damped (M + P, P) are, between low and high (P,); and how it answers z (P, M): what a bound
+    holds does not.
+
+    What would cross its bound is held there, and the others step on without it.
+    """
+    step, held = np.zeros(len(low)), np.zeros(len(low), dtype=bool)
+    while True:
+        free = np.flatnonzero(~held)
+        inverse = np.zeros((len(low), len(z)))
+        inverse[free] = np.linalg.pinv(damped[:, free])[:, : len(z)]
+        step[free] = -inverse[free] @ (z + damped[: len(z), held] @ step[held])
+        beyond = ~held & ((step < low) | (step > high))
+        if not beyond.any():
+            return step, inverse
+        step[beyond] = np.clip(step, low, high)[beyond]
+        held |= beyond
