@@ -85,11 +85,11 @@ def along_valley(
 def _within(
     damped: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step (P,) that makes z (M,) and the rows of a damping least, of which the slopes
-    damped (M + P, P) are, between low and high (P,); and how it answers z (P, M): what a bound
-    holds does not.
+    """Return the damped linear step (P,) between low and high (P,) for rows z (M,), and the matrix
+    (P, M) that maps -z to a free step: zero in the rows of what is held at a bound.
 
-    What would cross its bound is held there, and the others step on without it.
+    damped (M + P, P): slopes of the rows and of the damping. What would cross its bound is held
+    there, and the others are solved for again without it.
     """
     step, held = np.zeros(len(low)), np.zeros(len(low), dtype=bool)
     while True:
