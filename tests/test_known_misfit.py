@@ -9,7 +9,7 @@ import pytest
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.verdicts import verdict_of
-from ropefit.effects import WeightError
+from ropefit.effects import FollowerForce, WallField, WeightError
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from tests.concealed import nominal_fit, recorded, rope
@@ -40,6 +40,24 @@ def test_few_independent_samples_scatter_by_more():
 def test_noise_that_is_larger_than_told_is_no_sign_of_a_cause():
     """Where the rope is not known from another recording, what is left is measured as noise."""
     assert verdict(4.0, Noise(marker=1e-4, sensor=1e-4)) == "none"
+
+
+@pytest.mark.parametrize(
+    ("effect", "scale", "said"),
+    [(WallField, 4.0, "unknown"), (WallField, 2.0, "found"), (FollowerForce, 4.0, "unknown"),
+     (WeightError, 4.0, "found")],
+)  # fmt: skip
+def test_a_force_that_can_stand_for_much_else_must_leave_little(effect, scale, said):
+    accepted: Any = SimpleNamespace(
+        candidate=SimpleNamespace(hypothesis=SimpleNamespace(effect=effect()))
+    )
+    was: Any = SimpleNamespace(z=np.full(800, 20.0))
+    final: Any = SimpleNamespace(
+        z=np.full(800, scale), scale=scale, spread=1.0, problem=SimpleNamespace(noise=Noise()),
+        forward=SimpleNamespace(instantaneous=True),
+    )  # fmt: skip
+    latent: Any = SimpleNamespace(evidence=0.0, threshold=10.0)
+    assert verdict_of(was, final, [accepted], latent, False, []) == said
 
 
 def test_a_rope_eight_times_as_heavy_as_stated_is_a_plausible_error_of_its_weight():

@@ -176,6 +176,12 @@ def compared_if_comparable(
     return compared(hypothesis, term, smaller, fitted)
 
 
+def recompared(candidates: list[Candidate], smaller: Fit) -> list[Candidate]:
+    """Return candidates, as fitted, over another fit of the same smaller model."""
+    again = (compared_if_comparable(c.hypothesis, c.term, smaller, c.fit) for c in candidates)
+    return [candidate for candidate in again if candidate is not None]
+
+
 def continued(before: float, fitted: Fit, lowest: float, as_matched: bool = True) -> Fit:
     """Continue a slow fit as long as it gains: contact comes and goes, and gains soon
     shrink. One that even at its present pace could not reach the cost `lowest` stays as it is.

@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from ropefit.diagnosis.accepted import CLOSE_EVIDENCE
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import (
     TOLERANCE,
@@ -20,12 +21,17 @@ from ropefit.diagnosis.candidate import (
     best_of,
     compared_if_comparable,
 )
+from ropefit.diagnosis.coarse_mesh import on_coarse_mesh
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.diagnosis.leaders import leading
 from ropefit.inference.least_squares import Fit, attempted
+from ropefit.models.terms import Term
 
 EVALUATIONS = 12  # before the fit follows its valley
+FAR_OFF = 10.0  # times the model's cost: no valley leads from there
+
+Begun = tuple[Hypothesis, Term, Fit]
 
 
 def from_known_rope(
@@ -35,15 +41,28 @@ def from_known_rope(
     the rope is not known, or explains the recording nearly as well as known.
 
     threshold [nats]: evidence that makes a difference; names: of the effects that may be proposed,
-    None for all.
+    None for all. Those that may be accepted or named beside the best, by their fits on the coarse
+    mesh, are fitted on the whole one.
     """
     known = _as_known(current)
     if known is None or 0.5 * (known.cost - current.cost) < threshold:
         return []
-    scan = Scan(known, partial(sensitivities, known, [], names))
+    coarse = on_coarse_mesh(known)
+    coarse = replace(coarse, jacobian=np.zeros_like(coarse.jacobian))  # it gives way to nothing
+    scan = Scan(coarse, partial(sensitivities, coarse, [], names))
     leaders, _ = leading(scan.scores, threshold, known.point.setup)
-    starts = [choices[0] for choices in leaders if choices[0][0].effect.changes]
-    return best_of([_fitted(known, current, *start) for start in starts])
+    begun: dict[tuple[str, int], Begun] = {}
+    for choices in leaders:
+        hypothesis, start = choices[0]
+        one = _begun(coarse, hypothesis, start, current) if hypothesis.effect.changes else None
+        best = begun.get(hypothesis.key)
+        if one is not None and (best is None or one[2].cost < best[2].cost):
+            begun[hypothesis.key] = one
+    most = current.cost - CLOSE_EVIDENCE * max(
+        (current.cost - fitted.cost for *_, fitted in begun.values()), default=0.0
+    )
+    close = [one for one in begun.values() if one[2].cost <= most]
+    return best_of([_on_whole_mesh(known, current, *one) for one in close])
 
 
 def _as_known(current: Fit) -> Fit | None:
@@ -58,16 +77,30 @@ def _as_known(current: Fit) -> Fit | None:
     known = attempted(forward, current.problem, u, evaluations=1, tolerance=TOLERANCE)
     if known is None or not known.point.converged.all() or len(known.z) != len(current.z):
         return None
-    return replace(known, jacobian=np.zeros_like(known.jacobian))  # it gives way to nothing
+    return known
 
 
-def _fitted(
-    known: Fit, current: Fit, hypothesis: Hypothesis, start: np.ndarray
-) -> Candidate | None:
-    begun = settled_start(known, [(hypothesis, start)])
-    if begun is None:
+def _begun(coarse: Fit, hypothesis: Hypothesis, start: np.ndarray, current: Fit) -> Begun | None:
+    """Return a hypothesis, its term, and its fit on the coarse mesh, along its valley unless it is
+    far off."""
+    at = settled_start(coarse, [(hypothesis, start)])
+    if at is None:
         return None
+    fitted = attempted(at.forward, coarse.problem, at.values, EVALUATIONS, TOLERANCE)
+    if fitted is not None and fitted.cost < FAR_OFF * current.cost:
+        forward = fitted.forward.starting_from(fitted.point.solution)
+        fitted = attempted(
+            forward, coarse.problem, fitted.point.u, EVALUATIONS, TOLERANCE, thorough=True
+        )
+    return None if fitted is None else (hypothesis, at.terms[0], fitted)
+
+
+def _on_whole_mesh(
+    known: Fit, current: Fit, hypothesis: Hypothesis, term: Term, coarse: Fit
+) -> Candidate | None:
+    states = coarse.point.solution.of_segments(known.forward.base.segments)
+    forward = known.forward.with_terms([*known.forward.terms, term], states)
     fitted = attempted(
-        begun.forward, current.problem, begun.values, EVALUATIONS, TOLERANCE, thorough=True
+        forward, current.problem, coarse.point.u, EVALUATIONS, TOLERANCE, thorough=True
     )
-    return compared_if_comparable(hypothesis, begun.terms[0], current, fitted)
+    return compared_if_comparable(hypothesis, term, current, fitted)

@@ -15,17 +15,17 @@ from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.alternatives import Alternative, alternatives
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
-from ropefit.diagnosis.candidate import Candidate, best_of, compared_if_comparable
+from ropefit.diagnosis.candidate import Candidate, best_of, recompared
 from ropefit.diagnosis.candidates import completed, started_from
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.contact_anew import contact_anew
 from ropefit.diagnosis.contact_beside import ContactBeside, by_contact
 from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.fewer_frames import FoundBefore, found_again
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.fits import Progress
 from ropefit.diagnosis.full_scan import Scan, sensitivities
-from ropefit.diagnosis.hypotheses import made_possible
 from ropefit.diagnosis.known_rope import from_known_rope
 from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
@@ -34,28 +34,16 @@ from ropefit.diagnosis.mixed_pairs import beside_contact, two_instead
 from ropefit.diagnosis.own_motion import with_own_motion
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
-from ropefit.diagnosis.quick_fits import unknown_frames
 from ropefit.diagnosis.reassessment import reassessed, without_insignificant
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Score
-from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.diagnosis.short_horizons import by_short_horizons
 from ropefit.diagnosis.unexplained import leaves_something, unexplained
 from ropefit.diagnosis.verdicts import one_more, verdict_of
-from ropefit.diagnosis.wander import (
-    no_larger_than_left,
-    wandering_noise,
-    with_what_is_missed_alike,
-)
-from ropefit.inference.bins import Data
-from ropefit.inference.least_squares import Fit, fit
-from ropefit.inference.problem import FitProblem
+from ropefit.diagnosis.with_accepted import with_both, with_it, with_known_past
+from ropefit.inference.least_squares import Fit
 
 MORE_ROUNDS = 4  # than effects: a restart, contact anew, one uncounted, one that sees what is left
-# Of a fit after the noise was measured again; few of frames that are settled one after the other,
-# which take long, and are fitted once more at the end.
-EVALUATIONS, FEW_EVALUATIONS = 25, 4
-REMEASURED = 2  # times, the noise of a motion: a clip that was missed is so no longer
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 
 
@@ -93,8 +81,12 @@ def _fits_of_round(progress: Progress, round_: int) -> Progress:
     )
 
 
-def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) -> Diagnosis:
-    """Diagnose a recording, from a nominal fit with white noise."""
+def search(
+    nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES,
+    before: FoundBefore | None = None,
+) -> Diagnosis:  # fmt: skip
+    """Diagnose a recording, from a nominal fit with white noise, and what was found before with
+    more frames."""
     rng = np.random.default_rng(seed)
     nominal = on_right_branches(nominal)
     every = nominal.problem.data
@@ -105,7 +97,8 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
     singles: list[Candidate] = []
     compared: list[Accepted] | None = None  # two effects that were, with every pair
     contact = ContactBeside()
-    leader: Candidate | None = None  # of the round before, where that restarted the model
+    leader: list[Candidate] = []  # of the round before, where that restarted the model
+    from_known: list[Candidate] = []
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = None  # it is large: one at a time
@@ -117,6 +110,14 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         scan.latent.threshold, latent = limits.latent, scan.latent
         inexact = [one for one in accepted if not one.candidate.hypothesis.effect.exact]
         needed = limits.needed(inexact)
+        again = before and found_again(current, before, needed, len(scan.scores))
+        before = None
+        if again:
+            both, accepted = None, again[1]
+            most += sum(not one.candidate.hypothesis.effect.counted for one in accepted)
+            current = with_it(again[0], current.problem, scan.sensitivities)
+            compared = accepted  # with every pair, where there were more frames
+            continue
         anew = scan.anything(rules) and contact_anew(current, accepted, limits.threshold)
         if anew:
             current, accepted, compared = _weighed_again(
@@ -143,14 +144,16 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         pair = accepted_companions(current, both, limits.threshold) if both else None
         both = None  # if they are not accepted, what is slow is a candidate as ever
         if pair is not None and _wins(pair, current, singles_of):
-            accepted, current = _with_both(current, every, pair, scan)
+            accepted, current = with_both(current, every, pair, scan)
             continue
         slow = started_from(fitted, scan.contact(rules, needed))
         begun = contact.on(current) if slow else []
-        if not accepted:
-            begun = [*begun, *from_known_rope(current, needed, rules.effects)]
-        candidates = best_of([*singles_of(slow=slow, known=begun), leader])
-        leader = None
+        if leader:
+            from_known = recompared(from_known, current)
+        else:
+            from_known = [] if accepted else from_known_rope(current, needed, rules.effects)
+        candidates = best_of([*singles_of(slow=slow, known=[*begun, *from_known]), *leader])
+        leader = []
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
         fitted = []  # to the nominal model
@@ -159,11 +162,7 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         if candidates and candidates[0].evidence >= needed:
             again = rules.selection.restarted(current, candidates[0], rules.restart_share)
             if again is not None:  # about which the scan may not show the leader any more
-                best = candidates[0]
-                current, leader = (
-                    again,
-                    compared_if_comparable(best.hypothesis, best.term, again, best.fit),
-                )
+                current, leader = again, recompared(candidates[:1], again)
                 continue
         candidates, best, pair = *_acceptable(current, candidates, needed, rules, refused), None
         there = bool(candidates) and candidates[0].evidence >= needed
@@ -187,9 +186,9 @@ def search(nominal: Fit, seed: int, progress: Progress, rules: Rules = RULES) ->
         accepted.append(accept(best, candidates, current, len(scan.sensitivities)))
         best = accepted[-1].candidate
         most += not best.hypothesis.effect.counted
-        every = _with_known_past(every, current, best)
+        every = with_known_past(every, current, best)
         problem = replace(current.problem, data=every.settled(best.fit.point.seen))
-        current = _with_it(best.fit, problem, scan.sensitivities)
+        current = with_it(best.fit, problem, scan.sensitivities)
         if len(accepted) == 1 < most and _is_left(current):
             # It may stand for two: pairs are compared before a second is looked for beside it,
             # unless contact leaves nothing that they could explain better.
@@ -272,44 +271,3 @@ def _wins(pair: Pair, current: Fit, singles_of: Callable[..., list[Candidate]]) 
         return True
     singles = singles_of(slow=[])
     return not singles or together(current, pair[1]) > singles[0].evidence + TIE_NATS
-
-
-def _with_both(current: Fit, every: Data, pair: Pair, scan: Scan) -> tuple[list[Accepted], Fit]:
-    """Return two effects that were found at once as accepted, and the fit of them to the data of
-    the frames that count."""
-    accepted, found = accepted_pair(pair, len(scan.sensitivities))
-    counts = current.problem.data.mask.any(axis=1, keepdims=True)
-    data = replace(every, mask=every.mask & counts).settled(found.point.seen)
-    return accepted, _with_it(found, replace(current.problem, data=data), scan.sensitivities)
-
-
-def _with_known_past(data: Data, before: Fit, best: Candidate) -> Data:
-    """Return the data without the frames in which the accepted effect acts by what was before the
-    recording or, where something is left to be explained, those may that can occur only now, as
-    friction on what is touched."""
-    found = best.fit
-    setup, x = found.point.setup, found.point.solution.x
-    known = best.hypothesis.effect.path_dependent or not found.forward.instantaneous
-    lost = np.zeros(len(x), dtype=bool) if known else unknown_frames(best)
-    if leaves_something(found):
-        for effect in made_possible(setup, before.point.setup):
-            lost |= effect.begun_before(setup, x)
-    return replace(data, mask=data.mask & ~lost[:, None])
-
-
-def _with_it(found: Fit, problem: FitProblem, sensitivities: list[Sensitivity]) -> Fit:
-    """Return the fit of an accepted effect to all data, with the noise that is left then."""
-    forward = found.forward.starting_from(found.point.solution)
-    if found.forward.instantaneous:
-        noise = no_larger_than_left(problem.noise, found, [])
-        problem = problem.under(with_what_is_missed_alike(noise, found, []))
-        most = FEW_EVALUATIONS if found.point.setup.remembers else EVALUATIONS
-        return fit(forward, problem, found.point.u, most, tolerance=1e-5)
-    known = replace(problem, data=found.problem.data)  # at its stations are the sensitivities
-    for _ in range(REMEASURED):  # less is left, and what is left wanders less
-        known = known.under(wandering_noise(found, sensitivities))
-        forward = forward.corrected(found.point.u)
-        found = fit(forward, known, found.point.u, EVALUATIONS, tolerance=1e-5)
-    if problem.data.material:
-        return found
-    return fit(forward, problem.under(known.noise), found.point.u, EVALUATIONS, tolerance=1e-5)

@@ -16,6 +16,7 @@ from ropefit.diagnosis.limits import Limits
 from ropefit.diagnosis.unexplained import misses_more_than_elsewhere, unexplained
 from ropefit.inference.least_squares import Fit
 
+MOST_LEFT = 3.0  # times the noise, at rest, beside a force that can stand for much else
 CROWDED_FACTOR = 3.0  # thresholds: a scan above it shows one effect more
 
 
@@ -45,7 +46,7 @@ def verdict_of(
     """Return none, found or unknown. crowded: more effects would be needed than may be accepted;
     refused: candidates that were not accepted, and why."""
     explained = _explained(nominal, final, accepted)
-    if crowded:
+    if crowded or _stands_for_another(final, accepted):
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"
@@ -56,6 +57,14 @@ def verdict_of(
     if not accepted and known and (refused or misses_more_than_elsewhere(final)):
         return "unknown"
     return "found" if accepted else "none"
+
+
+def _stands_for_another(final: Fit, accepted: list[Accepted]) -> bool:
+    """Return whether a rope at rest is missed by several times the noise beside a force that can
+    stand for much else."""
+    if not any(one.candidate.hypothesis.effect.stands_for_others for one in accepted):
+        return False
+    return final.forward.instantaneous and final.scale > MOST_LEFT
 
 
 def _as_good_as_noise(final: Fit) -> bool:

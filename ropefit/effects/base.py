@@ -173,6 +173,9 @@ class Effect(ABC):
     # Where it is accepted, a recording is explained down to noise.
     exact: ClassVar[bool] = True
     may_leave: ClassVar[float] = MAY_LEAVE
+    # A force with so many freedoms that it stands for much else: it explains a recording at rest
+    # only where it leaves little more than noise.
+    stands_for_others: ClassVar[bool] = False
     # It belongs to the rope, wherever that is recorded: `--nominal` takes it over.
     of_rope: ClassVar[bool] = False
     # It may come between two recordings of one rope: a law of its material does not.

@@ -24,6 +24,7 @@ class FollowerForce(Effect):
     name = "follower_force"
     locus = "point"
     in_motion = False
+    stands_for_others = True
     vector = ("force", "N")
     constant = "F = F0 in the rope's own frame"
     no_curve = (

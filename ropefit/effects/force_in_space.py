@@ -37,6 +37,7 @@ class ForceInSpace(Effect):
     scanned = False
     late = True
     linear = False
+    stands_for_others = True
     held_out = "stretches"  # the frames that come near it tell most of it
 
     def applies(self, setup: Setup) -> bool:

@@ -18,6 +18,7 @@ from ropefit.artifacts.causes import Cause
 from ropefit.artifacts.observations import DroppedFrame
 from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.control import Controlled
+from ropefit.diagnosis.fewer_frames import FoundBefore
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.rules import Rules
 from ropefit.errors import BadInput
@@ -85,12 +86,15 @@ def at_rest(
                 "nearly every frame is at the edge of its stability, where the least disturbance "
                 "decides the shape; record poses in which the rope hangs firmly"
             )
+        before = (
+            FoundBefore(result.accepted, result.final, np.flatnonzero(~edge)) if result else None
+        )
         if edge.any():
             dropped += _dropped(o.frames[problem.used[edge]], UNSTABLE, context.say)
             problem = problem.without(edge)
             nominal = problem.fitted()
         if result is None or edge.any():
-            result = engine.search(nominal, settings.seed, context.progress, rules)
+            result = engine.search(nominal, settings.seed, context.progress, rules, before)
     assert result is not None
     was, still = nominal.problem.data.mask, result.final.problem.data.mask
     dropped += lost_with_effects(was, still, o.frames[problem.used], context.say)

@@ -148,9 +148,10 @@ def law_moments(slopes: list[Slopes], vector: np.ndarray) -> np.ndarray:
     """Return (F, P, N+1, 2) [N m] derivatives of the moments of a law of bending at vectors (F,
     N+1, 2) that stay."""
     out = np.zeros((len(vector), len(slopes), *vector.shape[1:]))
-    for k, s in enumerate(slopes):
-        if s.springs is not None:
-            out[:, k] = moment_changes(*s.springs, DIFFERENCE_STEP, vector)
+    changed = [k for k, s in enumerate(slopes) if s.springs is not None]
+    pairs = [s.springs for s in slopes if s.springs is not None]
+    for k, moments in zip(changed, moment_changes(pairs, DIFFERENCE_STEP, vector), strict=True):
+        out[:, k] = moments
     return out
 
 

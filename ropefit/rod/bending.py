@@ -8,6 +8,7 @@ it is a sum of springs whose force no longer grows beyond some length: the frict
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -47,21 +48,34 @@ def springs(law: Bending | None, rod: Rod) -> Springs:
     )
 
 
-def moment_changes(a: Springs, b: Springs, step: float, vector: np.ndarray) -> np.ndarray:
-    """Return (F, N+1, 2) [N m] the derivative of the springs' moments from those of two laws `step`
-    to either side, at vectors (F, N+1, 2) that stay."""
-    now = [0.5 * (p + q) for p, q in zip(a, b, strict=True)]
-    pairs = zip(a, b, strict=True)
-    with np.errstate(invalid="ignore"):
-        moved = [np.nan_to_num((q - p) / (2 * step)) for p, q in pairs]
-    drag, centre, slip = now
+def moment_changes(
+    pairs: list[tuple[Springs, Springs]], step: float, vector: np.ndarray
+) -> Iterator[np.ndarray]:
+    """Yield (F, N+1, 2) [N m] the derivative of the springs' moments at vectors (F, N+1, 2) that
+    stay, from the same laws `step` to either side in each of some values."""
+    if not pairs:
+        return
+    drag, centre, slip = (0.5 * (p + q) for p, q in zip(*pairs[0], strict=True))
     strain = vector - centre
     size = np.linalg.norm(strain, axis=-1)[:, None]
     long = size > slip
     share = np.where(long, slip / np.maximum(size, 1e-300), 1.0)
     way = strain / np.maximum(size[:, 0], 1e-300)[..., None]
-    along = (way * moved[1]).sum(-1)
-    out = (moved[0] * share).sum(1)[..., None] * strain
-    out += np.where(long, drag * moved[2], 0.0).sum(1)[..., None] * way
-    across = (drag * share).sum(1)[..., None] * (moved[1] - along[..., None] * way)
-    return out - across - ((drag * ~long).sum(1) * along)[..., None] * way
+    across, short = (drag * share).sum(1)[..., None], (drag * ~long).sum(1)
+    held = np.where(long, drag, 0.0)
+    for before, after in pairs:
+        of_drag, of_centre, of_slip = map(_difference, before, after)
+        out = np.zeros_like(strain)
+        if of_drag.any():
+            out += (of_drag * share).sum(1)[..., None] * strain
+        if of_slip.any():
+            out += (held * of_slip).sum(1)[..., None] * way
+        if of_centre.any():
+            along = (way * of_centre).sum(-1)[..., None]
+            out -= across * (of_centre - along * way) + short[..., None] * along * way
+        yield out / (2 * step)
+
+
+def _difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(after - before)

@@ -54,7 +54,7 @@ def _gauge(arrays: dict[str, np.ndarray], conditions: Conditions) -> np.ndarray:
     # Free to spin: no twist held, no rest curvature, no direction of easier bending, no moment.
     spins = free_to_spin(stiffness, rest) & (moment == 0).all((1, 2))
     friction_elements = conditions.friction_elements
-    if friction_elements is not None:
+    if friction_elements is not None and spins.any():
         away = (friction_elements.centre != 0) | (friction_elements.strain != 0)
         turned = ((friction_elements.drag[..., None] != 0) & away).any((1, 2, 3))
         spins &= ~turned if len(stiffness) == len(conditions.ends) else ~turned.any()
