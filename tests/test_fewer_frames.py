@@ -9,27 +9,31 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ropefit.diagnosis.fewer_frames import FoundBefore, found_again
-from ropefit.diagnosis.rules import RULES, Selection
+from ropefit.diagnosis import search as rounds
+from ropefit.diagnosis.fewer_frames import FoundBefore, pair_again
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.rules import RULES
 from ropefit.diagnosis.search import Diagnosis, search
-from ropefit.effects import PointMass, SupportPlane
+from ropefit.effects import PointMass, StiffSection, SupportPlane
 from ropefit.inference.bins import Data
 from ropefit.inference.least_squares import Fit, fit
-from tests.concealed import nominal_fit, recorded, rope, with_effect
+from tests.concealed import nominal_fit, recorded, rope
 
-MASS, PLACE, NEEDED = 0.002, 0.37, 6.0
+WEIGHT, SECTION, NEEDED = [0.002, 0.37], [2.0, 0.75, 0.2], 6.0
 LEFT = np.array([0, 1, 2, 3, 5, 6, 8, 9, 10, 11])
 
 
 @pytest.fixture(scope="module")
-def weighed() -> Data:
-    return recorded(with_effect(PointMass(), [MASS, PLACE]), seed=1)
+def changed() -> Data:
+    """With a weight, and a stiffer stretch."""
+    setup = StiffSection().apply(rope(288), np.array(SECTION))
+    return recorded(PointMass().apply(setup, np.array(WEIGHT)), seed=1)
 
 
 @pytest.fixture(scope="module")
-def found(weighed) -> Diagnosis:
+def found(changed) -> Diagnosis:
     rules = replace(RULES, effects=("point_mass", "stiff_section"))
-    return search(nominal_fit(weighed), 0, lambda *_: None, rules)
+    return search(nominal_fit(changed), 0, lambda *_: None, rules)
 
 
 def without_frames(found: Diagnosis, data: Data) -> Fit:
@@ -46,49 +50,49 @@ def before(found: Diagnosis) -> FoundBefore:
     return FoundBefore(found.accepted, found.final, LEFT)
 
 
-def test_what_was_found_is_found_again(found, weighed):
-    again = found_again(without_frames(found, weighed), before(found), NEEDED, 10)
+def test_two_that_were_found_are_found_again(found, changed):
+    assert len(found.accepted) == 2
+    again = pair_again(without_frames(found, changed), before(found), [], NEEDED, 10)
     assert again is not None
-    whole, (one,) = again
-    truth = np.array([MASS, PLACE])
+    whole, both = again
     assert len(whole.point.seen) == len(LEFT)
-    assert one.candidate.hypothesis.name == "point_mass"
-    assert (np.abs(one.candidate.values() - truth) < 3 * one.candidate.sd()).all()
-    assert 0.5 * found.accepted[0].evidence < one.evidence < 1.5 * found.accepted[0].evidence
-    assert 0.01 * MASS < one.candidate.sd()[0] < 0.1 * MASS
+    for one in both:
+        truth = {"point_mass": WEIGHT, "stiff_section": SECTION}[one.candidate.hypothesis.name]
+        size, sd = one.candidate.values()[0], one.candidate.sd()[0]
+        assert abs(size - truth[0]) < 3 * sd
+        assert 1e-3 * truth[0] < sd < 0.2 * truth[0]
 
 
 def test_what_the_frames_that_are_left_do_not_show_is_not(found):
     bare = without_frames(found, recorded(rope(288), seed=1))
-    assert found_again(bare, before(found), NEEDED, 10) is None
+    assert pair_again(bare, before(found), [], NEEDED, 10) is None
 
 
-def test_nothing_is_taken_over_of_slow_fits_nor_of_none(found, weighed):
-    current = without_frames(found, weighed)
-    hypothesis = SimpleNamespace(effect=SupportPlane())
+def test_nor_what_explains_no_more_than_one_effect(found, changed):
+    current = without_frames(found, changed)
+    for evidence, taken in ((1e4, False), (10.0, True)):
+        single: Any = SimpleNamespace(evidence=evidence)
+        again = pair_again(current, before(found), [single], NEEDED, 10)
+        assert (again is not None) == taken
+
+
+def test_one_effect_is_looked_for_anew_and_so_is_what_is_slow(found, changed):
+    current = without_frames(found, changed)
+    hypothesis = Hypothesis(SupportPlane(), NO_PLACE)
     slow: Any = SimpleNamespace(candidate=SimpleNamespace(hypothesis=hypothesis))
-    for accepted in ([slow], [*found.accepted, slow], []):
-        assert found_again(current, replace(before(found), accepted=accepted), NEEDED, 10) is None
+    for accepted in ([], found.accepted[:1], [found.accepted[0], slow]):
+        assert (
+            pair_again(current, replace(before(found), accepted=accepted), [], NEEDED, 10) is None
+        )
 
 
-class Counted(Selection):
-    """How often candidates are fitted."""
+def test_a_search_without_frames_ends_with_what_was_found(found, changed, monkeypatch):
+    def never(*_, **__):
+        pytest.fail("pairs are compared anew")
 
-    def __init__(self) -> None:
-        self.rounds = 0
-
-    def candidates(self, *arguments, **named):
-        self.rounds += 1
-        return super().candidates(*arguments, **named)
-
-
-@pytest.mark.parametrize(("again", "rounds"), [(True, 0), (False, 1)])
-def test_a_search_begins_with_what_was_found(found, weighed, again, rounds):
-    selection = Counted()
-    rules = replace(
-        RULES, effects=("point_mass", "stiff_section"), selection=selection, most_effects=1
-    )
-    current = without_frames(found, weighed)
-    result = search(current, 0, lambda *_: None, rules, before(found) if again else None)
-    assert [one.candidate.hypothesis.name for one in result.accepted] == ["point_mass"]
-    assert (result.verdict, selection.rounds) == ("found", rounds)
+    monkeypatch.setattr(rounds, "two_instead", never)
+    rules = replace(RULES, effects=("point_mass", "stiff_section"))
+    result = search(without_frames(found, changed), 0, lambda *_: None, rules, before(found))
+    names = [[one.candidate.hypothesis.name for one in d.accepted] for d in (found, result)]
+    assert sorted(names[0]) == sorted(names[1])
+    assert result.verdict == "found"

@@ -1,7 +1,8 @@
-"""What was found with more frames, fitted to those that are left.
+"""Two effects that were found with more frames, fitted to those that are left.
 
-With an effect, frames may be at the edge of their stability that were not without it. The search
-without them begins with what was found with them, and looks for what else there is.
+With effects, frames may be at the edge of their stability that were not without them. The search is
+repeated without these frames, as they may have misled it, but pairs of effects take long: where two
+were found that still explain more than any single one, no others are looked for.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ from ropefit.diagnosis.accepted import Accepted, accept, close_cost
 from ropefit.diagnosis.candidate import (
     EVALUATIONS,
     TOLERANCE,
+    Candidate,
     best_of,
     comparable,
     compared,
     fit_candidate,
 )
+from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.pairs import together
 from ropefit.diagnosis.reassessment import without_effects
 from ropefit.inference.least_squares import Fit, attempted
 
@@ -33,17 +37,18 @@ class FoundBefore:
     left: np.ndarray
 
 
-def found_again(
-    current: Fit, before: FoundBefore, threshold: float, tried: int
+def pair_again(
+    current: Fit, before: FoundBefore, singles: list[Candidate], threshold: float, tried: int
 ) -> tuple[Fit, list[Accepted]] | None:
-    """Return the fit with all effects that were found with more frames, and these as accepted.
+    """Return the fit with the two effects that were found with more frames, and these as accepted.
 
-    None where there are none, where their fits are slow, and where one would not be accepted beside
-    the others, or not by the same name. current: the model without any, of the frames that are
-    left; tried: how many hypotheses were scanned.
+    None where they are not two, where their fits are slow, where one would not be accepted beside
+    the other, or not by the same name, and where they do not explain more than the best of the
+    `singles`, highest evidence first, by more than a tie. current: the model without any, of the
+    frames that are left; tried: how many hypotheses were scanned.
     """
     effects = [one.candidate.hypothesis.effect for one in before.accepted]
-    if not effects or any(effect.slow or effect.path_dependent for effect in effects):
+    if len(effects) != 2 or any(effect.slow or effect.path_dependent for effect in effects):
         return None
     model = before.final.forward
     forward = current.forward.with_terms(
@@ -53,6 +58,8 @@ def found_again(
         forward, current.problem, before.final.point.u, EVALUATIONS, TOLERANCE, thorough=True
     )
     if whole is None or not comparable(whole, current):
+        return None
+    if singles and together(current, whole) <= singles[0].evidence + TIE_NATS:
         return None
     out = []
     for one in before.accepted:

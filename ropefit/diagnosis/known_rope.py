@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 
-from ropefit.diagnosis.accepted import CLOSE_EVIDENCE
 from ropefit.diagnosis.beginning import settled_start
 from ropefit.diagnosis.candidate import (
     TOLERANCE,
@@ -41,8 +40,8 @@ def from_known_rope(
     the rope is not known, or explains the recording nearly as well as known.
 
     threshold [nats]: evidence that makes a difference; names: of the effects that may be proposed,
-    None for all. Those that may be accepted or named beside the best, by their fits on the coarse
-    mesh, are fitted on the whole one.
+    None for all. Those whose fits on the coarse mesh explain more than the model are fitted on the
+    whole one.
     """
     known = _as_known(current)
     if known is None or 0.5 * (known.cost - current.cost) < threshold:
@@ -58,11 +57,8 @@ def from_known_rope(
         best = begun.get(hypothesis.key)
         if one is not None and (best is None or one[2].cost < best[2].cost):
             begun[hypothesis.key] = one
-    most = current.cost - CLOSE_EVIDENCE * max(
-        (current.cost - fitted.cost for *_, fitted in begun.values()), default=0.0
-    )
-    close = [one for one in begun.values() if one[2].cost <= most]
-    return best_of([_on_whole_mesh(known, current, *one) for one in close])
+    better = [one for one in begun.values() if one[2].cost < current.cost]
+    return best_of([_on_whole_mesh(known, current, *one) for one in better])
 
 
 def _as_known(current: Fit) -> Fit | None:

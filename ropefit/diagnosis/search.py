@@ -22,7 +22,7 @@ from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.contact_anew import contact_anew
 from ropefit.diagnosis.contact_beside import ContactBeside, by_contact
 from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.diagnosis.fewer_frames import FoundBefore, found_again
+from ropefit.diagnosis.fewer_frames import FoundBefore, pair_again
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.fits import Progress
 from ropefit.diagnosis.full_scan import Scan, sensitivities
@@ -110,14 +110,6 @@ def search(
         scan.latent.threshold, latent = limits.latent, scan.latent
         inexact = [one for one in accepted if not one.candidate.hypothesis.effect.exact]
         needed = limits.needed(inexact)
-        again = before and found_again(current, before, needed, len(scan.scores))
-        before = None
-        if again:
-            both, accepted = None, again[1]
-            most += sum(not one.candidate.hypothesis.effect.counted for one in accepted)
-            current = with_it(again[0], current.problem, scan.sensitivities)
-            compared = accepted  # with every pair, where there were more frames
-            continue
         anew = scan.anything(rules) and contact_anew(current, accepted, limits.threshold)
         if anew:
             current, accepted, compared = _weighed_again(
@@ -152,6 +144,12 @@ def search(
             from_known = recompared(from_known, current)
         else:
             from_known = [] if accepted else from_known_rope(current, needed, rules.effects)
+        again = before and pair_again(current, before, from_known, needed, len(scan.scores))
+        before = None
+        if again:
+            current, accepted = with_it(again[0], current.problem, scan.sensitivities), again[1]
+            compared = accepted  # with every pair, where there were more frames
+            continue
         candidates = best_of([*singles_of(slow=slow, known=[*begun, *from_known]), *leader])
         leader = []
         singles = singles if accepted else candidates

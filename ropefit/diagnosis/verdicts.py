@@ -11,6 +11,7 @@ from ropefit.diagnosis.acceptance import (
 )
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.full_scan import Scan
+from ropefit.diagnosis.held_out import by_stretches, heldout_rms
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import Limits
 from ropefit.diagnosis.unexplained import misses_more_than_elsewhere, unexplained
@@ -60,11 +61,12 @@ def verdict_of(
 
 
 def _stands_for_another(final: Fit, accepted: list[Accepted]) -> bool:
-    """Return whether a rope at rest is missed by several times the noise beside a force that can
-    stand for much else."""
+    """Return whether held-out data of a rope at rest are missed by several times the noise beside a
+    force that can stand for much else."""
     if not any(one.candidate.hypothesis.effect.stands_for_others for one in accepted):
         return False
-    return final.forward.instantaneous and final.scale > MOST_LEFT
+    missed, noise = heldout_rms(final, by_stretches(final))
+    return final.forward.instantaneous and missed > MOST_LEFT * noise
 
 
 def _as_good_as_noise(final: Fit) -> bool:

@@ -16,6 +16,10 @@ class LostOutOfPlane(Effect):
     kind = "measurement"
     quantities = (Quantity("share", "1", 0.5, 0.0, 1.0),)
 
+    def applies(self, setup: Setup) -> bool:
+        # Where an end is not known the plane is that of the points, and follows their noise.
+        return not bool(np.isnan(setup.ends).any())
+
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         sensor = setup.sensor
         return setup._replace(sensor=sensor._replace(flat=sensor.flat + values[0]))
