@@ -13,7 +13,7 @@ from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.proposals import proposals
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import RULES
-from ropefit.diagnosis.search import _with_known_past
+from ropefit.diagnosis.with_accepted import with_known_past
 from ropefit.effects import ContactFriction, Obstacle, SupportPlane
 from ropefit.effects.place import horizontal, middle_of
 from ropefit.inference.least_squares import fit
@@ -286,7 +286,7 @@ def test_friction_is_looked_for_without_the_frames_of_an_unknown_past():
         term = hypothesis.term(alone.base, np.array([height, 0.0, 0.0]))
         fitted = fit(alone.with_terms([bend, term]), problem, evaluations=3)
         plane = compared(hypothesis, term, nominal, fitted)
-        data = _with_known_past(problem.data, nominal, plane)
+        data = with_known_past(problem.data, nominal, plane)
         dropped[mu] = np.flatnonzero(problem.data.mask.any(1) & ~data.mask.any(1)).tolist()
     assert dropped == {0.0: [], ROUGH: [0, 1, 2]}
     (move,) = _beside(nominal, [plane], RULES)

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import ropefit
-from benchmarks.accuracy.wrong_nominal import FREE, drawn, judged, recorded
+from benchmarks.accuracy.wrong_nominal import ALWAYS, FREE, drawn, foreign, judged, lacked, recorded
+from reference_simulators.planar_cable import Cable
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
 from ropefit.artifacts import Model, Observations
@@ -13,8 +14,8 @@ from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.candidates import fit_candidates
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.noise_measurement import on_edge
-from ropefit.diagnosis.search import EVALUATIONS
 from ropefit.diagnosis.wander import with_what_is_missed_alike
+from ropefit.diagnosis.with_accepted import EVALUATIONS
 from ropefit.effects.point_mass import PointMass
 from ropefit.fitting import equilibrium
 from ropefit.fitting.nominal import (
@@ -106,3 +107,24 @@ def test_what_is_named_instead_of_the_weight_counts_as_wrong_unless_it_ties():
     other = judged(row("found", effect("weight_error")))
     assert (other["in the set"], other["silent"]) == (False, False)
     assert judged(row("unknown"))["silent"]
+
+
+def test_what_a_cable_has_not_counts_as_wrong_in_its_own_diagnosis():
+    def named(*effects: tuple[str, ...]) -> list[str]:
+        own = [{"name": name, "equivalent_to": list(others)} for name, *others in effects]
+        return foreign({"alone": {"effects": own}, "lacked": ["kink", "bending_law"]})
+
+    assert named(("force_field",), ("kink",)) == ["force_field"]
+    assert named(("clamped_end", "kink"), ("bending_law", "force_field")) == []
+    assert named() == foreign({"alone": None, "lacked": []}) == []
+
+
+def test_what_a_cable_has_is_read_from_it():
+    pair = drawn(np.random.default_rng(SEED))
+    plain = Cable(0.5, 0.2, np.full(40, 1e-3), np.zeros(40))
+    assert lacked(replace(pair, cable=plain)) == ALWAYS
+    rubbing = replace(plain, slip=1.0, rub=0.2, weights=((1.0, 0.01),))
+    assert "bending_hysteresis" in lacked(replace(pair, cable=rubbing))
+    assert "point_mass" in lacked(replace(pair, cable=rubbing))
+    soft = replace(plain, soft=9.0, bend=np.linspace(1e-3, 2e-3, 40))
+    assert {"bending_law", "soft_section"} <= lacked(replace(pair, cable=soft))
