@@ -9,6 +9,8 @@ from ropefit.inference.bins import Data
 from ropefit.inference.noise import Noise
 from ropefit.models.priors import PAIR, Priors
 
+UNKNOWN_OFFSET = 0.005  # m: of markers on a rope of unknown diameter
+
 
 def noise_of(o: Observations, data: Data) -> Noise:
     """Return white noise only: that of markers is measured by preprocess, that of points by
@@ -22,6 +24,15 @@ def noise_of(o: Observations, data: Data) -> Noise:
     if not o.marker_offset:
         return Noise(marker=own)
     return Noise(marker=float(np.hypot(own, o.marker_offset / 3**0.5)), sensor=own)
+
+
+def off_axis_sd(o: Observations) -> float:
+    """Return [m] one sigma, in each direction across, of how far markers lie off the rope's axis:
+    as told, or on its surface; 0 of what is no marker."""
+    if o.source != "markers":
+        return 0.0
+    on_surface = 0.5 * o.diameter if o.diameter else UNKNOWN_OFFSET
+    return (o.marker_offset or on_surface) / 2**0.5
 
 
 def priors_of(o: Observations) -> Priors:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ropefit.adapters.frames import spread_evenly
-from ropefit.adapters.priors import noise_of
+from ropefit.adapters.priors import noise_of, off_axis_sd
 from ropefit.adapters.rope_setup import (
     STATIONS,
     base_setup,
@@ -28,6 +28,7 @@ from ropefit.fitting.nominal import (
 )
 from ropefit.inference.least_squares import Fit
 from ropefit.inference.problem import FitProblem
+from ropefit.models.priors import markers_off_axis
 from ropefit.models.terms import Term
 from ropefit.rod.setup import Setup
 
@@ -99,6 +100,7 @@ def posed(
     terms += [term for _, _, term in taken]
     if errors:
         terms += set_up_errors(setup, o, rope.calibration)
+        terms += markers_off_axis(setup, off_axis_sd(o))
     coarser = described(fewer)[1] if fewer else None
     return Posed(used, setup, coarser, terms, taken, FitProblem(data, noise, STATIONS))
 

@@ -146,7 +146,7 @@ def _rod_of(setup: Setup) -> Rod:
 
 
 def _point(u: np.ndarray, setup: Setup, solution: Solution) -> Point:
-    seen = setup.sensor(solution.x).copy()
+    seen = setup.seen(solution.x, solution.q)
     seen[~solution.converged] = np.nan
     return Point(u, setup, solution, seen)
 

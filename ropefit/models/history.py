@@ -27,6 +27,7 @@ from ropefit.models.response import (
     directions_of,
     law_moments,
     same_rod,
+    seen_move,
     slopes_of,
     turned_to_bends,
     with_axial_law,
@@ -88,6 +89,7 @@ class WalkedPoint(Point):
         rubbing = rubbings(self.whole, everywhere, [s.grips for s in self.steps], self.path.x)
         rest, load = (in_frames(d, frames) for d in (directions.rest, directions.load))
         out = np.zeros((frames, count, nodes, 3))
+        seen = np.zeros_like(out)
         branches = len(self.laws.fresh)
         change = State(np.empty(0), np.zeros((count, branches, nodes, 2)))
         moved = np.zeros((len(rubbing), count, nodes, 3))  # of where friction holds the nodes
@@ -96,7 +98,7 @@ class WalkedPoint(Point):
                 change = State(rest[t, :, :, :2], np.zeros_like(change.strain))
                 moved[:] = 0.0
             if not step.solution.converged[0]:
-                out[t] = np.nan
+                seen[t] = np.nan
                 continue
             p = darboux(step.solution)[0]
             answer = memory.answer(
@@ -111,12 +113,13 @@ class WalkedPoint(Point):
             own = own._replace(rest=rest[t : t + 1])
             drawn = load[t] + sum(r.drawn(t, a) for r, a in zip(rubbing, moved, strict=True))
             out[t], turns = _with_friction(step, own, drawn, [r.missed[t] for r in rubbing])
+            seen[t] = seen_move(self.whole, step.solution.q, out[t : t + 1], turns[None])[0]
             change = answer.then(
                 vector_change(p, turns, None if own.clamp is None else own.clamp[0])
             )
             for r, a in zip(rubbing, moved, strict=True):
                 a[:] = r.then(t, a, out[t])
-        return add_sensor(out, slopes, self.setup.sensor)[:, self.shown]
+        return add_sensor(seen, slopes, self.setup.sensor)[:, self.shown]
 
 
 def _with_friction(

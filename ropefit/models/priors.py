@@ -12,8 +12,9 @@ import numpy as np
 
 from ropefit.effects import CATALOGUE, Effect
 from ropefit.effects.ends import turned_clamp
+from ropefit.effects.place import QUARTERS
 from ropefit.models.terms import Apply, Term
-from ropefit.rod.setup import Setup
+from ropefit.rod.setup import Setup, twist_held
 
 DEGREE = math.pi / 180
 PAIR = 30.0  # degrees: how far the line of two held markers may lie from the rope's own
@@ -90,6 +91,23 @@ def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0
                 )
             )  # fmt: skip
     return terms
+
+
+def markers_off_axis(setup: Setup, sd: float) -> list[Term]:
+    """Return what may lie between markers and the rope's axis: offsets [m] across it that turn with
+    the rope, of one sigma `sd` each at its quarters, and none at its beginning. None where no clamp
+    says which way the rope is turned."""
+    if not twist_held(setup) or sd <= 0:
+        return []
+    names = [f"{axis}_at_{place}" for axis in (1, 2) for place in QUARTERS[1:]]
+    return [nuisance("off_axis", names, ["m"] * len(names), _off_axis, [sd] * len(names))]
+
+
+def _off_axis(setup: Setup, v: np.ndarray) -> Setup:
+    share, places = setup.arc / setup.arc[-1], 0.01 * np.array(QUARTERS)
+    parts = [np.interp(share, places, [0.0, *part]) for part in v.reshape(2, -1)]
+    before = 0.0 if setup.off_axis is None else setup.off_axis
+    return setup._replace(off_axis=before + np.stack(parts, axis=-1))
 
 
 def _small_effect(

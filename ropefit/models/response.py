@@ -15,6 +15,7 @@ import numpy as np
 from ropefit.models.bends import vectors
 from ropefit.rod.axial import at_tension
 from ropefit.rod.bending import Springs, moment_changes, springs
+from ropefit.rod.off_axis import off_axis, off_axis_turned
 from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import DIMS, Rod
 from ropefit.rod.setup import SensorModel, Setup
@@ -72,8 +73,8 @@ class Point:
         """Yield the same for so `many` loads (f, P, K, 3) [N] on the nodes of a rope at rest, as
         given for indices (f,) of frames."""
         for index, few in in_parts(self.solution, many):
-            dx, _ = tangent(few, Directions(load=load(index)))
-            yield index, np.moveaxis(dx, 1, 0)
+            moved = tangent(few, Directions(load=load(index)))
+            yield index, np.moveaxis(seen_move(self.setup, few.q, *moved), 1, 0)
 
     def _moved(self, solution: Solution, slopes: list[Slopes], turned: bool) -> np.ndarray:
         """Return (P, f, K, 3) changes of the nodes as seen in the frames of a solution."""
@@ -86,8 +87,16 @@ class Point:
                 directions = turned_to_bends(directions, solution.rod, vectors(solution))
             directions = with_law(directions, solution, moving)
             directions = with_axial_law(directions, solution.rod, [solution], moving)
-            dx[:, which] = tangent(solution, directions)[0]
+            dx[:, which] = seen_move(self.setup, solution.q, *tangent(solution, directions))
         return add_sensor(dx, slopes, self.setup.sensor)
+
+
+def seen_move(setup: Setup, q: np.ndarray, dx: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return (F, P, N+1, 3) changes of what is seen on a rope with frames q (F, N, 4), of changes
+    dx (F, P, N+1, 3) of its nodes and turns (F, P, N, 3) of its frames."""
+    if setup.off_axis is None:
+        return dx
+    return dx + off_axis_turned(setup.off_axis, q, turn)
 
 
 def in_parts(solution: Solution, many: int) -> Iterator[tuple[np.ndarray, Solution]]:
@@ -270,7 +279,12 @@ def _slopes(
         axial = slope(a.axial, b.axial)
     clamp = turn_slope(now.clamp, a.clamp, b.clamp)
     ends = np.zeros(a.ends.shape) if a.ends is b.ends else slope(a.ends, b.ends)
-    seen = sensor_slope(a, b, x)
+    beside = x if now.off_axis is None else x + off_axis(now.off_axis, q)
+    seen = sensor_slope(a, b, beside)
+    if a.off_axis is not b.off_axis:
+        assert a.off_axis is not None
+        assert b.off_axis is not None
+        seen = seen + off_axis(slope(a.off_axis, b.off_axis), q)
     return Slopes(rod, force, ends, clamp, seen, law, axial, same_rod=rod is still)
 
 

@@ -93,7 +93,7 @@ def walk(
             state = memory.after(law, t, first, state, vectors(solution)[0])
             grips = [friction.after(p, g, x) for p, g in zip(rough, grips, strict=True)]
     solution = merged([steps[t].solution for t in picked])
-    seen = setup.sensor(solution.x).copy()
+    seen = setup.seen(solution.x, solution.q)
     seen[~solution.converged] = np.nan
     path = stacked([step.solution for step in steps])
     return WalkedPoint(u, setup, solution, seen, whole, picked, law, steps, path, parts)
@@ -136,7 +136,7 @@ def _walked(
     every = every.copy()
     every.q[:] = np.concatenate([step.solution.q for step in steps])
     solution = every.frames(shown)
-    seen = setup.sensor(solution.x).copy()
+    seen = setup.seen(solution.x, solution.q)
     parts = np.ones(len(begins), dtype=int)
     return WalkedPoint(u, setup, solution, seen, whole, shown, law, steps, every.states, parts)
 

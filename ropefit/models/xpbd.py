@@ -74,11 +74,11 @@ class Xpbd(Model):
             np.full(frames, self.algorithm.settings.total), np.full(frames, np.nan), setup.rod(),
             held,
         )  # fmt: skip
-        return XpbdPoint(u, setup, solution, setup.sensor(x).copy(), self)
+        return XpbdPoint(u, setup, solution, setup.seen(x, q), self)
 
     def seen_of(self, setup: Setup) -> np.ndarray:
         """Return (F, K, 3) [m] where a setup's nodes are seen."""
-        return setup.sensor(self._iterated(setup)[0])
+        return setup.seen(*self._iterated(setup))
 
     def kept(self, point: Point) -> Arrays:
         """Return nothing: the iterations are run again, and take a second."""

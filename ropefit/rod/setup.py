@@ -14,6 +14,7 @@ from ropefit.rod.bending import Bending
 from ropefit.rod.either import Array, like
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
+from ropefit.rod.off_axis import off_axis
 from ropefit.rod.path import EndPath
 from ropefit.rod.potential import Potential
 from ropefit.rod.quaternion import cross, norms
@@ -135,7 +136,8 @@ class Setup(NamedTuple):
     `rod.axial`; drag (11,): that of the air, see `Moving`;
     springs (N+1,) [N/m] of the nodes to the origin, and bodies (b, 8) that they touch, in motion,
     see `Moving`; followers: forces that turn with the rope. weights (n,) or (F, n): of the moves of
-    Algorithm 1, where that finds the shape.
+    Algorithm 1, where that finds the shape. off_axis (N+1, 2) [m]: of what is seen
+    of it, along the rope's first two directors.
     """
 
     properties: Properties
@@ -165,6 +167,7 @@ class Setup(NamedTuple):
     bodies: np.ndarray | None = None
     followers: tuple[Follower, ...] = ()
     weights: np.ndarray | None = None
+    off_axis: np.ndarray | None = None
 
     @property
     def rubs(self) -> bool:
@@ -241,6 +244,13 @@ class Setup(NamedTuple):
             end_path=self.end_path.frames(index) if self.end_path else None,
             weights=w[index] if (w := self.weights) is not None and w.ndim == 2 else w,
         )
+
+    def seen(self, x: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return a copy (F, N+1, 3) [m] of where nodes x (F, N+1, 3) [m] are reported of a rope
+        whose segments have frames q (F, N, 4)."""
+        if self.off_axis is not None:
+            x = x + off_axis(self.off_axis, q)
+        return self.sensor(x).copy()
 
     def rod(self) -> Rod:
         """Return the discrete rod with all its loads."""
