@@ -24,7 +24,7 @@ from ropefit.diagnosis.rules import Rules
 from ropefit.errors import BadInput
 from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal_motion import UNRESOLVED, nominal_in_motion
-from ropefit.fitting.posed import FEWEST_FRAMES, KnownRope, posed
+from ropefit.fitting.posed import FEWEST_FRAMES, KnownRope, Posed, posed
 from ropefit.inference.least_squares import Fit
 from ropefit.runs.protocol import Context
 
@@ -76,26 +76,23 @@ def at_rest(
     problem = posed(o, rope, settings, rules.calibration)
     if control:
         rules = replace(rules, selection=Controlled(control))
-    nominal, result, dropped = problem.fitted(), None, []
-    for _ in range(2):  # with an effect, other frames may be near instability
-        edge = on_edge(result.final if result else nominal)
-        if (~edge).sum() < FEWEST_FRAMES:
-            if result:
-                break
-            raise BadInput(
-                "nearly every frame is at the edge of its stability, where the least disturbance "
-                "decides the shape; record poses in which the rope hangs firmly"
-            )
-        before = (
-            FoundBefore(result.accepted, result.final, np.flatnonzero(~edge)) if result else None
+    firm = _firm(problem)
+    if firm is None:
+        raise BadInput(
+            "nearly every frame is at the edge of its stability, where the least disturbance "
+            "decides the shape; record poses in which the rope hangs firmly"
         )
-        if edge.any():
-            dropped += _dropped(o.frames[problem.used[edge]], UNSTABLE, context.say)
-            problem = problem.without(edge)
-            nominal = problem.fitted()
-        if result is None or edge.any():
-            result = engine.search(nominal, settings.seed, context.progress, rules, before)
-    assert result is not None
+    dropped = _unstable(o, problem, firm[0], context)
+    problem, nominal = firm
+    result = engine.search(nominal, settings.seed, context.progress, rules)
+    edge = on_edge(result.final)  # with an effect, other frames may be near instability
+    firm = _firm(problem.without(edge)) if edge.any() and _enough(edge) else None
+    if firm is not None:
+        left = np.flatnonzero(np.isin(problem.used, firm[0].used))
+        dropped += _unstable(o, problem, firm[0], context)
+        problem, nominal = firm
+        before = FoundBefore(result.accepted, result.final, left)
+        result = engine.search(nominal, settings.seed, context.progress, rules, before)
     was, still = nominal.problem.data.mask, result.final.problem.data.mask
     dropped += lost_with_effects(was, still, o.frames[problem.used], context.say)
     nodes, every = len(o.node_arc), segments_of(o) // (len(o.node_arc) - 1)
@@ -105,6 +102,28 @@ def at_rest(
     )  # fmt: skip
     fields = {"known": _as_fitted(problem.taken, result.final), "dropped": dropped}
     return content(o, result, layout) | fields
+
+
+def _firm(problem: Posed) -> tuple[Posed, Fit] | None:
+    """Return a problem without frames at the edge of stability, and its nominal fit; None where
+    next to none are left. Without some frames, others may be at the edge."""
+    while True:
+        nominal = problem.fitted()
+        edge = on_edge(nominal)
+        if not _enough(edge):
+            return None
+        if not edge.any():
+            return problem, nominal
+        problem = problem.without(edge)
+
+
+def _enough(edge: np.ndarray) -> bool:
+    return int((~edge).sum()) >= FEWEST_FRAMES
+
+
+def _unstable(o: Observations, was: Posed, now: Posed, context: Context) -> list[DroppedFrame]:
+    """Return the frames that are in a problem no longer, as excluded, and say so."""
+    return _dropped(o.frames[np.setdiff1d(was.used, now.used)], UNSTABLE, context.say)
 
 
 def _dropped(
