@@ -17,9 +17,9 @@ from ropefit.models.bends import (
     vector_change,
     vectors,
 )
+from ropefit.models.differences import DIFFERENCE_STEP
 from ropefit.models.increments import in_increments
 from ropefit.models.response import (
-    DIFFERENCE_STEP,
     Change,
     Parts,
     Point,

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ropefit.models.bends import vectors
+from ropefit.models.differences import DIFFERENCE_STEP, sensor_slope, slope, turn_slope
 from ropefit.rod.axial import at_tension
 from ropefit.rod.bending import Springs, moment_changes, springs
 from ropefit.rod.off_axis import off_axis, off_axis_turned
-from ropefit.rod.quaternion import conjugate_product
 from ropefit.rod.rod import DIMS, Rod
 from ropefit.rod.setup import SensorModel, Setup
 from ropefit.solvers.equilibrium.followers import loads, rotated
@@ -29,9 +29,7 @@ from ropefit.solvers.equilibrium.solution import Solution, States
 Change = Callable[[float], Setup]
 # Indices (f,) of frames, and changes (P, f, K, 3) of the nodes there.
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
-DIFFERENCE_STEP = 1e-5
 LOAD = Rod._fields.index("load")
-SMALL_ERRORS = {"rotation", "gain", "shift", "depth"}  # of a sensor, in which it is linear
 AT_ONCE, FEWEST = 4e6, 8  # bytes of answers in memory at once, of that many frames at least
 
 
@@ -288,23 +286,6 @@ def _slopes(
     return Slopes(rod, force, ends, clamp, seen, law, axial, same_rod=rod is still)
 
 
-def sensor_slope(a: Setup, b: Setup, x: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) the central difference of what is seen of nodes x that stay; (1,) zero where
-    the sensor does not change. Of the small errors, which are linear, the difference is exact."""
-    if a.sensor is b.sensor:
-        return np.zeros(1)
-    pairs = zip(SensorModel._fields, a.sensor, b.sensor, strict=True)
-    changed = {name for name, p, q in pairs if not (p is q or np.array_equal(p, q))}
-    if not changed:
-        return np.zeros(1)
-    if not changed <= SMALL_ERRORS or a.sensor.flat.any():
-        return slope(a.sensor(x), b.sensor(x))
-    fields = {
-        name: slope(getattr(a.sensor, name), getattr(b.sensor, name)) for name in SMALL_ERRORS
-    }
-    return a.sensor._replace(**fields).errors(a.sensor.nodes(x))
-
-
 def same_rod(a: Setup, b: Setup) -> bool:
     """Return whether two setups have the same rod: all that it is built from is equal."""
     parts = _built_from, _loaded_by
@@ -324,19 +305,3 @@ def _loaded_by(setup: Setup) -> list[np.ndarray]:
 
 def _equal(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> bool:
     return all(p is q or np.array_equal(p, q) for p, q in zip(first, second, strict=True))
-
-
-def turn_slope(now: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 3) central difference of clamps (F, 2, 4) as turns about their own axes
-    `now`."""
-    if before is after or np.array_equal(before, after, equal_nan=True):
-        return np.zeros((*now.shape[:-1], 3))
-    turns = (conjugate_product(now, clamp)[..., 1:] for clamp in (before, after))
-    return 2 * slope(*turns)
-
-
-def slope(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return the central difference; zero where the values are not finite."""
-    with np.errstate(invalid="ignore"):
-        out = (after - before) / (2 * DIFFERENCE_STEP)
-    return out if np.isfinite(out).all() else np.nan_to_num(out, posinf=0.0, neginf=0.0)
