@@ -20,7 +20,7 @@ from ropefit.effects import PointMass
 from ropefit.fitting.posed import KnownRope, posed
 from ropefit.inference.least_squares import Fit, attempted
 
-SEED, NEEDED = 274, 6.0
+SEED, NEEDED, THIN = 274, 6.0, 1e-4
 
 
 def bare(pair: Pair, even: bool) -> Pair:
@@ -33,7 +33,9 @@ def bare(pair: Pair, even: bool) -> Pair:
 def known(pair: Pair, folder: Path) -> list[Fit]:
     """The nominal fits to recordings without and with the weight, known from the first."""
     every = [
-        ropefit.preprocess(recorded(pair, weights, folder / f"{k}", 2 * SEED + k))
+        ropefit.preprocess(recorded(pair, weights, folder / f"{k}", 2 * SEED + k)).model_copy(
+            update={"diameter": THIN}  # markers on its surface: next to none off the axis
+        )
         for k, weights in enumerate(((), (pair.weight,)))
     ]
     rope = KnownRope(ropefit.fit(every[0], free=FREE.split(",")), elsewhere=True)
