@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 import ropefit
-from benchmarks.accuracy.wrong_nominal import ALWAYS, FREE, drawn, foreign, judged, lacked, recorded
+from benchmarks.accuracy.wrong_nominal import (
+    ALWAYS,
+    FREE,
+    drawn,
+    judged,
+    named_falsely,
+    recorded,
+    true_effects,
+)
 from reference_simulators.planar_cable import Cable
 from ropefit.adapters.priors import noise_of
 from ropefit.adapters.rope_setup import STATIONS, base_setup, data_in_space, segments_of
@@ -109,22 +117,22 @@ def test_what_is_named_instead_of_the_weight_counts_as_wrong_unless_it_ties():
     assert judged(row("unknown"))["silent"]
 
 
-def test_what_a_cable_has_not_counts_as_wrong_in_its_own_diagnosis():
+def test_an_effect_that_the_cable_does_not_have_is_named_falsely():
     def named(*effects: tuple[str, ...]) -> list[str]:
         own = [{"name": name, "equivalent_to": list(others)} for name, *others in effects]
-        return foreign({"alone": {"effects": own}, "lacked": ["kink", "bending_law"]})
+        return named_falsely({"alone": {"effects": own}, "true_effects": ["kink", "bending_law"]})
 
     assert named(("force_field",), ("kink",)) == ["force_field"]
     assert named(("clamped_end", "kink"), ("bending_law", "force_field")) == []
-    assert named() == foreign({"alone": None, "lacked": []}) == []
+    assert named() == named_falsely({"alone": None, "true_effects": []}) == []
 
 
-def test_what_a_cable_has_is_read_from_it():
+def test_the_true_effects_are_those_of_the_cable():
     pair = drawn(np.random.default_rng(SEED))
     plain = Cable(0.5, 0.2, np.full(40, 1e-3), np.zeros(40))
-    assert lacked(replace(pair, cable=plain)) == ALWAYS
+    assert true_effects(replace(pair, cable=plain)) == ALWAYS
     rubbing = replace(plain, slip=1.0, rub=0.2, weights=((1.0, 0.01),))
-    assert "bending_hysteresis" in lacked(replace(pair, cable=rubbing))
-    assert "point_mass" in lacked(replace(pair, cable=rubbing))
+    assert "bending_hysteresis" in true_effects(replace(pair, cable=rubbing))
+    assert "point_mass" in true_effects(replace(pair, cable=rubbing))
     soft = replace(plain, soft=9.0, bend=np.linspace(1e-3, 2e-3, 40))
-    assert {"bending_law", "soft_section"} <= lacked(replace(pair, cable=soft))
+    assert {"bending_law", "soft_section"} <= true_effects(replace(pair, cable=soft))

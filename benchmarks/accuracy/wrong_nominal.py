@@ -72,7 +72,7 @@ def drawn(rng: np.random.Generator) -> Pair:
     return Pair(cable, (place, added), told + rng.normal(0, ASKEW), told, places, offsets)
 
 
-def lacked(pair: Pair) -> frozenset[str]:
+def true_effects(pair: Pair) -> frozenset[str]:
     """Return the names of the effects that a cable has without its added weight."""
     cable, out = pair.cable, set(ALWAYS)
     if np.isfinite(cable.slip):
@@ -129,7 +129,7 @@ def tried(seed: int) -> dict[str, Any]:
     return {
         "seed": seed, "longest": longest, "mass": mass, "place_m": place * pair.cable.length,
         "length_m": pair.cable.length, "rms_nominal_m": fitted["answer"]["rms_fit_m"],
-        "alone": alone["answer"], "lacked": sorted(lacked(pair)), **found,
+        "alone": alone["answer"], "true_effects": sorted(true_effects(pair)), **found,
     }  # fmt: skip
 
 
@@ -163,11 +163,11 @@ def judged(row: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def foreign(row: dict[str, Any]) -> list[str]:
-    """Return the effects that the nominal recording's own diagnosis names, and that its cable has
-    not, nor those of a tie with them."""
+def named_falsely(row: dict[str, Any]) -> list[str]:
+    """Return the effects that the diagnosis of the nominal recording alone names, where the cable
+    has neither them nor any that ties with them."""
     effects = row["alone"]["effects"] if row["alone"] else []
-    has = set(row["lacked"])
+    has = set(row["true_effects"])
     return [e["name"] for e in effects if not has & {e["name"], *e["equivalent_to"]}]
 
 
@@ -185,7 +185,7 @@ def table(rows: list[dict[str, Any]], seeds: str) -> str:
         for row, one in zip(rows, every, strict=True)
         if one["first"] and not (one["mass holds"] and one["place holds"])
     ]
-    alone = [f"{row['seed']} ({', '.join(names)})" for row in rows if (names := foreign(row))]
+    alone = [f"{row['seed']} ({', '.join(names)})" for row in rows if (names := named_falsely(row))]
     median = 1e3 * np.median([row["rms_nominal_m"] for row in rows])
     half = f"{100 * np.median([one['half'] for one in named]):.0f} %" if named else "-"
     longest = max(row["longest"] for row in rows)
@@ -202,7 +202,7 @@ def table(rows: list[dict[str, Any]], seeds: str) -> str:
         f"| something else named, without the weight in the set | {len(wrong)} |",
         f"| mass inside its 95 % interval | {_of(named, 'mass holds')} |",
         f"| place inside its 95 % interval | {_of(named, 'place holds')} |",
-        f"| the nominal recording alone: an effect named that its cable has not | {len(alone)} |",
+        f"| nominal recording alone: an effect named that the cable lacks | {len(alone)} |",
         f"| longest processor time of a recording, all stages [s] | {longest:.1f} |",
         "",
         f"Half an interval of the mass: {half} of the mass (median). Named wrongly:",

@@ -27,8 +27,8 @@ def noise_of(o: Observations, data: Data) -> Noise:
 
 
 def off_axis_sd(o: Observations) -> float:
-    """Return [m] one sigma, in each direction across, of how far markers lie off the rope's axis:
-    as told, or on its surface; 0 of what is no marker."""
+    """Return [m] one sigma of the offset of markers from the rope's axis, in each direction across
+    it: from the recording, else from its radius; 0 for other sensors."""
     if o.source != "markers":
         return 0.0
     on_surface = 0.5 * o.diameter if o.diameter else UNKNOWN_OFFSET

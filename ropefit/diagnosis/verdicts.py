@@ -63,10 +63,11 @@ def verdict_of(
 def _stands_for_another(final: Fit, accepted: list[Accepted]) -> bool:
     """Return whether held-out data of a rope at rest are missed by several times the noise beside a
     force that can stand for much else."""
-    if not any(one.candidate.hypothesis.effect.stands_for_others for one in accepted):
+    effects = [one.candidate.hypothesis.effect for one in accepted]
+    if not (final.forward.instantaneous and any(e.stands_for_others for e in effects)):
         return False
     missed, noise = heldout_rms(final, by_stretches(final))
-    return final.forward.instantaneous and missed > MOST_LEFT * noise
+    return missed > MOST_LEFT * noise
 
 
 def _as_good_as_noise(final: Fit) -> bool:

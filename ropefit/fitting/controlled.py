@@ -10,10 +10,9 @@ import numpy as np
 from ropefit.adapters.causes import effect_of
 from ropefit.adapters.settings import NOMINAL_OBSERVATIONS, DiagnoseSettings
 from ropefit.artifacts import Observations
-from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.diagnosis.unexplained import UNLIKE_ELSEWHERE
 from ropefit.errors import NotConverged
-from ropefit.fitting.posed import FEWEST_FRAMES, KnownRope, posed
+from ropefit.fitting.posed import KnownRope, posed
 from ropefit.inference.least_squares import Fit
 from ropefit.runs.protocol import Context
 
@@ -53,10 +52,7 @@ def _control(there: Observations, rope: KnownRope, settings: DiagnoseSettings) -
     stability; None where it does not settle there."""
     problem = posed(there, rope, settings)
     try:
-        fitted = problem.fitted()
-        edge = on_edge(fitted)
-        if not edge.any() or (~edge).sum() < FEWEST_FRAMES:
-            return fitted
-        return problem.without(edge).fitted()
+        firm = problem.firm()
+        return firm[1] if firm else problem.fitted()
     except NotConverged:
         return None

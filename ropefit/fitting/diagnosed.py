@@ -24,7 +24,7 @@ from ropefit.diagnosis.rules import Rules
 from ropefit.errors import BadInput
 from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal_motion import UNRESOLVED, nominal_in_motion
-from ropefit.fitting.posed import FEWEST_FRAMES, KnownRope, Posed, posed
+from ropefit.fitting.posed import KnownRope, Posed, posed
 from ropefit.inference.least_squares import Fit
 from ropefit.runs.protocol import Context
 
@@ -76,7 +76,7 @@ def at_rest(
     problem = posed(o, rope, settings, rules.calibration)
     if control:
         rules = replace(rules, selection=Controlled(control))
-    firm = _firm(problem)
+    firm = problem.firm()
     if firm is None:
         raise BadInput(
             "nearly every frame is at the edge of its stability, where the least disturbance "
@@ -86,7 +86,7 @@ def at_rest(
     problem, nominal = firm
     result = engine.search(nominal, settings.seed, context.progress, rules)
     edge = on_edge(result.final)  # with an effect, other frames may be near instability
-    firm = _firm(problem.without(edge)) if edge.any() and _enough(edge) else None
+    firm = problem.without(edge).firm() if edge.any() else None
     if firm is not None:
         left = np.flatnonzero(np.isin(problem.used, firm[0].used))
         dropped += _unstable(o, problem, firm[0], context)
@@ -102,23 +102,6 @@ def at_rest(
     )  # fmt: skip
     fields = {"known": _as_fitted(problem.taken, result.final), "dropped": dropped}
     return content(o, result, layout) | fields
-
-
-def _firm(problem: Posed) -> tuple[Posed, Fit] | None:
-    """Return a problem without frames at the edge of stability, and its nominal fit; None where
-    next to none are left. Without some frames, others may be at the edge."""
-    while True:
-        nominal = problem.fitted()
-        edge = on_edge(nominal)
-        if not _enough(edge):
-            return None
-        if not edge.any():
-            return problem, nominal
-        problem = problem.without(edge)
-
-
-def _enough(edge: np.ndarray) -> bool:
-    return int((~edge).sum()) >= FEWEST_FRAMES
 
 
 def _unstable(o: Observations, was: Posed, now: Posed, context: Context) -> list[DroppedFrame]:

@@ -19,6 +19,7 @@ from ropefit.adapters.rope_setup import (
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.adapters.taken_over import TakenOver, of_rope
 from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.fitting.free_law import own_laws
 from ropefit.fitting.nominal import (
     nominal_at_rest,
@@ -70,6 +71,19 @@ class Posed:
             self, used=self.used[firm], setup=self.setup.frames(firm),
             coarser=self.coarser and self.coarser.frames(firm), problem=self.problem.frames(firm),
         )  # fmt: skip
+
+    def firm(self) -> tuple[Posed, Fit] | None:
+        """Return the problem without the frames at the edge of stability, and its nominal fit; None
+        where too few are left. Without some frames, others may be at the edge. Raises NotConverged.
+        """
+        problem = self
+        while len(problem.used) >= FEWEST_FRAMES:
+            nominal = problem.fitted()
+            edge = on_edge(nominal)
+            if not edge.any():
+                return problem, nominal
+            problem = problem.without(edge)
+        return None
 
 
 def posed(

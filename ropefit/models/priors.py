@@ -94,9 +94,9 @@ def calibration(setup: Setup, priors: Priors, shared: bool, surface: float = 0.0
 
 
 def markers_off_axis(setup: Setup, sd: float) -> list[Term]:
-    """Return what may lie between markers and the rope's axis: offsets [m] across it that turn with
-    the rope, of one sigma `sd` each at its quarters, and none at its beginning. None where no clamp
-    says which way the rope is turned."""
+    """Return the offsets [m] of markers from the rope's axis as a nuisance: two across it, which
+    turn with the rope, at each of its quarters but the first, of one sigma `sd`; linear in between.
+    None where no clamp holds the rope's twist."""
     if not twist_held(setup) or sd <= 0:
         return []
     names = [f"{axis}_at_{place}" for axis in (1, 2) for place in QUARTERS[1:]]

@@ -90,8 +90,9 @@ class Point:
 
 
 def seen_move(setup: Setup, q: np.ndarray, dx: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Return (F, P, N+1, 3) changes of what is seen on a rope with frames q (F, N, 4), of changes
-    dx (F, P, N+1, 3) of its nodes and turns (F, P, N, 3) of its frames."""
+    """Return (F, P, N+1, 3) [m] changes of the markers' positions on a rope with frames q (F, N,
+    4), from changes dx (F, P, N+1, 3) [m] of its nodes and turns (F, P, N, 3) [rad] of its frames.
+    """
     if setup.off_axis is None:
         return dx
     return dx + off_axis_turned(setup.off_axis, q, turn)

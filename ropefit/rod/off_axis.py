@@ -1,4 +1,4 @@
-"""Where markers are seen that sit beside a rope's axis: they turn with the rope's own frame."""
+"""Markers off a rope's axis: their offsets turn with the rope's material frame."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from ropefit.rod.quaternion import rotate
 
 
 def off_axis(offset: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return (F, N+1, 3) [m] what lies `offset` (N+1, 2) [m] beside each node, along the first two
-    directors of frames q (F, N, 4) of the segments; at an inner node the mean of both sides."""
+    """Return (F, N+1, 3) [m] the offsets (N+1, 2) [m] of markers at the nodes in space, along the
+    first two directors of the segments' frames q (F, N, 4); at an inner node the mean of those of
+    both segments."""
     return _at_nodes(*(rotate(q, side) for side in _sides(offset)))
 
 

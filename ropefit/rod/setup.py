@@ -136,8 +136,8 @@ class Setup(NamedTuple):
     `rod.axial`; drag (11,): that of the air, see `Moving`;
     springs (N+1,) [N/m] of the nodes to the origin, and bodies (b, 8) that they touch, in motion,
     see `Moving`; followers: forces that turn with the rope. weights (n,) or (F, n): of the moves of
-    Algorithm 1, where that finds the shape. off_axis (N+1, 2) [m]: of what is seen
-    of it, along the rope's first two directors.
+    Algorithm 1, where that finds the shape. off_axis (N+1, 2) [m]: offset of the markers from the
+    axis at the nodes, along the rope's first two directors.
     """
 
     properties: Properties
