@@ -59,6 +59,8 @@ def refuted(candidate: Candidate, control: Fit, threshold: float) -> str:
     if not effect.possible(control.forward.base):
         return ""
     if effect.changes:
+        if candidate.evidence - 0.5 * control.cost >= threshold:
+            return ""  # whatever it is fitted to there: more than that is not left to explain
         fitted = fit_candidate(control, candidate.hypothesis, candidate.values())
         there = fitted.evidence if fitted else 0.0
     else:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ropefit.diagnosis.scan import Projection
 from ropefit.inference.least_squares import Fit, by_parts
-from ropefit.models.response import Change
+from ropefit.models.slopes import Change
 from ropefit.rod.setup import Setup
 
 ARC_KNOTS = 10

@@ -96,6 +96,7 @@ def search(
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
     compared: list[Accepted] | None = None  # two effects that were, with every pair
+    alone: Accepted | None = None  # the only one, if it was
     contact = ContactBeside()
     leader: list[Candidate] = []  # of the round before, where that restarted the model
     from_known: list[Candidate] = []
@@ -173,6 +174,7 @@ def search(
             compared = accepted
             continue
         left = there or latent.evidence > latent.threshold
+        left = left and (not accepted or accepted[0] is not alone)
         if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
             one = accepted
             current, accepted = instead(current, one, singles=singles)
@@ -193,7 +195,7 @@ def search(
             one, contact = accepted, by_contact(current, limits.threshold, rules.effects)
             if not (contact.explains or best.hypothesis.effect.slow):
                 current, accepted = instead(current, one, singles=singles, contact=contact.evidence)
-                singles = []
+                singles, alone = [], None if contact.evidence else accepted[0]
             if accepted is not one:
                 compared = accepted
                 continue

@@ -25,7 +25,7 @@ from ropefit.models.correlated import correlated
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS
 from ropefit.models.priors import calibration, nuisance
-from ropefit.models.terms import Term
+from ropefit.models.terms import Term, merged
 from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.branches import follow
 
@@ -82,11 +82,14 @@ def nominal_terms(
     seen = [name for name in bends if prior and group.parameters[name].ci95 is not None]
     if seen:
         covariance = covariance_of(group, seen)
-        terms.append(correlated(rest_curve.SHORT, [bends.pop(n) for n in seen], covariance))
+        known = [bends.pop(name) for name in seen]
+        terms.append(correlated(rest_curve.SHORT, known, covariance, rest_curve.apply(*seen)))
     if misfit:
         names, size = [f"at_{place}" for place in QUARTERS], len(QUARTERS)
         terms.append(nuisance("rigidity", names, ["1"] * size, _uneven, [UNEVEN_SD] * size))
-    return [*terms, *bends.values()], setup
+    if bends:
+        terms.append(merged(rest_curve.SHORT, [*bends.values()], rest_curve.apply(*bends)))
+    return terms, setup
 
 
 def _uneven(setup: Setup, v: np.ndarray) -> Setup:

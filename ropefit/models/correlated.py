@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ropefit.models.terms import Term
+from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup
 
 FARTHEST = 30.0  # standard deviations: how far a search may go
@@ -36,8 +36,11 @@ class Correlated(Term):
         return self.value(u) - half, self.value(u) + half
 
 
-def correlated(name: str, terms: list[Term], covariance: np.ndarray) -> Correlated:
-    """Return the terms as one, about their starts, under a covariance (n, n) in SI."""
+def correlated(
+    name: str, terms: list[Term], covariance: np.ndarray, at_once: Apply | None = None
+) -> Correlated:
+    """Return the terms as one, about their starts, under a covariance (n, n) in SI; at_once: what
+    they do one after the other."""
     start = np.concatenate([term.start for term in terms])
     sd = np.sqrt(np.diag(covariance))
     values, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
@@ -50,8 +53,8 @@ def correlated(name: str, terms: list[Term], covariance: np.ndarray) -> Correlat
         return setup
 
     one = np.ones(len(start))
+    far = FARTHEST * root @ one
     return Correlated(
         name, tuple(n for t in terms for n in t.names), tuple(u for t in terms for u in t.units),
-        apply, start, one, start - FARTHEST * root @ one, start + FARTHEST * root @ one, one,
-        root=root,
+        at_once or apply, start, one, start - far, start + far, one, root=root,
     )  # fmt: skip

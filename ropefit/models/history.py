@@ -20,19 +20,17 @@ from ropefit.models.bends import (
 from ropefit.models.differences import DIFFERENCE_STEP
 from ropefit.models.increments import in_increments
 from ropefit.models.response import (
-    Change,
     Parts,
     Point,
     add_sensor,
     directions_of,
     law_moments,
-    same_rod,
     seen_move,
-    slopes_of,
     turned_to_bends,
     with_axial_law,
 )
 from ropefit.models.rubbing import rubbings
+from ropefit.models.slopes import Change, same_rod, slopes_of
 from ropefit.rod import memory
 from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State

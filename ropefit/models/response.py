@@ -1,35 +1,28 @@
-"""What small changes of a setup change of what is seen.
-
-How a setup depends on a value is cheap and smooth: it is differenced, to nine digits, and to seven
-in errors of the set-up. How the rope answers is the one exact linear solve of
-`solvers/equilibrium/implicit.py`, for all changes at once.
+"""What small changes of a setup change of what is seen: how the rope answers to its slopes, by the
+one exact linear solve of `solvers/equilibrium/implicit.py`, for all changes at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from ropefit.models.bends import vectors
-from ropefit.models.differences import DIFFERENCE_STEP, sensor_slope, slope, turn_slope
+from ropefit.models.differences import DIFFERENCE_STEP
+from ropefit.models.slopes import LOAD, Change, Slopes, slopes_of
 from ropefit.rod.axial import at_tension
-from ropefit.rod.bending import Springs, moment_changes, springs
-from ropefit.rod.off_axis import off_axis, off_axis_turned
-from ropefit.rod.rod import DIMS, Rod
+from ropefit.rod.bending import moment_changes
+from ropefit.rod.off_axis import off_axis_turned
+from ropefit.rod.rod import Rod
 from ropefit.rod.setup import SensorModel, Setup
-from ropefit.solvers.equilibrium.followers import loads, rotated
+from ropefit.solvers.equilibrium.followers import rotated
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
-from ropefit.solvers.equilibrium.potentials import Nodes, acted_on, force_of
-from ropefit.solvers.equilibrium.solution import Solution, States
+from ropefit.solvers.equilibrium.solution import Solution
 
-# The setup where one value has moved by so many of its scales from where its difference is taken:
-# about the point itself, or about a step beside it.
-Change = Callable[[float], Setup]
 # Indices (f,) of frames, and changes (P, f, K, 3) of the nodes there.
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
-LOAD = Rod._fields.index("load")
 AT_ONCE, FEWEST = 4e6, 8  # bytes of answers in memory at once, of that many frames at least
 
 
@@ -109,13 +102,6 @@ def in_parts(solution: Solution, many: int) -> Iterator[tuple[np.ndarray, Soluti
     for k in range(0, len(every), few):
         index = every[k : k + few]
         yield index, solution.frames(index)
-
-
-def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
-    """Return the slopes of every change of a setup, with the rope in the states of a solution."""
-    still = [np.zeros(field.shape) for field in setup.rod()]
-    nodes = acted_on(setup.potentials, solution.x)
-    return [_slopes(setup, changed, solution, still, nodes) for changed in changes]
 
 
 def directions_of(rods: Rod, slopes: list[Slopes], frames: int) -> Directions:
@@ -208,101 +194,3 @@ def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.nd
         # The sensor's small errors move a change of the rope by a change of second order only.
         moved += s.seen
     return dx
-
-
-@dataclass(frozen=True)
-class Slopes:
-    """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
-    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending
-    `DIFFERENCE_STEP` to either side; axial (A,): of a law of axial strain. same_rod: whether all
-    derivatives of the rod's fields are zero."""
-
-    rod: list[np.ndarray]
-    force: np.ndarray | None
-    ends: np.ndarray
-    clamp: np.ndarray
-    seen: np.ndarray
-    springs: tuple[Springs, Springs] | None
-    axial: np.ndarray | None
-    same_rod: bool
-
-    @property
-    def moves_rope(self) -> bool:
-        """Return whether the value changes the rope or what holds it, and not only what is seen."""
-        if any(law is not None for law in (self.force, self.springs, self.axial)):
-            return True
-        rod = () if self.same_rod else self.rod
-        return any(item.any() for item in (self.ends, self.clamp, *rod))
-
-    def frames(self, index: np.ndarray, frames: int) -> Slopes:
-        """Return the slopes in some of the frames; what is the same in all stays as it is."""
-        if len(index) == frames:
-            return self
-        rod = [v[index] if v.ndim > d else v for v, d in zip(self.rod, DIMS, strict=True)]
-        force = None if self.force is None else self.force[index]
-        seen = self.seen[index] if self.seen.ndim == 3 else self.seen
-        return replace(
-            self, rod=rod, force=force, ends=self.ends[index], clamp=self.clamp[index], seen=seen
-        )
-
-
-def _slopes(
-    now: Setup, changed: Change, states: States, still: list[np.ndarray], nodes: list[Nodes]
-) -> Slopes:
-    """Return the slopes of one change; still: the rod's fields' derivatives where nothing that it
-    is built from changes; nodes: those that each potential acts on now."""
-    x, q = states.x, states.q
-    # What does not depend on the value is the same object.
-    a, b = changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)
-    rod, law = still, None
-    if a.bending is not b.bending or not _equal(_built_from(a), _built_from(b)):
-        rods = a.rod(), b.rod()
-        rod = [slope(p, q) for p, q in zip(*rods, strict=True)]
-        if a.bending is not None or b.bending is not None:
-            law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
-    elif not _equal(_loaded_by(a), _loaded_by(b)):  # a rod takes longer to build
-        rod = list(still)
-        rod[LOAD] = slope(a.node_loads(), b.node_loads())
-    force = None
-    if a.potentials is not b.potentials:
-        low, high = (force_of(s.potentials, x, nodes) for s in (a, b))
-        force = None if np.array_equal(low, high) else slope(low, high)
-    if a.followers is not b.followers:
-        low, high = (loads(s.followers, q, x.shape[-2]) for s in (a, b))
-        following = (high - low) / (2 * DIFFERENCE_STEP)
-        force = following if force is None else force + following
-    axial = None
-    if a.axial is not b.axial:
-        assert a.axial is not None
-        assert b.axial is not None
-        axial = slope(a.axial, b.axial)
-    clamp = turn_slope(now.clamp, a.clamp, b.clamp)
-    ends = np.zeros(a.ends.shape) if a.ends is b.ends else slope(a.ends, b.ends)
-    beside = x if now.off_axis is None else x + off_axis(now.off_axis, q)
-    seen = sensor_slope(a, b, beside)
-    if a.off_axis is not b.off_axis:
-        assert a.off_axis is not None
-        assert b.off_axis is not None
-        seen = seen + off_axis(slope(a.off_axis, b.off_axis), q)
-    return Slopes(rod, force, ends, clamp, seen, law, axial, same_rod=rod is still)
-
-
-def same_rod(a: Setup, b: Setup) -> bool:
-    """Return whether two setups have the same rod: all that it is built from is equal."""
-    parts = _built_from, _loaded_by
-    return all(_equal(of(a), of(b)) for of in parts)
-
-
-def _built_from(setup: Setup) -> list[np.ndarray]:
-    """Return what a rod is built from, but the dead loads of its nodes."""
-    s = setup
-    return [*s.properties, s.moment, s.clamp_compliance, s.kinks, s.stretch]
-
-
-def _loaded_by(setup: Setup) -> list[np.ndarray]:
-    """Return what the dead loads of the nodes are made from, besides what the rod is."""
-    return [setup.gravity, setup.load, setup.mass]
-
-
-def _equal(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> bool:
-    return all(p is q or np.array_equal(p, q) for p, q in zip(first, second, strict=True))

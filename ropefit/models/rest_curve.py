@@ -26,7 +26,7 @@ def spelled_out(names: list[str]) -> list[str]:
 
 def meaning(name: str) -> str:
     """Return the meaning of a parameter in words."""
-    uniform, _, place = name.partition("_at_")
+    uniform, _, place = _parted(name)
     where = f" at {place} % of the length" if place else ""
     return f"rest curvature{where}{ACROSS[UNIFORM.index(uniform)]}"
 
@@ -37,21 +37,21 @@ def bound(name: str, setup: Setup) -> float:
     return most / float(setup.properties.length.sum())
 
 
-def apply(name: str) -> Apply:
-    """Return adds a curvature [1/m]: everywhere, or at one of `QUARTERS` and less and less up to
-    the next."""
-    uniform, _, place = name.partition("_at_")
-    about = np.zeros(3)
-    about[UNIFORM.index(uniform)] = 1.0
+def apply(*names: str) -> Apply:
+    """Return adds curvatures [1/m]: each everywhere, or at one of `QUARTERS` and less and less up
+    to the next."""
+    which = [QUARTERS.index(int(place)) if place else -1 for _, _, place in map(_parted, names)]
+    about = np.zeros((len(names), 3))
+    about[range(len(names)), [UNIFORM.index(uniform) for uniform, _, _ in map(_parted, names)]] = 1
 
     def added(setup: Setup, v: np.ndarray) -> Setup:
         p = setup.properties
-        near = (
-            between_quarters(setup)[:, QUARTERS.index(int(place))]
-            if place
-            else np.ones_like(p.length)
-        )
-        curvature = p.curvature + v[0] * near[:, None] * about
+        near = np.pad(between_quarters(setup), ((0, 0), (0, 1)), constant_values=1.0)
+        curvature = p.curvature + near[:, which] @ (v[:, None] * about)
         return setup._replace(properties=p._replace(curvature=curvature))
 
     return added
+
+
+def _parted(name: str) -> tuple[str, str, str]:
+    return name.partition("_at_")

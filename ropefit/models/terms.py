@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.effects.base import Effect
-from ropefit.models.response import Change
+from ropefit.models.slopes import Change
 from ropefit.rod.setup import Setup
 
 SIZE_PRIOR_SD = 3.0  # usual sizes: of the broad prior under which effects are compared
@@ -119,6 +119,17 @@ class Term:
         least, most = self.search(self.lower), self.search(self.upper)
         low, high = np.clip(u - half, least, most), np.clip(u + half, least, most)
         return self.value(low), self.value(high)
+
+
+def merged(name: str, terms: list[Term], at_once: Apply) -> Term:
+    """Return linear terms as one; at_once: what they do one after the other."""
+    start, scale, lower, upper, prior = (
+        np.concatenate([getattr(term, field) for term in terms])
+        for field in ("start", "scale", "lower", "upper", "prior")
+    )
+    names = tuple(name for term in terms for name in term.names)
+    units = tuple(unit for term in terms for unit in term.units)
+    return Term(name, names, units, at_once, start, scale, lower, upper, prior)
 
 
 def applied(setup: Setup, term: Term, value: np.ndarray) -> Setup:

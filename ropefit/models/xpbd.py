@@ -13,7 +13,8 @@ import numpy as np
 
 from ropefit.models.algorithm import STEP, Algorithm
 from ropefit.models.model import Model
-from ropefit.models.response import Change, Parts, Point
+from ropefit.models.response import Parts, Point
+from ropefit.models.slopes import Change
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
 from ropefit.solvers.equilibrium.conditions import Conditions

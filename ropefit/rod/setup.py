@@ -14,7 +14,7 @@ from ropefit.rod.bending import Bending
 from ropefit.rod.either import Array, like
 from ropefit.rod.memory import Branch
 from ropefit.rod.moving import Damping
-from ropefit.rod.off_axis import off_axis
+from ropefit.rod.off_axis import off_axis, sides_at_nodes
 from ropefit.rod.path import EndPath
 from ropefit.rod.potential import Potential
 from ropefit.rod.quaternion import cross, norms
@@ -249,7 +249,7 @@ class Setup(NamedTuple):
         """Return a copy (F, N+1, 3) [m] of where nodes x (F, N+1, 3) [m] are reported of a rope
         whose segments have frames q (F, N, 4)."""
         if self.off_axis is not None:
-            x = x + off_axis(self.off_axis, q)
+            x = x + off_axis(self.off_axis, sides_at_nodes(q))
         return self.sensor(x).copy()
 
     def rod(self) -> Rod:

@@ -1,0 +1,151 @@
+"""How a setup depends on a value: cheap and smooth, it is differenced, to nine digits, and to seven
+in errors of the set-up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ropefit.models.differences import DIFFERENCE_STEP, sensor_slope, slope, turn_slope
+from ropefit.rod.at_once import rods
+from ropefit.rod.bending import Springs, springs
+from ropefit.rod.off_axis import off_axis, sides_at_nodes
+from ropefit.rod.rod import DIMS, Rod
+from ropefit.rod.setup import Setup
+from ropefit.solvers.equilibrium.followers import loads
+from ropefit.solvers.equilibrium.potentials import Nodes, acted_on, force_of
+from ropefit.solvers.equilibrium.solution import States
+
+# The setup where one value has moved by so many of its scales from where its difference is taken:
+# about the point itself, or about a step beside it.
+Change = Callable[[float], Setup]
+LOAD = Rod._fields.index("load")
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
+    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending
+    `DIFFERENCE_STEP` to either side; axial (A,): of a law of axial strain. same_rod: whether all
+    derivatives of the rod's fields are zero."""
+
+    rod: list[np.ndarray]
+    force: np.ndarray | None
+    ends: np.ndarray
+    clamp: np.ndarray
+    seen: np.ndarray
+    springs: tuple[Springs, Springs] | None
+    axial: np.ndarray | None
+    same_rod: bool
+
+    @property
+    def moves_rope(self) -> bool:
+        """Return whether the value changes the rope or what holds it, and not only what is seen."""
+        if any(law is not None for law in (self.force, self.springs, self.axial)):
+            return True
+        rod = () if self.same_rod else self.rod
+        return any(item.any() for item in (self.ends, self.clamp, *rod))
+
+    def frames(self, index: np.ndarray, frames: int) -> Slopes:
+        """Return the slopes in some of the frames; what is the same in all stays as it is."""
+        if len(index) == frames:
+            return self
+        rod = [v[index] if v.ndim > d else v for v, d in zip(self.rod, DIMS, strict=True)]
+        force = None if self.force is None else self.force[index]
+        seen = self.seen[index] if self.seen.ndim == 3 else self.seen
+        return replace(
+            self, rod=rod, force=force, ends=self.ends[index], clamp=self.clamp[index], seen=seen
+        )
+
+
+def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
+    """Return the slopes of every change of a setup, with the rope in the states of a solution."""
+    still = [np.zeros(field.shape) for field in setup.rod()]
+    nodes, markers = acted_on(setup.potentials, solution.x), solution.x
+    across = None
+    if setup.off_axis is not None:
+        across = sides_at_nodes(solution.q)
+        markers = markers + off_axis(setup.off_axis, across)
+    # What does not depend on a value is the same object.
+    pairs = [(changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)) for changed in changes]
+    rods = _rods(pairs)
+    return [
+        _slopes(setup, *pair, solution, rod or still, nodes, markers, across)
+        for pair, rod in zip(pairs, rods, strict=True)
+    ]
+
+
+def _rods(pairs: list[tuple[Setup, Setup]]) -> list[tuple[Rod, Rod] | None]:
+    """Return the rods of pairs of setups, built all at once; None where both are the same but for
+    the loads."""
+    differ = [
+        a.bending is not b.bending or not _equal(_built_from(a), _built_from(b)) for a, b in pairs
+    ]
+    built = iter(rods([s for pair, d in zip(pairs, differ, strict=True) if d for s in pair]))
+    return [(next(built), next(built)) if d else None for d in differ]
+
+
+def _slopes(
+    now: Setup, a: Setup, b: Setup, states: States, rods: tuple[Rod, Rod] | list[np.ndarray],
+    nodes: list[Nodes], markers: np.ndarray, across: np.ndarray | None,
+) -> Slopes:  # fmt: skip
+    """Return the slopes of one change from a setup to another; rods: those of both, or the
+    derivatives where nothing that a rod is built from changes; nodes: those that each potential
+    acts on now; markers (F, N+1, 3) [m]: where they are now, without the sensor's errors; across:
+    `sides_at_nodes` of the rope."""
+    x, q = states.x, states.q
+    same_rod, law = isinstance(rods, list), None
+    if isinstance(rods, list):
+        rod = rods
+        if not _equal(_loaded_by(a), _loaded_by(b)):  # a rod takes longer to build
+            rod, same_rod = list(rods), False
+            rod[LOAD] = slope(a.node_loads(), b.node_loads())
+    else:
+        rod = [slope(p, q) for p, q in zip(*rods, strict=True)]
+        if a.bending is not None or b.bending is not None:
+            law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
+    force = None
+    if a.potentials is not b.potentials:
+        low, high = (force_of(s.potentials, x, nodes) for s in (a, b))
+        force = None if np.array_equal(low, high) else slope(low, high)
+    if a.followers is not b.followers:
+        low, high = (loads(s.followers, q, x.shape[-2]) for s in (a, b))
+        following = (high - low) / (2 * DIFFERENCE_STEP)
+        force = following if force is None else force + following
+    axial = None
+    if a.axial is not b.axial:
+        assert a.axial is not None
+        assert b.axial is not None
+        axial = slope(a.axial, b.axial)
+    clamp = turn_slope(now.clamp, a.clamp, b.clamp)
+    ends = np.zeros(a.ends.shape) if a.ends is b.ends else slope(a.ends, b.ends)
+    seen = sensor_slope(a, b, markers)
+    if a.off_axis is not b.off_axis:
+        assert a.off_axis is not None
+        assert b.off_axis is not None
+        assert across is not None
+        seen = seen + off_axis(slope(a.off_axis, b.off_axis), across)
+    return Slopes(rod, force, ends, clamp, seen, law, axial, same_rod)
+
+
+def same_rod(a: Setup, b: Setup) -> bool:
+    """Return whether two setups have the same rod: all that it is built from is equal."""
+    parts = _built_from, _loaded_by
+    return all(_equal(of(a), of(b)) for of in parts)
+
+
+def _built_from(setup: Setup) -> list[np.ndarray]:
+    """Return what a rod is built from, but the dead loads of its nodes."""
+    s = setup
+    return [*s.properties, s.moment, s.clamp_compliance, s.kinks, s.stretch]
+
+
+def _loaded_by(setup: Setup) -> list[np.ndarray]:
+    """Return what the dead loads of the nodes are made from, besides what the rod is."""
+    return [setup.gravity, setup.load, setup.mass]
+
+
+def _equal(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> bool:
+    return all(p is q or np.array_equal(p, q) for p, q in zip(first, second, strict=True))
