@@ -38,7 +38,7 @@ from ropefit.diagnosis.reassessment import reassessed, without_insignificant
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.short_horizons import by_short_horizons
-from ropefit.diagnosis.unexplained import leaves_something, unexplained
+from ropefit.diagnosis.unexplained import leaves_more_than_elsewhere, unexplained
 from ropefit.diagnosis.verdicts import one_more, verdict_of
 from ropefit.diagnosis.with_accepted import with_both, with_it, with_known_past
 from ropefit.inference.least_squares import Fit
@@ -174,7 +174,9 @@ def search(
             compared = accepted
             continue
         left = there or latent.evidence > latent.threshold
-        left = left and (not accepted or accepted[0] is not alone)
+        if accepted:
+            as_elsewhere = current.problem.noise.misfit and not _is_left(current)
+            left = left and accepted[0] is not alone and not as_elsewhere
         if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
             one = accepted
             current, accepted = instead(current, one, singles=singles)
@@ -217,7 +219,7 @@ def search(
 
 def _is_left(current: Fit) -> bool:
     """Return whether a rope at rest leaves more than noise."""
-    return current.forward.instantaneous and leaves_something(current)
+    return current.forward.instantaneous and leaves_more_than_elsewhere(current)
 
 
 def _weighed_again(
@@ -230,7 +232,7 @@ def _weighed_again(
     current, accepted = as_points(current, accepted, threshold)
     if len(accepted) != 2 or not current.forward.instantaneous:
         return current, accepted, None
-    left = leaves_something(current)
+    left = leaves_more_than_elsewhere(current)
     current, accepted = two_instead(
         current, accepted, threshold, rules.effects, singles if left else ()
     )

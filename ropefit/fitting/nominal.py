@@ -11,7 +11,7 @@ from ropefit.adapters.frozen import covariance_of, frozen_values
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.rope_setup import surface_sd
 from ropefit.adapters.start_values import started_setup
-from ropefit.artifacts import Model, Observations
+from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.model import Parameter
 from ropefit.effects.place import QUARTERS, between_quarters
 from ropefit.errors import NotConverged, WrongUsage
@@ -98,11 +98,18 @@ def _uneven(setup: Setup, v: np.ndarray) -> Setup:
     return setup._replace(properties=p._replace(bend=p.bend * np.exp(between_quarters(setup) @ v)))
 
 
-def with_what_is_missed(noise: Noise, source: Model) -> Noise:
+def with_what_is_missed(noise: Noise, source: Model, found: Diagnosis | None) -> Noise:
     """Return the noise of markers, no smaller than the rms misfit of the rope in another recording:
-    as much misfit here has no cause of its own."""
-    missed = max(noise.marker, source.nominal.rms_fit / 3**0.5)
-    return replace(noise, marker=missed, sensor=noise.sensor or noise.marker)
+    as much misfit here has no cause of its own.
+
+    The sensor's share is no larger than what was measured there, or missed: preprocess only bounds
+    it from above where frames are few.
+    """
+    missed = source.nominal.rms_fit / 3**0.5
+    measured = found.noise_white / 3**0.5 if found else np.inf
+    sensor = min(noise.sensor or noise.marker, measured, missed)
+    own = noise.marker if noise.sensor else sensor
+    return replace(noise, marker=max(own, missed), sensor=sensor)
 
 
 def as_known(term: Term, p: Parameter, least: float = LEAST_PRIOR_SD) -> Term:

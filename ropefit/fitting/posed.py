@@ -97,7 +97,7 @@ def posed(
     data = data_in_space(o).frames(used)
     noise = noise_of(o, data)
     if rope.elsewhere and data.material:
-        noise = with_what_is_missed(noise, rope.model)
+        noise = with_what_is_missed(noise, rope.model, rope.found)
 
     def described(segments: int) -> tuple[list[Term], Setup]:
         setup = compared(base_setup(o, segments), used, settings.most_frames)
