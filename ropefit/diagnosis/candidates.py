@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ropefit.diagnosis.calm import distorted
-from ropefit.diagnosis.candidate import Candidate, fit_candidate
+from ropefit.diagnosis.candidate import (
+    EVALUATIONS,
+    TOLERANCE,
+    Candidate,
+    compared_if_comparable,
+    fit_candidate,
+)
 from ropefit.diagnosis.fits import Fits, Progress, best_first, silent
 from ropefit.diagnosis.leaders import leading
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.stretches import significant_interval
 from ropefit.diagnosis.unexplained import leaves_something, unexplained
-from ropefit.inference.least_squares import Fit
+from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.objective import LEFT
 
 MOST_SHOWN = 0.7  # of the χ² in excess of noise, explained in one place of a scan
 
@@ -105,9 +112,24 @@ def started_from(known: list[Candidate], starts: list[list[Start]]) -> list[list
 
 
 def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:
-    """Return the candidates, those that were stopped fitted to the end; best first."""
-    every = [
-        (fit_candidate(current, c.hypothesis, c.values()) or c) if c.fit.stopped else c
-        for c in candidates
-    ]
-    return best_first(every)
+    """Return the candidates, those that were stopped, or ended before their minimum, fitted to the
+    end; best first."""
+    return best_first([_to_the_end(current, c) if unfinished(c) else c for c in candidates])
+
+
+def unfinished(candidate: Candidate) -> bool:
+    """Return whether a fit was stopped, or, at rest, a linear step promises more."""
+    fitted = candidate.fit
+    if fitted.stopped or candidate.hypothesis.effect.slow or not fitted.forward.instantaneous:
+        return fitted.stopped
+    return not fitted.converged and fitted.left_to_gain > LEFT
+
+
+def _to_the_end(current: Fit, candidate: Candidate) -> Candidate:
+    if candidate.fit.stopped:
+        return fit_candidate(current, candidate.hypothesis, candidate.values()) or candidate
+    u, forward = candidate.fit.point.u, candidate.fit.forward
+    forward = forward.starting_from(candidate.fit.point.solution)
+    again = attempted(forward, current.problem, u, EVALUATIONS, TOLERANCE, thorough=True)
+    found = compared_if_comparable(candidate.hypothesis, candidate.term, current, again)
+    return candidate if found is None else found

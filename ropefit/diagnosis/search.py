@@ -16,7 +16,7 @@ from ropefit.diagnosis.alternatives import Alternative, alternatives
 from ropefit.diagnosis.beside_leader import with_noise_beside_leader
 from ropefit.diagnosis.branch_repair import on_right_branches
 from ropefit.diagnosis.candidate import Candidate, best_of, recompared
-from ropefit.diagnosis.candidates import completed, started_from
+from ropefit.diagnosis.candidates import completed, started_from, unfinished
 from ropefit.diagnosis.companions import accepted_companions
 from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.contact_anew import contact_anew
@@ -255,11 +255,11 @@ def _acceptable(
     current: Fit, candidates: list[Candidate], needed: float, rules: Rules, refused: list[str]
 ) -> tuple[list[Candidate], Candidate | None]:
     """Return the candidates and the one that is accepted, if any; why others are not goes to
-    `refused`. Where the leader is not, those that were stopped for it are fitted to the end."""
+    `refused`. Where the leader is not, those that are unfinished are fitted to the end."""
     refusals: list[str] = []
     candidates = rules.selection.supported(candidates, needed, current, refused)
     best = rules.selection.acceptable(candidates, needed, current, refusals)
-    if refusals and any(c.fit.stopped for c in candidates):
+    if refusals and any(map(unfinished, candidates)):
         candidates, refusals = completed(current, candidates), []
         best = rules.selection.acceptable(candidates, needed, current, refusals)
     refused += refusals
