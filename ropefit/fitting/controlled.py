@@ -9,7 +9,7 @@ import numpy as np
 
 from ropefit.adapters.causes import effect_of
 from ropefit.adapters.settings import NOMINAL_OBSERVATIONS, DiagnoseSettings
-from ropefit.artifacts import Observations
+from ropefit.artifacts import Model, Observations
 from ropefit.diagnosis.unexplained import UNLIKE_ELSEWHERE
 from ropefit.errors import NotConverged
 from ropefit.fitting.posed import KnownRope, posed
@@ -23,8 +23,9 @@ def controlled(
     """Return a rope as it is handed on to a recording, and the nominal model as fitted to the one
     it is known from; None where there is none of markers, or the two know different weights.
 
-    What was found beside the rope there is not handed on. Where the rope's values were fitted
-    beside that, and miss much without it, the rope is taken as it was identified.
+    What was found beside the rope there is not handed on: without it, more is missed. Where the
+    rope's values were fitted beside that, and miss much without it, the rope is taken as it was
+    identified.
     """
     there = context.external.get(NOMINAL_OBSERVATIONS)
     if there is None or not rope.elsewhere or {there.source, o.source} != {"markers"}:
@@ -36,8 +37,10 @@ def controlled(
         return rope, fitted
     missed = float(np.sqrt((fitted.stations.residual**2).sum(axis=1).mean()))
     most = UNLIKE_ELSEWHERE**0.5 * found.rms_after
-    if missed <= most or all(effect_of(cause).of_rope for cause in found.causes.values()):
+    if all(effect_of(cause).of_rope for cause in found.causes.values()):
         return rope, fitted
+    if missed <= most:
+        return replace(rope, model=_missing(rope.model, missed)), fitted
     context.say(
         "warning: what was found in the nominal run is not of the rope alone, and with that of the "
         f"rope alone its own recording is missed by {1e3 * missed:.1f} mm: the rope is taken as "
@@ -45,6 +48,12 @@ def controlled(
     )
     rope = replace(rope, model=context.external["nominal"], found=None)
     return rope, _control(there, rope, settings)
+
+
+def _missing(model: Model, missed: float) -> Model:
+    """Return a model that misses its own recording by so much [m rms], at least."""
+    nominal = model.nominal.model_copy(update={"rms_fit": max(model.nominal.rms_fit, missed)})
+    return model.model_copy(update={"models": model.models | {"nominal": nominal}})
 
 
 def _control(there: Observations, rope: KnownRope, settings: DiagnoseSettings) -> Fit | None:
