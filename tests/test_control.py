@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,6 +56,17 @@ def test_a_weight_is_a_change_unless_the_control_has_it_as_well(fits, weight):
     assert weight.evidence > NEEDED
     assert refuted(weight, fits["bare"], NEEDED) == ""
     assert refuted(weight, fits["weight"], NEEDED) == IN_BOTH
+
+
+def test_no_fit_to_a_control_that_has_less_to_explain(fits, weight, monkeypatch):
+    def fail(*_):
+        raise AssertionError("fitted")
+
+    monkeypatch.setattr(controls, "fit_candidate", fail)
+    rich = replace(weight, evidence=0.5 * fits["bare"].cost + NEEDED)
+    assert refuted(rich, fits["bare"], NEEDED) == ""
+    with pytest.raises(AssertionError, match="fitted"):
+        refuted(replace(rich, evidence=rich.evidence - 1), fits["bare"], NEEDED)
 
 
 def test_a_law_of_the_rope_holds_in_the_control_too(fits, law):

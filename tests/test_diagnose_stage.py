@@ -2,6 +2,7 @@
 
 import json
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,6 +83,16 @@ def test_what_another_runs_rope_misses_is_noise_here():
 
     assert marker(0.03) == pytest.approx(0.03 / 3**0.5)
     assert marker(0.001) == 1e-3
+
+
+def test_the_noise_of_the_sensor_is_no_larger_than_measured_elsewhere():
+    """An upper bound of 8 mm would hide that the rope is missed by 2 mm there."""
+    run: Any = SimpleNamespace(nominal=SimpleNamespace(rms_fit=2e-3 * 3**0.5))
+    bound = Noise(marker=8e-3)
+    assert not with_what_is_missed(bound, run).misfit
+    noise = with_what_is_missed(bound, run, 6e-4)
+    assert noise.misfit
+    assert (noise.sensor, noise.marker) == (6e-4, pytest.approx(2e-3))
 
 
 def candidate_of(effect, value):

@@ -149,6 +149,11 @@ class Observations(Artifact):
         return self.seen.mean(axis=1)
 
     @property
+    def noise_bounded(self) -> bool:
+        """Return whether the noise is an upper bound, or assumed: neither told nor measured."""
+        return self.noise_source.startswith("assumed") or "upper bound" in self.noise_source
+
+    @property
     def noise_distance(self) -> float:
         """Return the rms distance [m] from the rope at which noise alone leaves a point.
 

@@ -11,7 +11,7 @@ from ropefit.adapters.frozen import covariance_of, frozen_values
 from ropefit.adapters.priors import priors_of
 from ropefit.adapters.rope_setup import surface_sd
 from ropefit.adapters.start_values import started_setup
-from ropefit.artifacts import Diagnosis, Model, Observations
+from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.model import Parameter
 from ropefit.effects.place import QUARTERS, between_quarters
 from ropefit.errors import NotConverged, WrongUsage
@@ -98,16 +98,12 @@ def _uneven(setup: Setup, v: np.ndarray) -> Setup:
     return setup._replace(properties=p._replace(bend=p.bend * np.exp(between_quarters(setup) @ v)))
 
 
-def with_what_is_missed(noise: Noise, source: Model, found: Diagnosis | None) -> Noise:
+def with_what_is_missed(noise: Noise, source: Model, measured: float = np.inf) -> Noise:
     """Return the noise of markers, no smaller than the rms misfit of the rope in another recording:
-    as much misfit here has no cause of its own.
-
-    The sensor's share is no larger than what was measured there, or missed: preprocess only bounds
-    it from above where frames are few.
-    """
+    as much misfit here has no cause of its own. measured [m]: the noise of a coordinate there;
+    infinite if only what is told here counts."""
     missed = source.nominal.rms_fit / 3**0.5
-    measured = found.noise_white / 3**0.5 if found else np.inf
-    sensor = min(noise.sensor or noise.marker, measured, missed)
+    sensor = min(noise.sensor or noise.marker, measured)
     own = noise.marker if noise.sensor else sensor
     return replace(noise, marker=max(own, missed), sensor=sensor)
 

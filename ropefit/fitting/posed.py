@@ -97,7 +97,7 @@ def posed(
     data = data_in_space(o).frames(used)
     noise = noise_of(o, data)
     if rope.elsewhere and data.material:
-        noise = with_what_is_missed(noise, rope.model, rope.found)
+        noise = with_what_is_missed(noise, rope.model, _measured_there(rope, o))
 
     def described(segments: int) -> tuple[list[Term], Setup]:
         setup = compared(base_setup(o, segments), used, settings.most_frames)
@@ -117,6 +117,16 @@ def posed(
         terms += markers_off_axis(setup, off_axis_sd(o))
     coarser = described(fewer)[1] if fewer else None
     return Posed(used, setup, coarser, terms, taken, FitProblem(data, noise, STATIONS))
+
+
+def _measured_there(rope: KnownRope, o: Observations) -> float:
+    """Return the noise of a coordinate [m] in the recording that a rope is known from, at most what
+    is missed there; infinite where that of this recording is told or measured: what preprocess says
+    of few frames is an upper bound."""
+    if not o.noise_bounded:
+        return np.inf
+    measured = rope.found.noise_white if rope.found else np.inf
+    return min(measured, rope.model.nominal.rms_fit) / 3**0.5
 
 
 def compared(setup: Setup, used: np.ndarray, most: int) -> Setup:

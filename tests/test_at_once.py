@@ -1,0 +1,36 @@
+"""Rods built at once are the rods of each setup."""
+
+import numpy as np
+
+from ropefit.models.priors import sharp_bends
+from ropefit.models.rest_curve import VARYING, apply
+from ropefit.rod.at_once import rods
+from tests.test_off_axis import held
+
+
+def test_rods_built_at_once_are_those_of_each():
+    setup, rng = held(), np.random.default_rng(0)
+    (bends,) = sharp_bends(setup)
+    every = [
+        setup,
+        bends.apply(setup, rng.normal(0, 0.1, bends.size)),
+        setup._replace(properties=setup.properties._replace(bend=2 * setup.properties.bend)),
+        setup._replace(load=rng.normal(size=setup.load.shape), clamp_compliance=np.ones((2, 2))),
+        setup._replace(mass=rng.random(setup.mass.shape), stretch=rng.random(setup.stretch.shape)),
+        setup._replace(moment=rng.normal(size=(2, 3)), gravity=np.array([1.0, 2.0, -9.0])),
+    ]
+    for one, built in zip(every, rods(every), strict=True):
+        for expected, field in zip(one.rod(), built, strict=True):
+            np.testing.assert_array_equal(field, expected)
+    assert rods([]) == []
+
+
+def test_a_rest_curve_at_once_is_its_points_one_by_one():
+    setup, values = held(), np.random.default_rng(1).normal(size=len(VARYING))
+    one_by_one = setup
+    for name, value in zip(VARYING, values, strict=True):
+        one_by_one = apply(name)(one_by_one, np.array([value]))
+    at_once = apply(*VARYING)(setup, values)
+    np.testing.assert_allclose(
+        at_once.properties.curvature, one_by_one.properties.curvature, rtol=1e-13
+    )
