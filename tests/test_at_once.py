@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ropefit.models.priors import sharp_bends
 from ropefit.models.rest_curve import VARYING, apply
 from ropefit.rod.at_once import rods
 from tests.test_off_axis import held
@@ -10,10 +9,9 @@ from tests.test_off_axis import held
 
 def test_rods_built_at_once_are_those_of_each():
     setup, rng = held(), np.random.default_rng(0)
-    (bends,) = sharp_bends(setup)
     every = [
         setup,
-        bends.apply(setup, rng.normal(0, 0.1, bends.size)),
+        setup._replace(kinks=rng.normal(0, 0.1, setup.kinks.shape)),
         setup._replace(properties=setup.properties._replace(bend=2 * setup.properties.bend)),
         setup._replace(load=rng.normal(size=setup.load.shape), clamp_compliance=np.ones((2, 2))),
         setup._replace(mass=rng.random(setup.mass.shape), stretch=rng.random(setup.stretch.shape)),

@@ -255,6 +255,20 @@ def test_held_out_blocks_support_an_effect(gains, supported):
     assert agreeing(np.array(gains)) is supported
 
 
+@pytest.mark.parametrize(
+    ("gains", "supported"),
+    [
+        ([-0.9, -0.3, -0.2, 0.9, 4.8], True),
+        ([0.6, 0.7, 0.0, 0.1, -0.1], False),  # too little together
+        ([-0.9, -0.3, -0.2, 0.4, 5.8], False),  # one block's own
+        ([-0.9, -0.9, -0.2, 0.9, 4.8], False),
+    ],
+)
+def test_blocks_of_few_independent_samples_gain_less_each(gains, supported):
+    assert agreeing(np.array(gains), alike=True) is supported
+    assert not agreeing(np.array(gains))
+
+
 def test_a_softer_rope_passes_for_a_heavier_tip():
     length, frames = 0.6, 5
     made = uniform(length=length, segments=60, bend=0.02, density=0.05)

@@ -53,7 +53,8 @@ def refusal(candidate: Candidate, current: Fit) -> str:
         return "its size is not significantly different from zero"
     # A calibration error far outside its prior explains held-out frames as well as the effect of
     # the same kind does: there the evidence is in the prior.
-    supported = effect.prior_decides or agreeing(candidate.gains)
+    alike = not moving and candidate.fit.problem.noise.repeats > 1
+    supported = effect.prior_decides or agreeing(candidate.gains, alike)
     if after > MOST_RMS_RATIO * before or not supported:
         return "held-out frames do not support it"
     little = moving and after > MOST_RMS_RATIO_IN_MOTION * before
@@ -127,11 +128,16 @@ def _allowed_for(effect: Effect, fitted: Fit) -> bool:
     return any(term.nuisance and term.name == effect.error_name for term in fitted.forward.terms)
 
 
-def agreeing(gains: np.ndarray) -> bool:
+def agreeing(gains: np.ndarray, alike: bool = False) -> bool:
     """Return whether held-out blocks support an effect, by their gains [nats].
 
     More than one gains, and the others lose little against that. A rope may touch a plane in few
     frames: the others neither gain nor lose; a barely visible effect gains and loses by chance.
+    alike: of a rope that is known from another recording and missed alike in neighbouring frames, a
+    block has few independent samples: two that gain half as much each are enough, if all gain as
+    much together.
     """
     lost, gained = -gains[gains < 0].sum(), gains[gains > 0].sum()
-    return bool((gains > CHANCE_GAIN).sum() >= LEAST_BLOCKS and lost <= LOST_SHARE * gained)
+    least = CHANCE_GAIN / 2 if alike else CHANCE_GAIN
+    several = (gains > least).sum() >= LEAST_BLOCKS and gained > LEAST_BLOCKS * CHANCE_GAIN
+    return bool(several and lost <= LOST_SHARE * gained)

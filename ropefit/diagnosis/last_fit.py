@@ -9,19 +9,14 @@ weight: a steady load along gravity does what a heavier, stiffer rope does, and 
 along that valley, with all other forces as wrong as the weight. Where the data tell less of a
 direction than the broad prior of the sizes, the least sizes are taken, as that prior has it
 (`Fit.covariance` has its width).
-
-Some errors of the set-up have too many values for every fit of a search. The last fit has them.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.objective import LEFT
-from ropefit.models.terms import Term
 
 ROUNDS = 4  # at most, of either; one where fits are slow
 STILL = 0.05  # standard errors: a fit that moves by less stays
@@ -52,19 +47,6 @@ def last_fit(found: Fit) -> Fit:
         if stays(before, found):
             break
     return _with_least_sizes(found)
-
-
-def with_finer(found: Fit, terms: Sequence[Term]) -> Fit:
-    """Return the fit with further errors of the set-up; as it is where there are none, or it does
-    not settle with them."""
-    if not terms or not found.forward.instantaneous:
-        return found
-    forward = found.forward.with_terms([*found.forward.terms, *terms], found.point.solution)
-    begin = np.concatenate([found.point.u, np.zeros(sum(term.size for term in terms))])
-    again = attempted(forward, found.problem, begin, EVALUATIONS, 1e-6, thorough=True)
-    if again is None or len(again.z) != len(found.z) or not again.point.converged.all():
-        return found
-    return again
 
 
 def stays(before: Fit, after: Fit) -> bool:

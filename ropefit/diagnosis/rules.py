@@ -14,7 +14,6 @@ from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.starts import cheaper
-from ropefit.models.terms import Term
 from ropefit.solvers.equilibrium.branches import overwound
 
 RESTART_EVALUATIONS = 20
@@ -78,7 +77,7 @@ class Rules:
     scan_explains: share of the misfit that a scan explains in one place, above which the noise is
     measured without further fits. calibration: whether fits include calibration errors. noise:
     measured with its correlation, or assumed white. effects: names of those that are looked for;
-    None: all. finer: errors of the set-up that only the last fit has, as they are many.
+    None: all.
     """
 
     least_evidence: float = 6.0
@@ -93,7 +92,6 @@ class Rules:
     noise: Literal["measured", "white"] = "measured"
     effects: tuple[str, ...] | None = None
     selection: Selection = field(default_factory=Selection)
-    finer: tuple[Term, ...] = ()
 
 
 RULES = Rules()

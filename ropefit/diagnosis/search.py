@@ -27,7 +27,7 @@ from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.fits import Progress
 from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.known_rope import from_known_rope
-from ropefit.diagnosis.last_fit import last_fit, with_finer
+from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import clean_limits
 from ropefit.diagnosis.mixed_pairs import beside_contact, two_instead
@@ -208,8 +208,7 @@ def search(
     assert scores is not None
     assert limits is not None
     if accepted:
-        current = with_finer(last_fit(current), rules.finer)
-        current, accepted = without_insignificant(current, accepted, limits.threshold)
+        current, accepted = without_insignificant(last_fit(current), accepted, limits.threshold)
         current = with_own_motion(current)
     verdict = verdict_of(nominal, current, accepted, latent, crowded, refused)
     return Diagnosis(

@@ -26,8 +26,6 @@ from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal_motion import UNRESOLVED, nominal_in_motion
 from ropefit.fitting.posed import KnownRope, Posed, posed
 from ropefit.inference.least_squares import Fit
-from ropefit.models import rest_curve
-from ropefit.models.priors import sharp_bends
 from ropefit.runs.protocol import Context
 
 UNSTABLE = "at the edge of stability"
@@ -78,8 +76,6 @@ def at_rest(
     problem = posed(o, rope, settings, rules.calibration)
     if control:
         rules = replace(rules, selection=Controlled(control))
-    if rope.elsewhere and any(term.name == rest_curve.SHORT for term in problem.terms):
-        rules = replace(rules, finer=tuple(sharp_bends(problem.setup)))
     firm = problem.firm()
     if firm is None:
         raise BadInput(

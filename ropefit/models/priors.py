@@ -12,13 +12,11 @@ import numpy as np
 
 from ropefit.effects import CATALOGUE, Effect
 from ropefit.effects.ends import turned_clamp
-from ropefit.effects.place import QUARTERS, at_point
+from ropefit.effects.place import QUARTERS
 from ropefit.models.terms import Apply, Term
 from ropefit.rod.setup import Setup, twist_held
 
 DEGREE = math.pi / 180
-EIGHTHS = (np.arange(8) + 0.5) / 8  # of the length: their middles
-SHARP_BEND = 0.2  # rad, one sigma
 PAIR = 30.0  # degrees: how far the line of two held markers may lie from the rope's own
 
 
@@ -110,22 +108,6 @@ def _off_axis(setup: Setup, v: np.ndarray) -> Setup:
     parts = [np.interp(share, places, [0.0, *part]) for part in v.reshape(2, -1)]
     before = 0.0 if setup.off_axis is None else setup.off_axis
     return setup._replace(off_axis=before + np.stack(parts, axis=-1))
-
-
-def sharp_bends(setup: Setup) -> list[Term]:
-    """Return sharp bends [rad] of the rest shape as a nuisance, about both directions across the
-    rope, one in each of its eighths: what the points of a rest curve do not tell. None where no
-    clamp holds the rope's twist."""
-    if not twist_held(setup):
-        return []
-    names = [f"{axis}_at_{100 * share:.4g}" for axis in (1, 2) for share in EIGHTHS]
-    return [nuisance("bend", names, ["rad"] * len(names), _bent, [SHARP_BEND] * len(names))]
-
-
-def _bent(setup: Setup, v: np.ndarray) -> Setup:
-    shares = np.array([at_point(setup.arc, share * setup.arc[-1]) for share in EIGHTHS])
-    turn = np.pad(v.reshape(2, -1).T, ((0, 0), (0, 1)))
-    return setup._replace(kinks=setup.kinks + shares.T @ turn)
 
 
 def _small_effect(
