@@ -10,7 +10,7 @@ from ropefit.diagnosis import candidates
 from ropefit.diagnosis import fits as fits_module
 from ropefit.diagnosis.accepted import close_cost
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
-from ropefit.diagnosis.candidates import completed, fit_candidates
+from ropefit.diagnosis.candidates import completed, fit_candidates, unfinished
 from ropefit.diagnosis.fits import Fits
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.scan import Projection, Scorer
@@ -28,6 +28,7 @@ from ropefit.effects import (
     Tether,
 )
 from ropefit.inference.noise import Noise
+from ropefit.inference.objective import LEFT
 from ropefit.models.terms import Term
 from tests.concealed import nominal_fit, recorded, with_effect
 
@@ -59,6 +60,20 @@ def test_stopped_fits_change_no_answer():
     for candidate in ended[1:]:  # what was not expected of them, they do not have
         assert candidate.evidence < 0.5 * found[0].evidence
     assert np.isfinite([c.evidence for c in found]).all()
+
+
+def test_a_fit_that_ended_before_its_minimum_goes_on():
+    nominal = nominal_fit(recorded(with_effect(PointMass(), [0.0006, 0.37], 144), seed=7), 72)
+    start = np.array([0.0002, 0.3])
+    early = fit_candidate(nominal, Hypothesis(PointMass(), NO_PLACE), start, evaluations=2)
+    assert early is not None
+    assert not early.fit.stopped
+    assert unfinished(early)
+    (ended,) = completed(nominal, [early])
+    assert not unfinished(ended)
+    assert ended.fit.left_to_gain < LEFT < early.fit.left_to_gain
+    assert ended.evidence > early.evidence + 1
+    assert completed(nominal, [ended]) == [ended]
 
 
 class Given(Candidate):

@@ -9,6 +9,7 @@ import pytest
 from ropefit.diagnosis import verdicts
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.unexplained import leaves_more_than_elsewhere
 from ropefit.diagnosis.verdicts import verdict_of
 from ropefit.effects import FollowerForce, WallField, WeightError
 from ropefit.inference.least_squares import fit
@@ -32,6 +33,17 @@ def verdict(spread: float, noise: Noise = MISFIT, samples: int = 800) -> str:
 @pytest.mark.parametrize(("spread", "said"), [(1.0, "none"), (1.9, "none"), (4.0, "unknown")])
 def test_a_rope_missed_by_more_than_elsewhere_is_unknown(spread, said):
     assert verdict(spread) == said
+
+
+@pytest.mark.parametrize(
+    ("square", "noise", "left"),
+    [(1.0, MISFIT, False), (1.9, MISFIT, False), (2.1, MISFIT, True), (1.3, Noise(), True)],
+)
+def test_what_is_missed_elsewhere_is_not_left(square, noise, left):
+    """The mean square of the residual is in units of the noise."""
+    problem = SimpleNamespace(noise=noise)
+    fitted: Any = SimpleNamespace(z=np.full(800, square**0.5), problem=problem)
+    assert leaves_more_than_elsewhere(fitted) is left
 
 
 def test_few_independent_samples_scatter_by_more():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ropefit
+from ropefit.artifacts import Observations
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.full_scan import sensitivities
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
@@ -131,3 +132,13 @@ def test_the_noise_is_no_larger_than_what_is_left(markers: int, tmp_path: Path) 
     assert found.rms_before > 5 * found.rms_after
     assert found.noise_white <= found.rms_after
     assert found.noise_white == pytest.approx(3**0.5 * NOISE, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("frames", "markers", "seconds"), [(60, 13, 0.01), (60, 13, 1.0), (3, 3, 1.0)]
+)
+def test_what_is_told_of_the_noise_says_whether_it_was_measured(frames, markers, seconds):
+    rng, time = np.random.default_rng(1), seconds * np.arange(frames)
+    positions = poses(1)[0][:markers] + rng.normal(0, NOISE, (frames, markers, 3))
+    _, source, measured = marker_noise(positions, time, ARC[:markers])
+    assert Observations.model_construct(noise_source=source).noise_bounded is not measured

@@ -259,7 +259,12 @@ def test_a_rope_is_handed_on_if_it_explains_its_own_recording(
     context = Context(say=said.append, external=external)
     known = KnownRope(model, found_with(model, **causes), elsewhere=True)
     rope, control = controlled(known, o, SimpleNamespace(), context)  # type: ignore
-    assert (rope.found is known.found) is handed_on
+    assert (rope is known) is (handed_on and "mass" in causes)
+    if handed_on:  # without what is not of the rope, more is missed
+        assert rope.found is known.found
+        assert rope.model.nominal.rms_fit == max(
+            model.nominal.rms_fit, missed * (rope is not known)
+        )
     assert control is fits[handed_on]
     assert len(said) == (not handed_on)
     if not handed_on:

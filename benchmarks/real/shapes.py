@@ -36,19 +36,26 @@ def identified(run: Path, free: str, groups: str = "one") -> Identified:
     return Identified(model.rms_fit, model.rms_heldout, model.rms, few, rigid)
 
 
-# What the unchanged cable is identified with, and how that is told.
-NOMINAL = {"a varying rest curve": VARYING, "straight (default)": "EI"}
+# How a nominal rope is told: what the unchanged cable is identified with, and whether it is
+# diagnosed, too.
+NOMINAL = {
+    "a varying rest curve": (VARYING, False),
+    "a varying rest curve, diagnosed": (VARYING, True),
+    "straight (default)": ("EI", False),
+}
 
 
 def cables(real: Path, folder: Path) -> dict[str, tuple[Identified, dict[str, Any]]]:
     """Return what was identified of the unchanged cable, and the diagnosis of the changed one with
     that as its nominal rope."""
     out = {}
-    for number, (told, free) in enumerate(NOMINAL.items()):
+    for number, (told, (free, diagnosed)) in enumerate(NOMINAL.items()):
         was, now = folder / f"unweighted-{number}", folder / f"weighted-{number}"
         for name, run in (("unweighted", was), ("weighted", now)):
             ropefit("preprocess", real / f"cable_black_{name}", "--run", run)
         known = identified(was, free)
+        if diagnosed:
+            ropefit("diagnose", "--run", was)
         ropefit("identify", "--run", now)
         out[told] = known, ropefit("diagnose", "--run", now, "--nominal", was)
     return out

@@ -96,7 +96,7 @@ def search(
     scores, limits, scan, crowded, most = None, None, None, False, rules.most_effects
     singles: list[Candidate] = []
     compared: list[Accepted] | None = None  # two effects that were, with every pair
-    alone: Accepted | None = None  # the only one, if it was
+    alone: Accepted | None = None  # a single effect that was compared with every pair
     contact = ContactBeside()
     leader: list[Candidate] = []  # of the round before, where that restarted the model
     from_known: list[Candidate] = []
@@ -218,7 +218,7 @@ def search(
 
 
 def _is_left(current: Fit) -> bool:
-    """Return whether a rope at rest leaves more than noise."""
+    """Return whether a rope at rest leaves more than noise, and more than elsewhere."""
     return current.forward.instantaneous and leaves_more_than_elsewhere(current)
 
 

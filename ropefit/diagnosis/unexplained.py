@@ -32,7 +32,7 @@ def leaves_more_than_elsewhere(fitted: Fit) -> bool:
     """Return whether a rope at rest leaves more than noise alone may; of one that is known from
     another recording, and is missed by more than noise there, also more than there."""
     least = (UNLIKE_ELSEWHERE - 1) * len(fitted.z) if fitted.problem.noise.misfit else 0.0
-    return leaves_something(fitted) and unexplained(fitted) > least
+    return bool(leaves_something(fitted) and unexplained(fitted) > least)
 
 
 def misses_more_than_elsewhere(fitted: Fit) -> bool:

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ropefit.models.terms import Apply, Term
-from ropefit.rod.setup import Setup
+from ropefit.models.terms import Apply, Term, merged
 
 FARTHEST = 30.0  # standard deviations: how far a search may go
 JITTER = 1e-9  # of a variance: what rounding may take from a correlation
@@ -39,22 +38,15 @@ class Correlated(Term):
 def correlated(
     name: str, terms: list[Term], covariance: np.ndarray, at_once: Apply | None = None
 ) -> Correlated:
-    """Return the terms as one, about their starts, under a covariance (n, n) in SI; at_once: what
-    they do one after the other."""
-    start = np.concatenate([term.start for term in terms])
+    """Return the terms as one, about their starts, under a covariance (n, n) in SI; at_once: as of
+    `merged`."""
+    whole = merged(name, terms, at_once)
     sd = np.sqrt(np.diag(covariance))
     values, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
     root = sd[:, None] * axes * np.sqrt(np.maximum(values, 0.0) + JITTER)
-    last = np.cumsum([term.size for term in terms])
-
-    def apply(setup: Setup, v: np.ndarray) -> Setup:
-        for term, end in zip(terms, last, strict=True):
-            setup = term.apply(setup, v[end - term.size : end])
-        return setup
-
-    one = np.ones(len(start))
+    start, one = whole.start, np.ones(whole.size)
     far = FARTHEST * root @ one
     return Correlated(
-        name, tuple(n for t in terms for n in t.names), tuple(u for t in terms for u in t.units),
-        at_once or apply, start, one, start - far, start + far, one, root=root,
+        name, whole.names, whole.units, whole.apply, start, one, start - far, start + far, one,
+        root=root,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ropefit.models.differences import DIFFERENCE_STEP, sensor_slope, slope, turn_slope
-from ropefit.rod.at_once import rods
+from ropefit.rod.at_once import BUILT_FROM, rods
 from ropefit.rod.bending import Springs, springs
 from ropefit.rod.off_axis import off_axis, sides_at_nodes
 from ropefit.rod.rod import DIMS, Rod
@@ -70,14 +70,13 @@ def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slo
         markers = markers + off_axis(setup.off_axis, across)
     # What does not depend on a value is the same object.
     pairs = [(changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)) for changed in changes]
-    rods = _rods(pairs)
     return [
-        _slopes(setup, *pair, solution, rod or still, nodes, markers, across)
-        for pair, rod in zip(pairs, rods, strict=True)
+        _slopes(setup, *pair, solution, built or still, nodes, markers, across)
+        for pair, built in zip(pairs, _built(pairs), strict=True)
     ]
 
 
-def _rods(pairs: list[tuple[Setup, Setup]]) -> list[tuple[Rod, Rod] | None]:
+def _built(pairs: list[tuple[Setup, Setup]]) -> list[tuple[Rod, Rod] | None]:
     """Return the rods of pairs of setups, built all at once; None where both are the same but for
     the loads."""
     differ = [
@@ -88,24 +87,24 @@ def _rods(pairs: list[tuple[Setup, Setup]]) -> list[tuple[Rod, Rod] | None]:
 
 
 def _slopes(
-    now: Setup, a: Setup, b: Setup, states: States, rods: tuple[Rod, Rod] | list[np.ndarray],
+    now: Setup, a: Setup, b: Setup, states: States, built: tuple[Rod, Rod] | list[np.ndarray],
     nodes: list[Nodes], markers: np.ndarray, across: np.ndarray | None,
 ) -> Slopes:  # fmt: skip
-    """Return the slopes of one change from a setup to another; rods: those of both, or the
-    derivatives where nothing that a rod is built from changes; nodes: those that each potential
-    acts on now; markers (F, N+1, 3) [m]: where they are now, without the sensor's errors; across:
-    `sides_at_nodes` of the rope."""
+    """Return the slopes of one change from a setup to another; built: the rods of both, or the
+    derivatives of their fields where nothing that a rod is built from changes; nodes: those that
+    each potential acts on now; markers (F, N+1, 3) [m]: where they are now, without the sensor's
+    errors; across: `sides_at_nodes` of the rope."""
     x, q = states.x, states.q
-    same_rod, law = isinstance(rods, list), None
-    if isinstance(rods, list):
-        rod = rods
+    same_rod, law = isinstance(built, list), None
+    if isinstance(built, list):
+        rod = built
         if not _equal(_loaded_by(a), _loaded_by(b)):  # a rod takes longer to build
-            rod, same_rod = list(rods), False
+            rod, same_rod = list(built), False
             rod[LOAD] = slope(a.node_loads(), b.node_loads())
     else:
-        rod = [slope(p, q) for p, q in zip(*rods, strict=True)]
+        rod = [slope(p, q) for p, q in zip(*built, strict=True)]
         if a.bending is not None or b.bending is not None:
-            law = springs(a.bending, rods[0]), springs(b.bending, rods[1])
+            law = springs(a.bending, built[0]), springs(b.bending, built[1])
     force = None
     if a.potentials is not b.potentials:
         low, high = (force_of(s.potentials, x, nodes) for s in (a, b))
@@ -138,8 +137,7 @@ def same_rod(a: Setup, b: Setup) -> bool:
 
 def _built_from(setup: Setup) -> list[np.ndarray]:
     """Return what a rod is built from, but the dead loads of its nodes."""
-    s = setup
-    return [*s.properties, s.moment, s.clamp_compliance, s.kinks, s.stretch]
+    return [*setup.properties, *(getattr(setup, name) for name in BUILT_FROM)]
 
 
 def _loaded_by(setup: Setup) -> list[np.ndarray]:

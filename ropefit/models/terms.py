@@ -121,15 +121,22 @@ class Term:
         return self.value(low), self.value(high)
 
 
-def merged(name: str, terms: list[Term], at_once: Apply) -> Term:
-    """Return linear terms as one; at_once: what they do one after the other."""
+def merged(name: str, terms: list[Term], at_once: Apply | None = None) -> Term:
+    """Return linear terms as one; at_once: the same as all of them one after the other."""
+    last = np.cumsum([term.size for term in terms])
+
+    def one_by_one(setup: Setup, v: np.ndarray) -> Setup:
+        for term, end in zip(terms, last, strict=True):
+            setup = term.apply(setup, v[end - term.size : end])
+        return setup
+
     start, scale, lower, upper, prior = (
         np.concatenate([getattr(term, field) for term in terms])
         for field in ("start", "scale", "lower", "upper", "prior")
     )
     names = tuple(name for term in terms for name in term.names)
     units = tuple(unit for term in terms for unit in term.units)
-    return Term(name, names, units, at_once, start, scale, lower, upper, prior)
+    return Term(name, names, units, at_once or one_by_one, start, scale, lower, upper, prior)
 
 
 def applied(setup: Setup, term: Term, value: np.ndarray) -> Setup:
