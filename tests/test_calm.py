@@ -30,8 +30,8 @@ def fitted(data):
 
 def worst(found) -> float:
     """The largest calibration error, in prior standard deviations."""
-    held = np.isfinite(found.prior)
-    return float(np.abs(found.point.u[held] / found.prior[held]).max())
+    held = found.prior.held
+    return float(np.abs(found.point.u[held] / found.prior.sd[held]).max())
 
 
 def test_a_bar_is_found_where_it_pushes():

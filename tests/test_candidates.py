@@ -29,6 +29,7 @@ from ropefit.effects import (
 )
 from ropefit.inference.noise import Noise
 from ropefit.inference.objective import LEFT
+from ropefit.models.prior import Prior
 from ropefit.models.terms import Term
 from tests.concealed import nominal_fit, recorded, with_effect
 
@@ -114,7 +115,8 @@ def test_what_the_data_want_beyond_a_bound(wanted: float, beyond: bool):
     jacobian = np.array([[2.0, 0.0], [3.0, 0.0], [0.0, 0.5 / 0.1]])  # searched in halves
     fit = SimpleNamespace(
         jacobian=jacobian, z=jacobian @ [0.0, (wanted - held) / 0.5], spread=1.0,
-        prior=np.array([np.inf, np.inf]), point=SimpleNamespace(u=np.array([7.0, held / 0.5])),
+        prior=Prior(np.array([np.inf, np.inf])),
+        point=SimpleNamespace(u=np.array([7.0, held / 0.5])),
         forward=SimpleNamespace(terms=[None, term], split=lambda u: [u[:1], u[1:]]),
     )  # fmt: skip
     one = Candidate(None, term, fit, 0.0, np.zeros(0))  # type: ignore[arg-type]

@@ -96,7 +96,7 @@ def test_evidence_of_an_effect_does_not_depend_on_the_order_of_the_terms():
     assert second is not None
     both, term = second.fit, first.term
     mine = columns_of(both, term)
-    rest = np.setdiff1d(np.arange(len(both.prior)), mine)
+    rest = np.setdiff1d(np.arange(both.forward.size), mine)
     parts = both.forward.split(both.point.u)
     kept = [k for k, one in enumerate(both.forward.terms) if one is not term]
     np.testing.assert_array_equal(both.point.u[rest], np.concatenate([parts[k] for k in kept]))

@@ -34,7 +34,7 @@ def test_the_search_variables_are_independent_and_as_wide_as_their_prior():
     drawn = np.array([one.value(v) for v in np.random.default_rng(0).normal(size=(20000, 3))])
     assert np.cov(drawn.T) == pytest.approx(TOGETHER * np.outer(SD, SD), abs=0.1)
     forward = Equilibrium(setup, [one])
-    assert forward.prior() == pytest.approx(np.ones(3))
+    assert forward.prior().sd == pytest.approx(np.ones(3))
     low, high = forward.bounds()
     assert (low < -9).all()
     assert (high > 9).all()

@@ -31,6 +31,7 @@ from ropefit.effects import (
     TimeLag,
     WallField,
 )
+from ropefit.models.prior import Prior
 from tests.concealed import rope
 
 
@@ -55,7 +56,8 @@ def candidate(
             scale=np.full(len(effect.names), 0.02),
         ),
         fit=SimpleNamespace(
-            prior=np.array([1.0, np.inf]), point=SimpleNamespace(u=np.array([unlikely, 9.0])),
+            prior=Prior(np.array([1.0, np.inf])),
+            point=SimpleNamespace(u=np.array([unlikely, 9.0])),
             spread=1.0, forward=SimpleNamespace(base=one_metre), cost=-2 * explained,
         ),
     )  # fmt: skip

@@ -80,8 +80,7 @@ def test_a_first_order_move_is_what_a_fit_moves(nominal: Fit):
     moved = first_order_move(nominal, hypothesis, 0.3 * MASS * [1, 1 / 0.3])
     assert moved is not None
     # Beside the nominal model's own values and their priors, it explains as much as the fit does.
-    held = np.isfinite(nominal.prior)
-    weights = np.diag(np.where(held, 1 / nominal.prior, 0.0))
+    weights = np.diag(np.where(nominal.prior.held, 1 / nominal.prior.sd, 0.0))
     slopes = np.concatenate([nominal.jacobian, -weights])
     rows = np.concatenate(
         [nominal.whitener(nominal.stations.residual - moved), weights @ nominal.point.u]

@@ -39,9 +39,10 @@ def known(pair: Pair, folder: Path) -> list[Fit]:
         for k, weights in enumerate(((), (pair.weight,)))
     ]
     rope = KnownRope(ropefit.fit(every[0], free=FREE.split(",")), elsewhere=True)
-    out = []
+    out: list[Fit] = []
     for o in every:
-        problem = posed(o, rope, DiagnoseSettings(nominal=True))
+        control = out[0] if out else None
+        problem = posed(o, rope, DiagnoseSettings(nominal=True), control=control)
         first = problem.fitted()
         edge = on_edge(first)
         out.append(problem.without(edge).fitted() if edge.any() else first)

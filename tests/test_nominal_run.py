@@ -136,7 +136,7 @@ def test_what_leaves_much_is_taken_over_if_it_belongs_to_the_rope(
 
 
 def test_rigidities_of_another_recording_are_not_known_exactly(identified):
-    """And are not uniform where the rope missed more than noise there."""
+    """And need not be uniform."""
     o, model = identified
     model = model.model_copy()
     known: dict[tuple[bool, bool], Any] = {}
@@ -147,15 +147,15 @@ def test_rigidities_of_another_recording_are_not_known_exactly(identified):
         changed = group.model_copy(update={"parameters": group.parameters | {"EI": sure}})
         nominal = model.nominal.model_copy(update={"groups": {"all": changed}})
         source = model.model_copy(update={"models": {"nominal": nominal}})
-        for misfit in (False, True):
-            terms, setup = nominal_terms(o, source, base_setup(o, 24), True, elsewhere, misfit)
-            known[elsewhere, misfit] = {term.name: term for term in terms}
+        for uneven in (False, True):
+            terms, setup = nominal_terms(o, source, base_setup(o, 24), True, elsewhere, uneven)
+            known[elsewhere, uneven] = {term.name: term for term in terms}
     assert known[False, False]["EI"].prior[0] == pytest.approx(0.001 / 1.96, rel=0.01)
     assert known[True, False]["EI"].prior[0] == RIGIDITY_SD
     assert "rigidity" not in known[True, False]
-    uneven = known[True, True]["rigidity"]
-    assert uneven.nuisance
-    doubled = uneven.apply(setup, np.full(uneven.size, np.log(2.0)))
+    along = known[True, True]["rigidity"]
+    assert along.nuisance
+    doubled = along.apply(setup, np.full(along.size, np.log(2.0)))
     np.testing.assert_allclose(doubled.properties.bend, 2 * setup.properties.bend)
 
 

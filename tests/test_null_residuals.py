@@ -16,8 +16,8 @@ def nominal():
 
 def test_an_error_of_the_set_up_at_its_bound_makes_no_evidence(nominal):
     """Of the simulated recordings that error is in none: no fit allows for it there."""
-    held = np.flatnonzero(np.isfinite(nominal.prior))
-    seen = np.linalg.norm(nominal.jacobian[:, held], axis=0) * nominal.prior[held]
+    held = np.flatnonzero(nominal.prior.held)
+    seen = np.linalg.norm(nominal.jacobian[:, held], axis=0) * nominal.prior.sd[held]
     k = held[np.argmax(seen)]
     assert seen.max() > 5
     u = nominal.point.u.copy()

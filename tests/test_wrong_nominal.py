@@ -44,7 +44,7 @@ def weighed(o: Observations, source: Model) -> Candidate | None:
     """Return the weight as fitted to a recording of a rope that is known from another."""
     data, setup = data_in_space(o), base_setup(o, segments_of(o))
     noise = with_what_is_missed(noise_of(o, data), source)
-    terms, setup = nominal_terms(o, source, setup, True, elsewhere=True, misfit=noise.misfit)
+    terms, setup = nominal_terms(o, source, setup, True, elsewhere=True, uneven=True)
     problem = FitProblem(data, noise, STATIONS)
     terms += set_up_errors(setup, o, None)
     nominal = nominal_at_rest(setup, terms, problem)

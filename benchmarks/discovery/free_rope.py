@@ -71,8 +71,8 @@ def free_rope(smaller: Fit) -> Candidate | None:
     candidate = fit_candidate(smaller, hypothesis, start)
     if candidate is None:
         return None
-    prior = candidate.fit.prior.copy()
-    prior[-candidate.term.size :] = np.inf
-    loose = replace(candidate.fit, prior=prior)
+    sd = candidate.fit.prior.sd.copy()
+    sd[-candidate.term.size :] = np.inf
+    loose = replace(candidate.fit, prior=replace(candidate.fit.prior, sd=sd))
     gained = occam_factor(candidate.fit, candidate.term) - occam_factor(loose, candidate.term)
     return replace(candidate, evidence=candidate.evidence + gained)

@@ -189,7 +189,7 @@ def _revived(smaller: Fit) -> np.ndarray:
     u, terms = smaller.point.u.copy(), smaller.forward.terms
     logs = np.repeat([t.log for t in terms], [t.size for t in terms])
     unseen = np.linalg.norm(smaller.jacobian, axis=0) < INSENSITIVE
-    u[logs & unseen & ~np.isfinite(smaller.prior)] = 0.0
+    u[logs & unseen & ~smaller.prior.held] = 0.0
     return u
 
 
@@ -201,7 +201,7 @@ def _undistorted(smaller: Fit, begun: Beginning, moved: np.ndarray) -> np.ndarra
     size = begun.terms[0].size
     refitted, plain = begun.values.copy(), begun.values.copy()
     refitted[:-size] = _refitted_beside(smaller, moved)
-    plain[:-size][np.isfinite(smaller.prior)] = 0.0
+    plain[:-size][smaller.prior.held] = 0.0
     missed = _missed_by(smaller, begun, refitted)
     if _missed_by(smaller, begun, plain) < MUCH_LESS * missed:
         return plain
@@ -237,8 +237,7 @@ def _refitted_beside(smaller: Fit, moved: np.ndarray) -> np.ndarray:
     moves its rope by `moved` (M D,): they need not stand for that effect any more."""
     u = smaller.point.u
     project = Projection(smaller)
-    held = np.isfinite(smaller.prior)
-    pull = np.where(held, u / smaller.prior**2, 0.0)
+    pull = smaller.prior.information @ u
     step = project.inverse @ (project.jacobian.T @ (smaller.z - moved) - pull)
     low, high = smaller.forward.bounds()
     return np.clip(u + step, low, high)

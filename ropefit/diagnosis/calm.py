@@ -23,8 +23,7 @@ WEAKEST_PUSH = 1e-3  # of the best: a direction in which the frame says nothing 
 
 def distorted(smaller: Fit) -> bool:
     """Return whether a calibration error is too large to be one: it stands for missing physics."""
-    held = np.isfinite(smaller.prior)
-    return bool((np.abs(smaller.point.u[held]) > DISTORTED_SD * smaller.prior[held]).any())
+    return bool((np.abs(smaller.point.u) > DISTORTED_SD * smaller.prior.sd).any())
 
 
 def excess(fitted: Fit) -> np.ndarray:

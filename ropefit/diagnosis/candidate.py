@@ -105,10 +105,9 @@ class Candidate:
         """Return whether the data want one of its values significantly beyond its bounds, to first
         order: what is possible does not explain them to the full."""
         found, mine = self.fit, self._mine(np.arange(len(self.fit.point.u)))
-        held = np.isfinite(found.prior)
-        weight = np.where(held, 1 / found.prior**2, 0.0)
-        information = found.jacobian.T @ found.jacobian / found.spread + np.diag(weight)
-        pull = found.jacobian.T @ found.z / found.spread - weight * found.point.u
+        held = found.prior.information
+        information = found.jacobian.T @ found.jacobian / found.spread + held
+        pull = found.jacobian.T @ found.z / found.spread - held @ found.point.u
         inverse = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
         wanted, sd = (inverse @ pull)[mine], np.sqrt(np.maximum(np.diag(inverse)[mine], 0.0))
         u = self._mine(found.point.u)
@@ -253,16 +252,15 @@ def occam_factor(fitted: Fit, *terms: Term) -> float:
     """Return half the log of how much the data narrow the values of some terms, from broad
     priors."""
     mine = columns_of(fitted, *terms)
-    rest = np.setdiff1d(np.arange(len(fitted.prior)), mine)
-    held = np.isfinite(fitted.prior)
-    information = fitted.jacobian.T @ fitted.jacobian + np.diag(
-        np.where(held, 1 / fitted.prior**2, 1e-12)
-    )
+    rest = np.setdiff1d(np.arange(fitted.forward.size), mine)
+    prior = fitted.prior
+    information = fitted.jacobian.T @ fitted.jacobian + prior.information
+    information += np.diag(np.where(prior.held, 0.0, 1e-12))
     others, cross = information[np.ix_(rest, rest)], information[np.ix_(rest, mine)]
     own = information[np.ix_(mine, mine)]
     own = own - cross.T @ np.linalg.pinv(others, hermitian=True) @ cross
     length = float(fitted.forward.base.properties.length.sum())
-    prior = np.array(
+    broad = np.array(
         [
             PLACE_PRIOR_SD * length / s
             if term.effect and name in term.effect.place_names
@@ -271,14 +269,14 @@ def occam_factor(fitted: Fit, *terms: Term) -> float:
             for name, s in zip(term.names, term.scale, strict=True)
         ]
     )
-    strength = np.linalg.eigvalsh(own * np.outer(prior, prior))
+    strength = np.linalg.eigvalsh(own * np.outer(broad, broad))
     return 0.5 * float(np.log1p(np.maximum(strength, 0.0)).sum())
 
 
 def columns_of(fitted: Fit, *terms: Term) -> np.ndarray:
     """Return which search variables (k,) of a fit are those of some of its terms."""
     every = fitted.forward.terms
-    parts = fitted.forward.split(np.arange(len(fitted.prior)))
+    parts = fitted.forward.split(np.arange(fitted.forward.size))
     return np.concatenate([
         next(part for term, part in zip(every, parts, strict=True) if term is one)
         for one in terms

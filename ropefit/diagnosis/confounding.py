@@ -18,7 +18,7 @@ def confounded(fit: Fit, sensitivities: list[Sensitivity]) -> list[str]:
     recording they reproduce nothing.
     """
     terms = fit.forward.terms
-    rope = np.repeat([t.log for t in terms], [t.size for t in terms]) & ~np.isfinite(fit.prior)
+    rope = np.repeat([t.log for t in terms], [t.size for t in terms]) & ~fit.prior.held
     if not rope.any():
         return []
     basis, _ = np.linalg.qr(fit.jacobian[:, rope])

@@ -61,8 +61,7 @@ def _predicts_better(one: Candidate, than: Candidate) -> bool:
 def _held_out_gain(one: Candidate) -> float:
     """Return what held-out data gain by a candidate [nats], less what the errors of the set-up
     that it needs are unlikely."""
-    held = np.isfinite(one.fit.prior)
-    unlikely = 0.5 * float(np.square(one.fit.point.u[held] / one.fit.prior[held]).sum())
+    unlikely = 0.5 * float(np.square(one.fit.prior.rows(one.fit.point.u)).sum())
     return float(one.gains.sum()) - unlikely / max(1.0, one.fit.spread)
 
 

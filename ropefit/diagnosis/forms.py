@@ -124,10 +124,9 @@ def _smooth(final: Fit, term: Term, mine: np.ndarray, law: Law) -> tuple[np.ndar
     """Return the search variables (P,) and their covariance with a prior of smoothness, its
     strength that of the highest evidence (Laplace's approximation about the fit). A law without
     departures from a smooth curve stays as it was fitted."""
-    held = np.isfinite(final.prior)
     spread = max(1.0, final.spread)
-    data = final.jacobian.T @ final.jacobian / spread
-    data += np.diag(np.where(held, 1 / final.prior**2, 1e-9))
+    data = final.jacobian.T @ final.jacobian / spread + final.prior.information
+    data += np.diag(np.where(final.prior.held, 0.0, 1e-9))
     others = np.setdiff1d(np.arange(len(data)), mine)
     cross = data[np.ix_(others, mine)]
     known = np.linalg.pinv(data[np.ix_(others, others)], hermitian=True)

@@ -67,9 +67,8 @@ def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _computed(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
-    held = np.isfinite(fitted.prior)
     jacobian = fitted.jacobian * inside(fitted)
-    whole = jacobian.T @ jacobian + np.diag(np.where(held, 1 / fitted.prior**2, 0.0))
+    whole = jacobian.T @ jacobian + fitted.prior.information
     whole += np.eye(len(whole)) / FURTHEST_STEP**2
     block = block_of_rows(fitted, along)
     residual, variance = np.empty_like(fitted.z), np.empty_like(fitted.z)

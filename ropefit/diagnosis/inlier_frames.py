@@ -46,7 +46,7 @@ def on_inlier_frames(fitted: Fit) -> Fit | None:
 def _begun(fitted: Fit) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the search variables (P,) without calibration errors, of the rigidity that explains
     three frames best, and the rms [m] of every frame there (F,)."""
-    forward, held = fitted.forward, np.isfinite(fitted.prior)
+    forward, held = fitted.forward, fitted.prior.held
     terms = forward.terms
     rigid = ~held & np.repeat([t.log and t.effect is None for t in terms], [t.size for t in terms])
     low, high = forward.bounds()

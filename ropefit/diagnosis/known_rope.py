@@ -68,7 +68,7 @@ def _as_known(current: Fit) -> Fit | None:
     at_rest = current.forward.instantaneous and not current.point.setup.potentials
     if not at_rest or not current.problem.data.material or not (rope and rope[0]):
         return None
-    u = np.where(np.isfinite(current.prior), 0.0, current.point.u)
+    u = np.where(current.prior.held, 0.0, current.point.u)
     forward = current.forward.starting_from(current.point.solution)
     known = attempted(forward, current.problem, u, evaluations=1, tolerance=TOLERANCE)
     if known is None or not known.point.converged.all() or len(known.z) != len(current.z):

@@ -53,7 +53,7 @@ def _design(fitted: Fit, sensitivities: list[Sensitivity], moves: list[np.ndarra
     """
     physics = [c.values for c in sensitivities if c.hypothesis.effect.kind == "physics"]
     steady = [values.reshape(len(values), -1) for values in physics]
-    spread = np.where(np.isfinite(fitted.prior), fitted.prior, FREE_PRIOR_SD)
+    spread = np.where(fitted.prior.held, fitted.prior.sd, FREE_PRIOR_SD)
     many = sum(block.shape[1] for block in steady)
     scale = np.concatenate([spread, np.full(many, EFFECT_PRIOR_SD)])
     some = [slice(k, k + AT_ONCE) for k in range(0, len(fitted.jacobian), AT_ONCE)]

@@ -33,20 +33,19 @@ class Projection:
     """
 
     def __init__(self, fit: Fit) -> None:
-        free = inside(fit)
+        self.free = free = inside(fit)
         self.jacobian = fit.jacobian * free
-        held = np.isfinite(fit.prior)
+        held, known = fit.prior.held, fit.prior.information
         # Parameters without any sensitivity (an edge beyond the rope) are held by a broad prior.
-        weight = np.where(held, 1 / fit.prior**2, FREE_PRIOR_SD**-2)
-        information = self.jacobian.T @ self.jacobian + np.diag(weight)
+        broad = np.diag(np.where(held, 0.0, FREE_PRIOR_SD**-2))
+        information = self.jacobian.T @ self.jacobian + known + broad
         # In units in which all are as well known: what a rope far off responds to by a million
         # times more would make the priors of the others rounding errors.
         unit = np.sqrt(np.diag(information))
         scaled = information / np.outer(unit, unit)
         self.inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(unit, unit)
         # One at its bound is not allowed for: in simulated recordings it would look like an effect.
-        self.prior_sd = np.where(held & free, fit.prior, 0.0)
-        prior = np.where(held & free, fit.point.u / fit.prior**2, 0.0)
+        prior = np.where(free, known @ fit.point.u, 0.0)
         left = self.inverse @ (self.jacobian.T @ fit.z - prior)
         self.z = fit.z - self.jacobian @ left
 
@@ -162,5 +161,5 @@ def null_residuals(
     """Return (M D, count) residuals of nominal fits to recordings with nothing left out: noise,
     and calibration errors drawn from their priors."""
     noise = rng.normal(size=(len(fit.z), count))
-    errors = project.prior_sd[:, None] * rng.normal(size=(len(project.prior_sd), count))
+    errors = project.free[:, None] * fit.prior.drawn(count, rng)
     return project(noise + fit.jacobian @ errors)

@@ -73,7 +73,7 @@ def at_rest(
         source, found = _as_diagnosed(context.external["nominal"], context)
         rope = KnownRope(source, found, source.recording != o.recording, calibrated)
         rope, control = controlled(rope, o, settings, context)
-    problem = posed(o, rope, settings, rules.calibration)
+    problem = posed(o, rope, settings, rules.calibration, control)
     if control:
         rules = replace(rules, selection=Controlled(control))
     firm = problem.firm()

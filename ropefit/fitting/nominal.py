@@ -34,22 +34,22 @@ LEAST_PRIOR_SD = 1e-4  # search variables
 # Of the logarithm of a rigidity known from another recording: handling changes it, and what the
 # model lacks there (a fitting at the tip that nobody tells) is a part of it.
 RIGIDITY_SD = 0.1
-# The same of how it varies along a rope, where a uniform one missed more than noise.
+# The same of how it varies along a rope.
 UNEVEN_SD = 0.15
 LEAST_CALIBRATION_SD = 1e-3  # of the usual prior: however well another run knows an error
 
 
 def nominal_terms(
     o: Observations, source: Model, setup: Setup, prior: bool, elsewhere: bool = False,
-    misfit: bool = False,
+    uneven: bool = False,
 ) -> tuple[list[Term], Setup]:  # fmt: skip
     """Return the rope's own parameters, starting where they were identified; at their usual values
     where the search ran to a bound.
 
     prior: they are known from another run, within that run's intervals, and the points of a rest
     curve, which are correlated, within its covariance. GJ joins them where both clamps hold twist.
-    elsewhere: in another recording; rigidities are then no better known than `RIGIDITY_SD`. misfit:
-    they are not uniform either, as the rope misses more than noise there.
+    elsewhere: in another recording; rigidities are then no better known than `RIGIDITY_SD`. uneven:
+    they need not be uniform.
     """
     group = next(iter(source.nominal.groups.values()))
     if prior:
@@ -84,7 +84,7 @@ def nominal_terms(
         covariance = covariance_of(group, seen)
         known = [bends.pop(name) for name in seen]
         terms.append(correlated(rest_curve.SHORT, known, covariance, rest_curve.apply(*seen)))
-    if misfit:
+    if uneven:
         names, size = [f"at_{place}" for place in QUARTERS], len(QUARTERS)
         terms.append(nuisance("rigidity", names, ["1"] * size, _uneven, [UNEVEN_SD] * size))
     if bends:

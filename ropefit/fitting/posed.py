@@ -21,6 +21,7 @@ from ropefit.adapters.taken_over import TakenOver, of_rope
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.fitting.free_law import own_laws
+from ropefit.fitting.handed_on import known_together, same_markers
 from ropefit.fitting.nominal import (
     nominal_at_rest,
     nominal_terms,
@@ -87,9 +88,11 @@ class Posed:
 
 
 def posed(
-    o: Observations, rope: KnownRope, settings: DiagnoseSettings, errors: bool = True
-) -> Posed:
-    """Return a recording at rest as a problem; errors: whether those of the set-up are fitted."""
+    o: Observations, rope: KnownRope, settings: DiagnoseSettings, errors: bool = True,
+    control: Fit | None = None,
+) -> Posed:  # fmt: skip
+    """Return a recording at rest as a problem; errors: whether those of the set-up are fitted;
+    control: the fit of the recording that the rope is known from."""
     fewer = fewer_segments(o)
     used = spread_evenly(
         np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
@@ -101,9 +104,8 @@ def posed(
 
     def described(segments: int) -> tuple[list[Term], Setup]:
         setup = compared(base_setup(o, segments), used, settings.most_frames)
-        return nominal_terms(
-            o, rope.model, setup, settings.nominal, rope.elsewhere, misfit=noise.misfit
-        )
+        uneven = rope.elsewhere and data.material
+        return nominal_terms(o, rope.model, setup, settings.nominal, rope.elsewhere, uneven)
 
     terms, setup = described(segments_of(o))
     taken = (
@@ -112,9 +114,16 @@ def posed(
         else own_laws(rope.model.nominal, setup)
     )
     terms += [term for _, _, term in taken]
+    offsets = markers_off_axis(setup, off_axis_sd(o)) if errors else []
+    if control is not None:
+        if same_markers(data, control.problem.data):
+            terms, offsets = [*terms, *offsets], []
+        known = known_together(terms, control)
+        now = {id(old): new for old, new in zip(terms, known, strict=True)}
+        terms, taken = known, [(name, cause, now[id(term)]) for name, cause, term in taken]
+    terms += offsets
     if errors:
         terms += set_up_errors(setup, o, rope.calibration)
-        terms += markers_off_axis(setup, off_axis_sd(o))
     coarser = described(fewer)[1] if fewer else None
     return Posed(used, setup, coarser, terms, taken, FitProblem(data, noise, STATIONS))
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from ropefit.models.model import Model
+from ropefit.models.prior import Prior
 
 DIRECTION_SD = 1.0  # rad: prior standard deviation of a direction
 
@@ -23,12 +24,15 @@ class TangentBasis(NamedTuple):
     vectors: np.ndarray
     variable: np.ndarray
 
-    def prior(self, prior: np.ndarray) -> np.ndarray:
-        """Return (Q,) prior standard deviations along the tangent vectors, from those of the search
-        variables (P,); inf for none, also of a direction whose components have none."""
+    def information(self, prior: Prior) -> np.ndarray:
+        """Return (Q, Q) the information of a prior along the tangent vectors; none of a direction
+        whose components have none."""
         components = np.setdiff1d(np.arange(len(self.vectors)), self.variable)
-        rotation = DIRECTION_SD if np.isfinite(prior[components]).all() else np.inf
-        return np.where(self.variable < 0, rotation, prior[self.variable])
+        turns = self.variable < 0
+        rotation = DIRECTION_SD**-2 if prior.held[components].all() else 0.0
+        own = prior.information[np.ix_(self.variable, self.variable)]
+        own = np.where(np.logical_or.outer(turns, turns), 0.0, own)
+        return own + np.diag(np.where(turns, rotation, 0.0))
 
     def covariance(self, tangent: np.ndarray) -> np.ndarray:
         """Return the covariance (P, P) of the search variables from that in this basis (Q, Q)."""

@@ -18,6 +18,7 @@ from ropefit.inference.problem import FitProblem
 from ropefit.inference.steps import foreseen, with_priors
 from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.model import Model
+from ropefit.models.prior import Prior
 from ropefit.models.response import Parts, Point
 
 AS_MATCHED = 0.002  # m: points match a rope whose nodes have moved by less as they did before
@@ -43,7 +44,7 @@ class Fit:
     whitener: Whitener
     z: np.ndarray
     jacobian: np.ndarray
-    prior: np.ndarray
+    prior: Prior
     cost: float
     spread: float
     freedom: int
@@ -82,8 +83,8 @@ class Fit:
     def left_to_gain(self) -> float:
         """Return by how much a linear step lowers χ², as large as noise makes it: of a fit that has
         arrived next to nothing."""
-        u, held = self.point.u, np.isfinite(self.prior)
-        rows = np.concatenate([self.z, (u / self.prior)[held]])
+        u = self.point.u
+        rows = np.concatenate([self.z, self.prior.rows(u)])
         slopes = with_priors(self.jacobian, self.prior)
         return foreseen(rows, slopes, u, *self.forward.bounds())
 
@@ -102,13 +103,13 @@ class Fit:
         as a heavier, stiffer rope does. A pseudo-inverse has no variance there; the truth is as
         wide as the broad prior of the effects' sizes.
         """
-        prior = np.fmin(self.prior, self.forward.broad())
+        prior = self.prior.with_broad(self.forward.broad())
         if not self.misses:
             return self._widened(self._by_noise(prior))
-        basis, jacobian = self._basis, self.jacobian
+        basis, jacobian, held = self._basis, self.jacobian, prior.information
         if basis is not None:
-            jacobian, prior = jacobian @ basis.vectors, basis.prior(prior)
-        data, s, held = jacobian.T @ jacobian, self.stations, _information(prior)
+            jacobian, held = jacobian @ basis.vectors, basis.information(prior)
+        data, s = jacobian.T @ jacobian, self.stations
         inverse = np.linalg.pinv(data + held, rcond=1e-14)
         lever = inverse @ self.whitener.weighted(jacobian).T
         noise = data * max(self.scale**2, 1.0) / self.problem.noise.repeats
@@ -127,7 +128,7 @@ class Fit:
         if self.forward.instantaneous:
             return covariance
         scattered = clipwise.scatter(
-            self.jacobian, self.z, self.clip_of_rows(), _information(self.prior)
+            self.jacobian, self.z, self.clip_of_rows(), self.prior.information
         )
         if scattered is None:
             return covariance
@@ -142,11 +143,11 @@ class Fit:
             clip[frames] = number
         return np.repeat(clip[self.stations.frame], self.stations.residual.shape[1])
 
-    def _by_noise(self, prior: np.ndarray) -> np.ndarray:
-        basis, jacobian = self._basis, self.jacobian
+    def _by_noise(self, prior: Prior) -> np.ndarray:
+        basis, jacobian, held = self._basis, self.jacobian, prior.information
         if basis is not None:
-            jacobian, prior = jacobian @ basis.vectors, basis.prior(prior)
-        information = jacobian.T @ jacobian / self.spread + _information(prior)
+            jacobian, held = jacobian @ basis.vectors, basis.information(prior)
+        information = jacobian.T @ jacobian / self.spread + held
         out = np.linalg.pinv(information, rcond=1e-14)
         return out if basis is None else basis.covariance(out)
 
@@ -163,11 +164,6 @@ class Fit:
     def sd(self) -> np.ndarray:
         """Return (P,) of the search variables; larger than their prior they never get."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
-
-
-def _information(prior: np.ndarray) -> np.ndarray:
-    """Return (P, P) the information of priors of one sigma (P,), inf for none."""
-    return np.diag(np.where(np.isfinite(prior), 1 / prior**2, 0.0))
 
 
 def inside(fitted: Fit) -> np.ndarray:
@@ -201,8 +197,8 @@ def fit(
     best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance, thorough))
     point, now, z = objective.at(best["u"])
     cost, status, nfev = best["summary"]
-    jacobian, prior, held = objective.jacobian(best["u"]), objective.prior, objective.held
-    free = int((~held).sum())
+    jacobian, prior = objective.jacobian(best["u"]), objective.prior
+    free = int((~prior.held).sum())
     freedom = max(len(z) - free, 1)
     stations = objective.stations
     repeats = problem.noise.repeats

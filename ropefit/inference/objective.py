@@ -75,7 +75,6 @@ class Objective:
         self.forward, self.known = forward, Known(forward, u)
         self.needed, self.highest, self.count, self.most = needed, highest, 0, 0
         self.prior = forward.prior()
-        self.held = np.isfinite(self.prior)
         first = self.known.begin()
         self.settled = first.converged
         if not first.setup.possible:
@@ -139,7 +138,7 @@ class Objective:
 
     def whole(self, u: np.ndarray) -> np.ndarray:
         """Return residual rows, those of the priors last."""
-        return np.concatenate([self.at(u)[2], (u / self.prior)[self.held]])
+        return np.concatenate([self.at(u)[2], self.prior.rows(u)])
 
     def rows(self, u: np.ndarray) -> np.ndarray:
         """Return (P + 1,) the rows turned onto one; see `turned.py`."""
@@ -175,8 +174,8 @@ class Objective:
 
         def turned() -> np.ndarray:
             # Both with the other sign, which turns out the same and needs no copy.
-            own, z = -np.diag(1 / self.prior)[self.held], self.at(u)[2]
-            return turned_jacobian([(self.jacobian(u), -z), (own, -(u / self.prior)[self.held])])
+            z, own = self.at(u)[2], self.prior
+            return turned_jacobian([(self.jacobian(u), -z), (-own.factor, -own.rows(u))])
 
         out = self.known.rows("slope", u, turned)
         self.count += 1

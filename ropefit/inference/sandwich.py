@@ -133,7 +133,7 @@ def block_estimates(found: Fit, clips: list[np.ndarray], time: np.ndarray) -> Es
     so, and thousands of its samples are worth only as many as there are swings. time (F,) [s] of
     the frames that `clips` are indices of.
     """
-    information = np.diag(_information(found.prior))
+    information = found.prior.information
     bread = np.linalg.pinv(found.jacobian.T @ found.jacobian + information, rcond=1e-14)
     block, count = blocks_of(clips, time)
     frame = np.repeat(found.stations.frame, found.stations.residual.shape[1])
@@ -164,7 +164,3 @@ def blocks_of(clips: list[np.ndarray], time: np.ndarray) -> tuple[np.ndarray, in
         block[clip] = count + inside
         count += int(inside.max()) + 1
     return block, count
-
-
-def _information(prior: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(prior), 1 / np.where(np.isfinite(prior), prior, 1.0) ** 2, 0.0)

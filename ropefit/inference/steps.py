@@ -14,6 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy import optimize
 
+from ropefit.models.prior import Prior
+
 FURTHEST_STEP = 100.0  # search variables
 AHEAD = 0.1  # of a step: where its second derivative is measured
 MOST_BENT = 0.4  # of a step: the most by which the second derivative may bend it
@@ -37,10 +39,10 @@ def linear_step(
     return step, max(float(rows @ rows - left @ left), 0.0)
 
 
-def with_priors(jacobian: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Return the slopes of the residual rows of a prediction's Jacobian (M, P), those of priors of
-    one sigma (P,), inf for none, last."""
-    return np.concatenate([-jacobian, np.diag(1 / prior)[np.isfinite(prior)]])
+def with_priors(jacobian: np.ndarray, prior: Prior) -> np.ndarray:
+    """Return the slopes of the residual rows of a prediction's Jacobian (M, P), those of priors
+    last."""
+    return np.concatenate([-jacobian, prior.factor])
 
 
 def foreseen(

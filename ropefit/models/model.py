@@ -16,6 +16,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ropefit.models.differences import DIFFERENCE_STEP
+from ropefit.models.prior import Joint, Prior
 from ropefit.models.response import Point
 from ropefit.models.slopes import Change
 from ropefit.models.terms import Term, applied, value_at
@@ -119,9 +120,23 @@ class Model(ABC):
         high = np.concatenate([t.search(t.upper) for t in self.terms] or [np.empty(0)])
         return low, high
 
-    def prior(self) -> np.ndarray:
-        """Return (P,) one sigma of the search variables; inf for none."""
-        return np.concatenate([t.prior / t.scale for t in self.terms] or [np.empty(0)])
+    def prior(self) -> Prior:
+        """Return what is known of the search variables beforehand."""
+        groups: dict[Joint, tuple[list[int], list[int]]] = {}
+        first = 0
+        for term in self.terms:
+            if term.joint is not None:
+                joint, place = term.joint
+                mine, there = groups.setdefault(joint, ([], []))
+                mine += range(first, first + term.size)
+                there += range(place, place + term.size)
+            first += term.size
+        together = tuple(
+            (np.array(mine), joint.covariance[np.ix_(there, there)])
+            for joint, (mine, there) in groups.items()
+        )
+        sd = np.concatenate([t.prior / t.scale for t in self.terms] or [np.empty(0)])
+        return Prior(sd, together)
 
     def broad(self) -> np.ndarray:
         """Return (P,) one sigma of the search variables by the broad prior of the effects' sizes;

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.effects.base import Effect
+from ropefit.models.prior import Joint
 from ropefit.models.slopes import Change
 from ropefit.rod.setup import Setup
 
@@ -28,7 +29,9 @@ class Term:
 
     start, lower, upper (n,) in SI; prior (n,) one-sigma in SI, inf for none; log: the search
     variable is the logarithm of the value over its start. saturating (n,) bool: values that may be
-    infinite, searched as value / (value + scale). effect: that the term stands for, if any.
+    infinite, searched as value / (value + scale). effect: that the term stands for, if any. joint:
+    what it is known together with, and from which place there on its own values are; prior is then
+    that of each by itself.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Term:
     nuisance: bool = False
     effect: Effect | None = None
     saturating: np.ndarray | None = None
+    joint: tuple[Joint, int] | None = None
 
     @property
     def size(self) -> int:
