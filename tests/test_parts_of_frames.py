@@ -8,6 +8,7 @@ from ropefit.diagnosis.full_scan import sensitivities
 from ropefit.diagnosis.noise_measurement import measured_noise
 from ropefit.effects import Tether
 from ropefit.inference import noise
+from ropefit.inference.bins import Data, match
 from ropefit.inference.least_squares import Fit, fit
 from ropefit.inference.noise import Noise, Whitener
 from ropefit.inference.problem import FitProblem
@@ -53,6 +54,37 @@ def test_changes_of_some_frames_at_a_time(acts, monkeypatch):
         found[:, frames] = dx
     assert [len(frames) for frames, _ in parts] == [5, 5, 2]
     np.testing.assert_allclose(found, whole, rtol=1e-9, atol=1e-12)
+
+
+def off_the_axis(setup: Setup) -> Setup:
+    offset = np.linspace(0, 0.004, setup.segments + 1)
+    clamped = setup._replace(clamp_compliance=np.zeros((2, 2)))
+    return clamped._replace(off_axis=np.stack([offset, -0.5 * offset], axis=-1))
+
+
+@pytest.mark.parametrize("acts", [lambda s: s, held_by_a_thread, off_the_axis])
+def test_changes_of_some_nodes_only(acts):
+    """As the stations of few markers need."""
+    forward = model(acts(rope(48)))
+    point = forward.at(forward.start())
+    changes, nodes = forward.changes(point.u), np.array([0, 1, 2, 20, 21, 47, 48])
+    whole = point.respond(changes)
+    for frames, dx in point.parts(changes, nodes=nodes):
+        np.testing.assert_allclose(dx, whole[:, frames][:, :, nodes], rtol=1e-9, atol=1e-12)
+
+
+def test_stations_take_their_places_from_few_nodes():
+    share = np.array([0.0, 0.02, 0.5, 1.0])
+    x = np.random.default_rng(0).normal(size=(3, 31, 3)).cumsum(axis=1)
+    each = np.broadcast_to(share, (3, 4))
+    data = Data(np.zeros((3, 4, 3)), each, np.ones((3, 4), dtype=bool), True, np.zeros(3))
+    stations = match(data, x, BINS)
+    at = stations.nodes(31)
+    assert {0, 30} <= set(at)
+    assert len(at) < 15
+    np.testing.assert_array_equal(stations.places(x[:, at], at), stations.places(x))
+    moved = np.random.default_rng(1).normal(size=(2, 3, 31, 3))
+    np.testing.assert_array_equal(stations.project(moved[:, :, at], at), stations.project(moved))
 
 
 def test_a_field_that_is_the_same_in_all_frames_has_one_row():

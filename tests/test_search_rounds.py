@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ropefit.diagnosis import reassessment
+from ropefit.diagnosis import search as rounds
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
@@ -85,3 +86,37 @@ def test_an_effect_that_the_last_fit_leaves_insignificant_is_dropped(
     assert len(kept) == left
     assert kept[-1] is second
     assert fitted is (current if left == 2 else other)
+
+
+@pytest.mark.parametrize(
+    ("left", "first", "compared"),
+    [
+        (True, "same", 0),  # no pair was better than it by itself
+        (True, "other", 1),
+        (True, None, 1),
+        (False, "same", 1),  # with those that tie, but not beside single ones
+    ],
+)
+def test_pairs_are_not_compared_again_beside_what_was_better_by_itself(
+    monkeypatch, left, first, compared
+):
+    at_rest = SimpleNamespace(forward=SimpleNamespace(instantaneous=True))
+    one, two = (
+        SimpleNamespace(candidate=SimpleNamespace(hypothesis=Hypothesis(e, NO_PLACE)))
+        for e in (PointMass(), StiffSection())
+    )
+    calls = []
+
+    def pairs(current, accepted, *_):
+        calls.append(accepted)
+        return current, accepted
+
+    monkeypatch.setattr(rounds, "reassessed", lambda current, accepted, *_: (current, accepted))
+    monkeypatch.setattr(rounds, "as_points", lambda current, accepted, _: (current, accepted))
+    monkeypatch.setattr(rounds, "leaves_more_than_elsewhere", lambda _: left)
+    monkeypatch.setattr(rounds, "two_instead", pairs)
+    alone = {"same": one, "other": two, None: None}[first]
+    accepted = [one, two]
+    found = rounds._weighed_again(at_rest, accepted, 6.0, 10, RULES, [], alone)  # type: ignore
+    assert found == (at_rest, accepted, accepted if left else None)
+    assert len(calls) == compared

@@ -202,7 +202,7 @@ def search(
                 compared = accepted
                 continue
         current, accepted, compared = _weighed_again(
-            current, accepted, limits.threshold, len(scan.sensitivities), rules, singles
+            current, accepted, limits.threshold, len(scan.sensitivities), rules, singles, alone
         )
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
@@ -224,15 +224,18 @@ def _is_left(current: Fit) -> bool:
 
 def _weighed_again(
     current: Fit, accepted: list[Accepted], threshold: float, tried: int, rules: Rules,
-    singles: list[Candidate],
+    singles: list[Candidate], alone: Accepted | None = None,
 ) -> tuple[Fit, list[Accepted], list[Accepted] | None]:  # fmt: skip
     """Return the fit and the accepted effects, each weighed again beside the newest; again these,
-    if they are two that were compared with every pair."""
+    if they are two that were compared with every pair. alone: the one of which that is known: no
+    pair that is not better than it by itself is better than it with another."""
     current, accepted = reassessed(current, accepted, threshold, tried, rules.effects)
     current, accepted = as_points(current, accepted, threshold)
     if len(accepted) != 2 or not current.forward.instantaneous:
         return current, accepted, None
     left = leaves_more_than_elsewhere(current)
+    if left and alone and alone.candidate.hypothesis.key == accepted[0].candidate.hypothesis.key:
+        return current, accepted, accepted
     current, accepted = two_instead(
         current, accepted, threshold, rules.effects, singles if left else ()
     )

@@ -115,21 +115,29 @@ class Stations:
         few = Stations(*(getattr(self, one.name)[mine] for one in fields(self)))
         return mine, replace(few, frame=place[few.frame])
 
-    def places(self, x: np.ndarray) -> np.ndarray:
-        """Return (..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3)."""
+    def nodes(self, many: int) -> np.ndarray:
+        """Return (K',) which of so many nodes the stations' places depend on, in order."""
+        near = self.segment[:, None] + np.arange(-1, 3)
+        return np.unique(np.clip(near, 0, many - 1))
+
+    def places(self, x: np.ndarray, at: np.ndarray | None = None) -> np.ndarray:
+        """Return (..., M, 3) of the stations for nodes, or changes of nodes, x (..., F, K, 3); at
+        (K,): which nodes these are, of `nodes`; None: all."""
         *many, frames, nodes, axes = x.shape
         rows = x.reshape(*many, frames * nodes, axes)  # of which to take is quicker
         out = np.zeros((*many, len(self.frame), axes))
         for k in range(4):
-            node = np.clip(self.segment - 1 + k, 0, nodes - 1)
+            node = np.clip(self.segment - 1 + k, 0, nodes - 1 if at is None else at[-1])
+            node = node if at is None else np.searchsorted(at, node)
             part = rows.take(self.frame * nodes + node, axis=-2)
             part *= self.weight[:, k, None]
             out += part
         return out
 
-    def project(self, dx: np.ndarray) -> np.ndarray:
-        """Return (M, D, P) what changes dx (P, F, K, 3) of the nodes change at the stations."""
-        return np.einsum("mda,pma->mdp", self.basis, self.places(dx))
+    def project(self, dx: np.ndarray, at: np.ndarray | None = None) -> np.ndarray:
+        """Return (M, D, P) what changes dx (P, F, K, 3) of the nodes change at the stations; at:
+        as of `places`."""
+        return np.einsum("mda,pma->mdp", self.basis, self.places(dx, at))
 
 
 def match(data: Data, x: np.ndarray, bins: int) -> Stations:
@@ -177,12 +185,13 @@ def aligned(now: Stations, stations: Stations, values: np.ndarray) -> np.ndarray
 
 
 def collected(
-    now: Stations, stations: Stations, parts: Iterator[tuple[np.ndarray, np.ndarray]], many: int
-) -> np.ndarray:
+    now: Stations, stations: Stations, parts: Iterator[tuple[np.ndarray, np.ndarray]], many: int,
+    at: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
     """Return (M, D, P) what changes of the nodes change at the stations of a first match, where
     another match has them.
 
-    parts: indices (f,) of frames with `many` changes (P, f, K, 3) there.
+    parts: indices (f,) of frames with `many` changes (P, f, K, 3) there; at: as of `places`.
     """
     rows = np.zeros((*stations.residual.shape, many))
     here, there = shared(now, stations)
@@ -191,7 +200,7 @@ def collected(
     for frames, dx in parts:
         mine, few = now.among(frames)
         kept = place[mine] >= 0
-        rows[place[mine][kept]] = few.project(dx)[kept]
+        rows[place[mine][kept]] = few.project(dx, at)[kept]
         del dx  # before the next part is made
     return rows
 

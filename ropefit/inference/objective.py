@@ -131,8 +131,9 @@ class Objective:
         """Return (M D, P) whitened derivatives of the prediction."""
         one = self._at(u)
         if one.slopes is None:
-            parts = one.point.parts(self.forward.changes(u))
-            rows = collected(one.now, self.stations, parts, len(u))
+            at = one.now.nodes(one.point.seen.shape[1])
+            parts = one.point.parts(self.forward.changes(u), nodes=at)
+            rows = collected(one.now, self.stations, parts, len(u), at)
             one.slopes = self.whitener(rows, own=True)
         return one.slopes
 

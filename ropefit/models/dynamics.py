@@ -66,7 +66,9 @@ class MotionPoint(Point):
             out[:, frames] = moved
         return out
 
-    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
+    def parts(
+        self, changes: list[Change], turned: bool = False, nodes: np.ndarray | None = None
+    ) -> Parts:
         """Yield the frames of each clip, and `respond` there: of all clips together it is large."""
         if not changes:
             return
@@ -96,7 +98,7 @@ class MotionPoint(Point):
                 out = np.zeros((len(changes), len(clip), *self.seen.shape[1:]))
             for moved, own in zip(out, sensor, strict=True):
                 moved += own[clip] if own.ndim == 3 else own
-            return clip, out
+            return clip, out if nodes is None else out[:, :, nodes]
 
         many = threads()
         for k in range(0, len(self.runs), many):

@@ -51,14 +51,17 @@ class Point:
         slopes = slopes_of(self.setup, changes, self.solution)
         return self._moved(self.solution, slopes, turned)
 
-    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
+    def parts(
+        self, changes: list[Change], turned: bool = False, nodes: np.ndarray | None = None
+    ) -> Parts:
         """Yield indices (f,) of frames and `respond` (P, f, K, 3) there, until all are: of all
-        frames together it is large."""
+        frames together it is large; nodes (K,): only of these, in order."""
         if not changes:
             return
         slopes = slopes_of(self.setup, changes, self.solution)
         for index, few in in_parts(self.solution, len(changes)):
-            yield index, self._moved(few, [s.frames(index, len(self.seen)) for s in slopes], turned)
+            there = [s.frames(index, len(self.seen)) for s in slopes]
+            yield index, self._moved(few, there, turned, nodes)
 
     def by_loads(self, many: int, load: Callable[[np.ndarray], np.ndarray]) -> Parts:
         """Yield the same for so `many` loads (f, P, K, 3) [N] on the nodes of a rope at rest, as
@@ -67,28 +70,39 @@ class Point:
             moved = tangent(few, Directions(load=load(index)))
             yield index, np.moveaxis(seen_move(self.setup, few.q, *moved), 1, 0)
 
-    def _moved(self, solution: Solution, slopes: list[Slopes], turned: bool) -> np.ndarray:
+    def _moved(
+        self, solution: Solution, slopes: list[Slopes], turned: bool,
+        nodes: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Return (P, f, K, 3) changes of the nodes as seen in the frames of a solution."""
+        frames, every, _ = solution.x.shape
+        nodes = np.arange(every) if nodes is None else nodes
         which = [k for k, s in enumerate(slopes) if s.moves_rope]
         moving = [slopes[k] for k in which]
-        dx = np.zeros((len(solution.x), len(slopes), *solution.x.shape[1:]))
+        dx = np.zeros((frames, len(slopes), len(nodes), 3))
         if moving:
             directions = directions_of(solution.rod, moving, len(solution.x))
             if turned:
                 directions = turned_to_bends(directions, solution.rod, vectors(solution))
             directions = with_law(directions, solution, moving)
             directions = with_axial_law(directions, solution.rod, [solution], moving)
-            dx[:, which] = seen_move(self.setup, solution.q, *tangent(solution, directions))
-        return add_sensor(dx, slopes, self.setup.sensor)
+            moved = tangent(solution, directions)
+            dx[:, which] = seen_move(self.setup, solution.q, *moved, nodes)
+        return add_sensor(dx, slopes, self.setup.sensor, nodes)
 
 
-def seen_move(setup: Setup, q: np.ndarray, dx: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Return (F, P, N+1, 3) [m] changes of the markers' positions on a rope with frames q (F, N,
-    4), from changes dx (F, P, N+1, 3) [m] of its nodes and turns (F, P, N, 3) [rad] of its frames.
-    """
+def seen_move(
+    setup: Setup, q: np.ndarray, dx: np.ndarray, turn: np.ndarray, nodes: np.ndarray | None = None
+) -> np.ndarray:
+    """Return (F, P, K, 3) [m] changes of the markers' positions at some nodes (K,) of a rope with
+    frames q (F, N, 4), None for all, from changes dx (F, P, N+1, 3) [m] of its nodes and turns (F,
+    P, N, 3) [rad] of its frames."""
+    every = dx.shape[2]
+    nodes = np.arange(every) if nodes is None else nodes
+    moved = dx if len(nodes) == every else dx[:, :, nodes]
     if setup.off_axis is None:
-        return dx
-    return dx + off_axis_turned(setup.off_axis, q, turn)
+        return moved
+    return moved + off_axis_turned(setup.off_axis, q, turn, nodes)
 
 
 def in_parts(solution: Solution, many: int) -> Iterator[tuple[np.ndarray, Solution]]:
@@ -187,10 +201,12 @@ def with_axial_law(
     return directions._replace(flexibility=out)
 
 
-def add_sensor(dx: np.ndarray, slopes: list[Slopes], seen: SensorModel) -> np.ndarray:
-    """Return (P, F, K, 3) as seen, of changes dx (F, P, K, 3) of the nodes."""
+def add_sensor(
+    dx: np.ndarray, slopes: list[Slopes], seen: SensorModel, nodes: np.ndarray | None = None
+) -> np.ndarray:
+    """Return (P, F, K, 3) as seen, of changes dx (F, P, K, 3) of some nodes (K,), None for all."""
     dx = np.moveaxis(dx, 1, 0) * (1 - float(seen.lag))
     for moved, s in zip(dx, slopes, strict=True):
         # The sensor's small errors move a change of the rope by a change of second order only.
-        moved += s.seen
+        moved += s.seen if nodes is None or s.seen.ndim < 3 else s.seen[:, nodes]
     return dx

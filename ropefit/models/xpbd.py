@@ -32,8 +32,11 @@ class XpbdPoint(Point):
 
     model: Xpbd
 
-    def parts(self, changes: list[Change], turned: bool = False) -> Parts:
-        yield np.arange(len(self.seen)), self.respond(changes)
+    def parts(
+        self, changes: list[Change], turned: bool = False, nodes: np.ndarray | None = None
+    ) -> Parts:
+        moved = self.respond(changes)
+        yield np.arange(len(self.seen)), moved if nodes is None else moved[:, :, nodes]
 
     def respond(self, changes: list[Change], turned: bool = False) -> np.ndarray:
         """Return (P, F, K, 3) first-order changes of the nodes as seen, zero in frames that

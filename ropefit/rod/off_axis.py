@@ -19,22 +19,24 @@ def off_axis(offset: np.ndarray, sides: np.ndarray) -> np.ndarray:
     return offset[:, :1] * sides[:, 0] + offset[:, 1:] * sides[:, 1]
 
 
-def off_axis_turned(offset: np.ndarray, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Return (F, P, N+1, 3) [m] changes of the same by turns (F, P, N, 3) [rad] of the frames q (F,
-    N, 4) about their own directors."""
+def off_axis_turned(
+    offset: np.ndarray, q: np.ndarray, turn: np.ndarray, nodes: np.ndarray
+) -> np.ndarray:
+    """Return (F, P, K, 3) [m] changes of the same at some nodes (K,) by turns (F, P, N, 3) [rad] of
+    the frames q (F, N, 4) about their own directors."""
     rows = rotate(q[..., None, :], np.eye(3)).swapaxes(-1, -2)
-    own = np.pad(offset, ((0, 0), (0, 1)))
-    # R (turn x offset) at both nodes of each segment as one matrix product: P is large.
-    maps = (np.cross(side[:, None], rows).swapaxes(-1, -2) for side in (own[:-1], own[1:]))
-    turned = turn.swapaxes(1, 2)
-    return _at_nodes(*((turned @ one).swapaxes(1, 2) for one in maps))
+    own = np.pad(offset, ((0, 0), (0, 1)))[nodes, None]
+    out = np.zeros((*turn.shape[:2], len(nodes), 3))
+    for segment in (np.maximum(nodes - 1, 0), np.minimum(nodes, turn.shape[2] - 1)):
+        # R (turn x offset) as one matrix product: P is large.
+        map_ = np.cross(own, rows[:, segment]).swapaxes(-1, -2)
+        out += 0.5 * (turn[:, :, segment].swapaxes(1, 2) @ map_).swapaxes(1, 2)
+    return out
 
 
-def _at_nodes(before: np.ndarray, after: np.ndarray | None = None) -> np.ndarray:
-    """Return (..., N+1, 3) the means of what the segments (..., N, 3) that meet at a node have
-    there: at their first node, and at their second if it differs."""
-    after = before if after is None else after
-    out = np.empty((*before.shape[:-2], before.shape[-2] + 1, 3))
-    out[..., 0, :], out[..., -1, :] = before[..., 0, :], after[..., -1, :]
-    out[..., 1:-1, :] = 0.5 * (before[..., 1:, :] + after[..., :-1, :])
+def _at_nodes(ours: np.ndarray) -> np.ndarray:
+    """Return (..., N+1, 3) the means of what the segments (..., N, 3) have that meet at a node."""
+    out = np.empty((*ours.shape[:-2], ours.shape[-2] + 1, 3))
+    out[..., 0, :], out[..., -1, :] = ours[..., 0, :], ours[..., -1, :]
+    out[..., 1:-1, :] = 0.5 * (ours[..., 1:, :] + ours[..., :-1, :])
     return out
