@@ -175,6 +175,9 @@ def _under_dead_loads(
     solution = solve(rod, conditions, start)
     if start is not None:
         retry = ~solution.converged | wound(solution, start)
-        if retry.any():  # from the catenaries
-            solution.put(retry, solve(rod, conditions), retry)
+        # From the catenaries; of a step of a fit no further, and not where every frame is lost: it
+        # is taken back.
+        step = deepest < np.inf or at_once
+        if retry.any() and not (step and not solution.converged.any()):
+            solution.put(retry, solve(rod, conditions, continuation=not step), retry)
     return solution
