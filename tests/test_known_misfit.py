@@ -9,7 +9,7 @@ import pytest
 from ropefit.diagnosis import verdicts
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.unexplained import leaves_more_than_elsewhere
+from ropefit.diagnosis.unexplained import may_lack_more
 from ropefit.diagnosis.verdicts import verdict_of
 from ropefit.effects import FollowerForce, WallField, WeightError
 from ropefit.inference.least_squares import fit
@@ -43,7 +43,7 @@ def test_what_is_missed_elsewhere_is_not_left(square, noise, left):
     """The mean square of the residual is in units of the noise."""
     problem = SimpleNamespace(noise=noise)
     fitted: Any = SimpleNamespace(z=np.full(800, square**0.5), problem=problem)
-    assert leaves_more_than_elsewhere(fitted) is left
+    assert may_lack_more(fitted) is left
 
 
 def test_few_independent_samples_scatter_by_more():

@@ -113,7 +113,7 @@ def test_pairs_are_not_compared_again_beside_what_was_better_by_itself(
 
     monkeypatch.setattr(rounds, "reassessed", lambda current, accepted, *_: (current, accepted))
     monkeypatch.setattr(rounds, "as_points", lambda current, accepted, _: (current, accepted))
-    monkeypatch.setattr(rounds, "leaves_more_than_elsewhere", lambda _: left)
+    monkeypatch.setattr(rounds, "may_lack_more", lambda _: left)
     monkeypatch.setattr(rounds, "two_instead", pairs)
     alone = {"same": one, "other": two, None: None}[first]
     accepted = [one, two]

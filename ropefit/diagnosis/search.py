@@ -38,7 +38,7 @@ from ropefit.diagnosis.reassessment import reassessed, without_insignificant
 from ropefit.diagnosis.rules import RULES, Rules
 from ropefit.diagnosis.scan import Score
 from ropefit.diagnosis.short_horizons import by_short_horizons
-from ropefit.diagnosis.unexplained import leaves_more_than_elsewhere, unexplained
+from ropefit.diagnosis.unexplained import may_lack_more, unexplained
 from ropefit.diagnosis.verdicts import one_more, verdict_of
 from ropefit.diagnosis.with_accepted import with_both, with_it, with_known_past
 from ropefit.inference.least_squares import Fit
@@ -219,7 +219,7 @@ def search(
 
 def _is_left(current: Fit) -> bool:
     """Return whether a rope at rest leaves more than noise, and more than elsewhere."""
-    return current.forward.instantaneous and leaves_more_than_elsewhere(current)
+    return current.forward.instantaneous and may_lack_more(current)
 
 
 def _weighed_again(
@@ -233,7 +233,7 @@ def _weighed_again(
     current, accepted = as_points(current, accepted, threshold)
     if len(accepted) != 2 or not current.forward.instantaneous:
         return current, accepted, None
-    left = leaves_more_than_elsewhere(current)
+    left = may_lack_more(current)
     if left and alone and alone.candidate.hypothesis.key == accepted[0].candidate.hypothesis.key:
         return current, accepted, accepted
     current, accepted = two_instead(

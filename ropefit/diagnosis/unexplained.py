@@ -28,9 +28,10 @@ def leaves_something(fitted: Fit, sd: float = LEFT_SD) -> bool:
     return unexplained(fitted) > sd * np.sqrt(2 * len(fitted.z))
 
 
-def leaves_more_than_elsewhere(fitted: Fit) -> bool:
-    """Return whether a rope at rest leaves more than noise alone may; of one that is known from
-    another recording, and is missed by more than noise there, also more than there."""
+def may_lack_more(fitted: Fit) -> bool:
+    """Return whether further effects are worth a search of pairs: a rope at rest leaves more than
+    noise alone may; of one that is known from another recording, and is missed by more than noise
+    there, also more than there."""
     least = (UNLIKE_ELSEWHERE - 1) * len(fitted.z) if fitted.problem.noise.misfit else 0.0
     return bool(leaves_something(fitted) and unexplained(fitted) > least)
 
