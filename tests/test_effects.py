@@ -35,6 +35,7 @@ from ropefit.solvers.equilibrium.potentials import (
     solve_with_potentials,
 )
 from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.status import Status
 from tests.concealed import rope
 from tests.test_friction import differences
 
@@ -270,7 +271,7 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
     setup = clamped()
     plain = Equilibrium(setup, []).at(np.empty(0)).solution
 
-    def jumping(rod, conditions, start=None):
+    def jumping(rod, conditions, start=None, **_):
         turns = None if start is None else np.ones(len(setup.ends))
         return solve(rod, conditions, turns=turns)
 
@@ -278,6 +279,32 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
     again = Equilibrium(setup, []).at(np.empty(0), start=plain)
     assert not wound(again.solution, plain).any()
     assert np.abs(again.solution.x - plain.x).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("reached", "lost", "begun"),
+    [(True, 1, [False]), (True, None, []), (False, 1, [True]), (False, None, [True])],
+)
+def test_a_step_of_a_fit_whose_frames_are_lost_is_taken_back(monkeypatch, reached, lost, begun):
+    """Lost frames begin anew from catenaries; by continuation only before a fit, and not at all
+    where a step of it loses every frame (None)."""
+    setup, anew = clamped(), []
+    forward = Equilibrium(setup, [])
+    plain = forward.at(np.empty(0)).solution
+    forward.reached = reached
+
+    def losing(rod, conditions, start=None, continuation=True):
+        found = solve(rod, conditions, start)
+        if start is None:
+            anew.append(continuation)
+        else:
+            found.status[slice(lost)] = Status.LIMIT
+        return found
+
+    monkeypatch.setattr("ropefit.models.equilibrium.solve", losing)
+    point = forward.at(np.empty(0), start=plain)
+    assert anew == begun
+    assert point.converged.all() == bool(begun)
 
 
 def test_a_projection_takes_away_what_is_seen_not_the_axis():
