@@ -74,12 +74,10 @@ def _in_variables_of(here: Term, there: Term) -> np.ndarray:
 def _by_data(control: Fit, told: list[Term]) -> np.ndarray:
     """Return the covariance (P, P) of a fit by its data and the errors of its own set-up: what was
     known of the rope, in the terms `told`, is from the same data."""
-    looser = [
-        np.full(t.size, LOOSER if any(t is one for one in told) and not t.nuisance
-                and t.name != TWISTING else 1.0)
-        for t in control.forward.terms
-    ]  # fmt: skip
-    return replace(control, prior=Prior(np.concatenate(looser) * control.prior.sd)).covariance
+    same = [term for term in told if not (term.nuisance or term.name == TWISTING)]
+    sd = control.prior.sd.copy()
+    sd[columns_of(control, *same)] *= LOOSER
+    return replace(control, prior=Prior(sd)).covariance
 
 
 def _known(term: Term, u: np.ndarray, joint: Joint, first: int) -> Term:

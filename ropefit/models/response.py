@@ -81,7 +81,7 @@ class Point:
         moving = [slopes[k] for k in which]
         dx = np.zeros((frames, len(slopes), len(nodes), 3))
         if moving:
-            directions = directions_of(solution.rod, moving, len(solution.x))
+            directions = directions_of(solution.rod, moving, frames)
             if turned:
                 directions = turned_to_bends(directions, solution.rod, vectors(solution))
             directions = with_law(directions, solution, moving)

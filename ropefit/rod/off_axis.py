@@ -25,13 +25,13 @@ def off_axis_turned(
     """Return (F, P, K, 3) [m] changes of the same at some nodes (K,) by turns (F, P, N, 3) [rad] of
     the frames q (F, N, 4) about their own directors."""
     rows = rotate(q[..., None, :], np.eye(3)).swapaxes(-1, -2)
-    own = np.pad(offset, ((0, 0), (0, 1)))[nodes, None]
-    out = np.zeros((*turn.shape[:2], len(nodes), 3))
+    own = 0.5 * np.pad(offset, ((0, 0), (0, 1)))[nodes, None]
+    turned = turn.swapaxes(1, 2)
+    out = np.zeros((len(q), len(nodes), turn.shape[1], 3))
     for segment in (np.maximum(nodes - 1, 0), np.minimum(nodes, turn.shape[2] - 1)):
         # R (turn x offset) as one matrix product: P is large.
-        map_ = np.cross(own, rows[:, segment]).swapaxes(-1, -2)
-        out += 0.5 * (turn[:, :, segment].swapaxes(1, 2) @ map_).swapaxes(1, 2)
-    return out
+        out += turned[:, segment] @ np.cross(own, rows[:, segment]).swapaxes(-1, -2)
+    return out.swapaxes(1, 2)
 
 
 def _at_nodes(ours: np.ndarray) -> np.ndarray:
