@@ -1,4 +1,4 @@
-"""What is only explored is computed on half as many segments, corrected at the fit itself."""
+"""What is only explored is computed on fewer segments, corrected at the fit itself."""
 
 from __future__ import annotations
 

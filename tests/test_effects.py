@@ -19,7 +19,8 @@ from ropefit.effects import (
     Tether,
 )
 from ropefit.effects.place import horizontal
-from ropefit.models.equilibrium import Equilibrium
+from ropefit.effects.too_coarse import coarse_error
+from ropefit.models.equilibrium import STEP_LIMIT, Equilibrium
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.terms import Term
 from ropefit.rod.potential import slope_of
@@ -34,7 +35,7 @@ from ropefit.solvers.equilibrium.potentials import (
     force_of,
     solve_with_potentials,
 )
-from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.solve import NEWTON_LIMIT, solve
 from ropefit.solvers.status import Status
 from tests.concealed import rope
 from tests.test_friction import differences
@@ -281,29 +282,47 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
     assert np.abs(again.solution.x - plain.x).max() < 1e-6
 
 
+def test_a_mesh_is_compared_with_one_of_a_quarter_of_its_segments_whatever_their_number():
+    """The error is of second order in the length of the segments, at all nodes alike."""
+    errors = [coarse_error(rope(segments)) for segments in (96, 97, 98, 99)]
+    least = min(np.abs(error).max() for error in errors)
+    assert least > 1e-4
+    for error in errors[1:]:
+        same = np.stack([
+            np.stack([np.interp(np.linspace(0, 1, 33), np.linspace(0, 1, len(axis)), axis)
+                      for axis in frame.T], axis=1)
+            for frame in (error[0], errors[0][0])
+        ])  # fmt: skip
+        assert np.abs(same[0] - same[1]).max() < 0.2 * least
+    stiff = rope(98)._replace(rigid=np.linspace(0, 0.5, 98))
+    assert np.isfinite(coarse_error(stiff)).all()
+
+
 @pytest.mark.parametrize(
     ("reached", "lost", "begun"),
     [(True, 1, [False]), (True, None, []), (False, 1, [True]), (False, None, [True])],
 )
 def test_a_step_of_a_fit_whose_frames_are_lost_is_taken_back(monkeypatch, reached, lost, begun):
     """Lost frames begin anew from catenaries; by continuation only before a fit, and not at all
-    where a step of it loses every frame (None)."""
-    setup, anew = clamped(), []
+    where a step of it loses every frame (None). It is given up sooner, too."""
+    setup, anew, limits = clamped(), [], []
     forward = Equilibrium(setup, [])
     plain = forward.at(np.empty(0)).solution
     forward.reached = reached
 
-    def losing(rod, conditions, start=None, continuation=True):
+    def losing(rod, conditions, start=None, limit=NEWTON_LIMIT, continuation=True):
         found = solve(rod, conditions, start)
         if start is None:
             anew.append(continuation)
         else:
+            limits.append(limit)
             found.status[slice(lost)] = Status.LIMIT
         return found
 
     monkeypatch.setattr("ropefit.models.equilibrium.solve", losing)
     point = forward.at(np.empty(0), start=plain)
     assert anew == begun
+    assert limits == [STEP_LIMIT if reached else NEWTON_LIMIT]
     assert point.converged.all() == bool(begun)
 
 

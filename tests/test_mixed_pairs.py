@@ -11,7 +11,7 @@ import pytest
 from ropefit.diagnosis import explored_pairs, mixed_pairs, search
 from ropefit.diagnosis.accepted import CLOSE_EVIDENCE, Accepted
 from ropefit.diagnosis.candidate import cost_for, fit_candidate
-from ropefit.diagnosis.explored_pairs import ENOUGH, explored
+from ropefit.diagnosis.explored_pairs import ENOUGH, EVALUATIONS, LOOK, explored
 from ropefit.diagnosis.few_frames import FAR_BEHIND
 from ropefit.diagnosis.fits import silent
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
@@ -121,15 +121,16 @@ def test_a_pair_is_begun_again_where_none_of_its_fits_has_ended(both, monkeypatc
 
 
 def test_a_pair_must_come_near_to_those_that_go_on(both, monkeypatch):
-    """The most promising pair is fitted first, and the others are stopped without prospect of being
-    nearly as good as the one of a rank."""
+    """The pair that comes closest soon is fitted first, and the others are stopped without prospect
+    of being nearly as good as the one of a rank."""
     weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
     stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
     wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
-    pairs, needed = [(1.0, weight, wrong), (9.0, weight, stiff)], []
+    pairs, needed = [(9.0, weight, wrong), (1.0, weight, stiff)], []
 
     def noted(*args, **kwargs):
-        needed.append(kwargs["needed"])
+        if "needed" in kwargs:  # of those that are fitted further
+            needed.append(kwargs["needed"])
         return attempted(*args, **kwargs)
 
     monkeypatch.setattr(explored_pairs, "attempted", noted)
@@ -143,6 +144,24 @@ def test_a_pair_must_come_near_to_those_that_go_on(both, monkeypatch):
     monkeypatch.setattr(explored_pairs, "leaves_something", lambda *_: True)
     explored(both, pairs, defaultdict(list), 1)  # both go on
     assert needed == [np.inf, np.inf]
+
+
+def test_only_pairs_that_come_closest_soon_are_fitted_further(both, monkeypatch):
+    weight = (Hypothesis(PointMass(), NO_PLACE), np.array(MASS))
+    stiff = (Hypothesis(StiffSection(), NO_PLACE), np.array(STIFF))
+    wrong = (Hypothesis(Tether(), NO_PLACE), np.array([0.01, 0.0, 0.0, 0.0, 0.35]))
+    evaluations = []
+
+    def noted(*args, **kwargs):
+        evaluations.append(args[3])
+        return attempted(*args, **kwargs)
+
+    monkeypatch.setattr(explored_pairs, "attempted", noted)
+    monkeypatch.setattr(explored_pairs, "MOST_CONTINUED", 1)
+    pairs = [(9.0, weight, wrong), (5.0, wrong, stiff), (1.0, weight, stiff)]
+    (best,) = explored(both, pairs, defaultdict(list), 1)
+    assert {h.name for h, _ in best.starts} == {"point_mass", "stiff_section"}
+    assert evaluations == [LOOK, LOOK, LOOK, EVALUATIONS - LOOK]
 
 
 def test_what_explains_as_much_as_the_best_is_not_stopped(both):

@@ -89,16 +89,17 @@ def test_an_effect_that_the_last_fit_leaves_insignificant_is_dropped(
 
 
 @pytest.mark.parametrize(
-    ("left", "first", "compared"),
+    ("left", "first", "singles", "compared", "with_all"),
     [
-        (True, "same", 0),  # no pair was better than it by itself
-        (True, "other", 1),
-        (True, None, 1),
-        (False, "same", 1),  # with those that tie, but not beside single ones
+        (True, "same", 1, 0, True),  # no pair was better than it by itself
+        (True, "other", 1, 1, True),
+        (True, None, 1, 1, True),
+        (False, "same", 1, 1, False),  # with those that tie, but not beside single ones
+        (False, "same", 0, 1, True),  # there is none
     ],
 )
 def test_pairs_are_not_compared_again_beside_what_was_better_by_itself(
-    monkeypatch, left, first, compared
+    monkeypatch, left, first, singles, compared, with_all
 ):
     at_rest = SimpleNamespace(forward=SimpleNamespace(instantaneous=True))
     one, two = (
@@ -117,6 +118,6 @@ def test_pairs_are_not_compared_again_beside_what_was_better_by_itself(
     monkeypatch.setattr(rounds, "two_instead", pairs)
     alone = {"same": one, "other": two, None: None}[first]
     accepted = [one, two]
-    found = rounds._weighed_again(at_rest, accepted, 6.0, 10, RULES, [], alone)  # type: ignore
-    assert found == (at_rest, accepted, accepted if left else None)
+    found = rounds._weighed_again(at_rest, accepted, 6.0, 10, RULES, [one] * singles, alone)  # type: ignore
+    assert found == (at_rest, accepted, accepted if with_all else None)
     assert len(calls) == compared

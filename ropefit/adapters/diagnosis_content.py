@@ -20,13 +20,12 @@ from ropefit.diagnosis import search as engine
 from ropefit.diagnosis.candidate import Candidate, columns_of
 from ropefit.diagnosis.held_out import by_stretches, held_out_pit, heldout_rms
 from ropefit.diagnosis.next_motion import next_motion
+from ropefit.diagnosis.open_places import half_interval
 from ropefit.diagnosis.regions import misfit, regions
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit
-from ropefit.inference.verdict import NORMAL_QUANTILE
 
 ACTING_SHARE = 0.02  # of the greatest move of a node: frames with less are not acted on
-LEAST_HALF_WIDTH = 0.005  # of the length: of the interval of a place
 
 
 @dataclass(frozen=True)
@@ -171,6 +170,8 @@ def _cause(o: Observations, item: engine.Accepted, d: engine.Diagnosis, layout: 
     for of, fitted in d.alternatives:
         if of is not item:  # what else may stand in the place of another effect
             parameters = holding_both(parameters, replace(candidate, fit=fitted))
+    for held in d.held_places:
+        parameters = holding_both(parameters, held.of(candidate))
     return Cause(
         name=effect.name,
         kind=effect.kind,
@@ -198,7 +199,7 @@ def _stretch(
     first, length = layout.first, layout.length
     effect = candidate.hypothesis.effect
     if effect.locus == "point":
-        half = min(max(NORMAL_QUANTILE * float(sd[-1]), LEAST_HALF_WIDTH * length), 0.5 * length)
+        half = half_interval(float(sd[-1]), length)
         low, high = named["arc_length"] - half, named["arc_length"] + half
     elif effect.locus == "interval":
         low = named["centre"] - named["width"] / 2

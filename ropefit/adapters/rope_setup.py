@@ -17,6 +17,7 @@ from ropefit.rod.setup import Setup, bare
 
 FINEST = 160  # segments, about: at 80 a pinned rope's EI is 0.2 to 0.5 % off, a clamped one's 2 %
 CLAMPED = 240
+FEWEST = 0.4  # of those, for a rope as stiff as can be: effects have places
 UNKNOWN_SURFACE = 0.003  # m: half of how thick a rope of unknown diameter may be
 STATIONS = 40  # of a frame: stretches short enough for the rope to be straight there
 LIKELY_STIFFNESS = 3e-4  # EI over weight per length and length cubed: where a fit starts
@@ -34,11 +35,21 @@ def segments_of(o: Observations) -> int:
     return refinement(len(o.node_arc), finest) * (len(o.node_arc) - 1)
 
 
-def fewer_segments(o: Observations) -> int | None:
-    """Return about half of them, for what is only explored; None where there is no such mesh."""
+def segments_for(o: Observations, bending_length: float) -> int:
+    """Return segments of a rope of a bending length [m] that markers are compared with: none longer
+    in terms of it than those of a rope as soft as they are made for. A stiffer one needs fewer."""
+    every, parts = segments_of(o), len(o.node_arc) - 1
+    if o.source != "markers":
+        return every
+    softer = LIKELY_STIFFNESS ** (1 / 3) * o.length / max(bending_length, 1e-12)
+    return max(round(every / parts * min(max(softer, FEWEST), 1.0)), 1) * parts
+
+
+def fewer_segments(o: Observations, segments: int) -> int | None:
+    """Return about a third of them, for what is only explored; None where there is no such mesh."""
     parts = len(o.node_arc) - 1
-    every = segments_of(o) // parts
-    return round(every / 2) * parts if every > 1 else None
+    every = segments // parts
+    return max(round(every / 3), 1) * parts if every > 1 else None
 
 
 def base_setup(o: Observations, segments: int) -> Setup:

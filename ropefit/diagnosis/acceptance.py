@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.held_out import by_stretches, heldout_rms, weighted_error
+from ropefit.diagnosis.held_out import by_stretches, firm_rows, heldout_rms, weighted_error
 from ropefit.diagnosis.innovations import contradicted
 from ropefit.diagnosis.wander import MESH_ERROR
 from ropefit.effects.base import Effect
@@ -44,7 +44,8 @@ def refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
     along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
     moving = not current.forward.instantaneous
-    before, after = (_error(fit, along) for fit in (current, candidate.fit))
+    firm = firm_rows(current, candidate.fit)
+    before, after = (_error(fit, along, firm) for fit in (current, candidate.fit))
     if not candidate.plausible():
         return "larger than anything plausible"
     if effect.law(current.point.setup) is not None and at_most(candidate):
@@ -114,11 +115,11 @@ def _large(candidate: Candidate, current: Fit, ratio: float) -> bool:
     return explained > BEYOND_SENSOR * _markers_and_mesh(current)
 
 
-def _error(fitted: Fit, along: bool) -> float:
-    """Return the rms error of held-out data [m]; of a motion in units of its noise, as a clip that
-    no prediction keeps in step with misses by more than all others."""
+def _error(fitted: Fit, along: bool, rows: np.ndarray) -> float:
+    """Return the rms error of held-out data [m] in some rows (M D,); of a motion in units of its
+    noise, as a clip that no prediction keeps in step with misses by more than all others."""
     instantaneous = fitted.forward.instantaneous
-    return heldout_rms(fitted, along)[0] if instantaneous else weighted_error(fitted, along)
+    return heldout_rms(fitted, along, rows)[0] if instantaneous else weighted_error(fitted, along)
 
 
 def _allowed_for(effect: Effect, fitted: Fit) -> bool:

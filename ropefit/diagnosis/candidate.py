@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.diagnosis.beginning import HOPELESS, beginning, touches
-from ropefit.diagnosis.held_out import block_losses, by_stretches
+from ropefit.diagnosis.held_out import block_losses, by_stretches, firm_rows
 from ropefit.diagnosis.hypotheses import Hypothesis
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.verdict import NORMAL_QUANTILE
@@ -217,7 +217,8 @@ def compared(hypothesis: Hypothesis, term: Term, smaller: Fit, fitted: Fit) -> C
     spread = max(1.0, fitted.spread)
     evidence = 0.5 * (smaller.cost - fitted.cost) / spread - occam_factor(fitted, term)
     along = by_stretches(fitted)
-    gains = block_losses(smaller, along) - block_losses(fitted, along)
+    firm = firm_rows(smaller, fitted)
+    gains = block_losses(smaller, along, firm) - block_losses(fitted, along, firm)
     return Candidate(hypothesis, term, fitted, float(evidence), gains / spread)
 
 

@@ -12,8 +12,10 @@ from ropefit.diagnosis.pairs import together
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.unexplained import leaves_something
 from ropefit.inference.least_squares import Fit, attempted
+from ropefit.models.terms import Term
 
-EVALUATIONS = 10  # of such a fit
+EVALUATIONS, LOOK = 11, 4  # of such a fit, and of those after which it is known which go on
+MOST_CONTINUED = 10
 LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 ALIKE, ENOUGH = 1.0, 2  # of χ², within which fits of one pair are the same; so many are enough
 MOST_FITTED = 3  # pairs fitted to all, and the best one from where else it may be
@@ -21,6 +23,7 @@ APART = 0.1  # of the length: places so far from each other are other minima
 
 ScannedPair = tuple[float, Start, Start]  # log evidence [nats]
 Kinds = frozenset[tuple[str, int]]
+Begun = tuple[list[Start], list[Term], Fit]
 
 
 @dataclass(frozen=True)
@@ -46,32 +49,48 @@ def explored(
     few: Fit, pairs: list[ScannedPair], ended: dict[Kinds, list[Explored]], rank: int,
     needed: float = np.inf,
 ) -> list[Explored]:  # fmt: skip
-    """Return the fits of pairs to few frames, the most promising first; ended: the fits of every
-    two hypotheses, which are not begun again about where several have ended alike. A fit without
-    prospect of the cost that is `needed`, or of coming close to the best one of its hypotheses or
-    to the two of a `rank`, is stopped."""
+    """Return the fits of pairs to few frames, those that come closest after a few evaluations
+    fitted further; ended: the fits of every two hypotheses, which are not fitted again about where
+    several have ended alike. A fit without prospect of the cost that is `needed`, or of coming
+    close to the best one of its hypotheses or to the two of a `rank`, is stopped."""
+    begun = [one for _, *both in pairs if (one := _begun(few, both, ended)) is not None]
     out: list[Explored] = []
-    for _, *both in sorted(pairs, key=lambda pair: -pair[0]):
+    for both, terms, short in sorted(begun, key=lambda one: one[2].cost)[:MOST_CONTINUED]:
         before = ended[_kinds(both)]
-        lowest = min((one.fit.cost for one in before), default=np.inf)
-        alike = [one for one in before if one.fit.cost < lowest + ALIKE]
-        if len(alike) >= _enough(alike) and not alike[0].far_from(both):
-            continue
-        begun = settled_start(few, both)
-        if begun is None:
+        if _known(both, before):
             continue
         fitted = attempted(
-            begun.forward, few.problem, begun.values, EVALUATIONS, tolerance=1e-4,
+            short.forward, few.problem, short.point.u, EVALUATIONS - LOOK, tolerance=1e-4,
             needed=min(needed, _needed(before), _needed(_ranked(ended, rank))),
         )  # fmt: skip
         if fitted is None or fitted.stopped or len(fitted.z) != len(few.z):
             continue
         parts = fitted.forward.split(fitted.point.u)[-2:]
-        values = [term.value(part) for term, part in zip(begun.terms, parts, strict=True)]
+        values = [term.value(part) for term, part in zip(terms, parts, strict=True)]
         starts = [(h, v) for (h, _), v in zip(both, values, strict=True)]
         out.append(Explored(together(few, fitted), starts, fitted))
         before.append(out[-1])
     return out
+
+
+def _begun(few: Fit, both: list[Start], ended: dict[Kinds, list[Explored]]) -> Begun | None:
+    """Return a pair, its terms, and its fit after a few evaluations; None if it does not settle, or
+    is known."""
+    begun = None if _known(both, ended[_kinds(both)]) else settled_start(few, both)
+    if begun is None:
+        return None
+    short = attempted(begun.forward, few.problem, begun.values, LOOK, tolerance=1e-4, matched=False)
+    if short is None or len(short.z) != len(few.z):
+        return None
+    short.forward.remember(short.point)
+    return both, begun.terms, short
+
+
+def _known(both: list[Start], before: list[Explored]) -> bool:
+    """Return whether several fits of a pair have ended alike, not far from where one starts."""
+    lowest = min((one.fit.cost for one in before), default=np.inf)
+    alike = [one for one in before if one.fit.cost < lowest + ALIKE]
+    return len(alike) >= _enough(alike) and not alike[0].far_from(both)
 
 
 def _enough(alike: list[Explored]) -> int:

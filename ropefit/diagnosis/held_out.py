@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtr
 
+from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.inference.bins import Stations, aligned
 from ropefit.inference.least_squares import Fit, inside
 
@@ -38,7 +39,8 @@ def predicted(fitted: Fit, along: bool = False) -> np.ndarray:
     The values that a fit to the others has are those of first order around the fit to all data. At
     rest so is the residual: z_b + J_b (H - J_bᵀJ_b)⁻¹ J_bᵀ z_b; a motion is simulated with them.
     What the others do not determine (the values of a law where only this block is) stays as near
-    as a broad prior holds it (ridge), and what is at a bound stays there.
+    as a broad prior holds it (ridge), and what is at a bound stays there. Frames at the edge of
+    stability are neither fitted nor predicted: zero.
     """
     return _predicted(fitted, along)[0]
 
@@ -59,6 +61,20 @@ def held_out_pit(fitted: Fit, along: bool) -> np.ndarray:
     return place[np.sort(np.random.default_rng(0).permutation(len(place))[:count])]
 
 
+def firm_rows(*fits: Fit) -> np.ndarray:
+    """Return (M D,) bool: the rows of frames that none of some fits of the same data has at the
+    edge of stability, where no prediction of first order holds; of motions all."""
+    return np.logical_and.reduce([_firm(fitted) for fitted in fits])
+
+
+def _firm(fitted: Fit) -> np.ndarray:
+    if fitted.firm is None:
+        s = fitted.stations
+        edge = on_edge(fitted)[s.frame] if fitted.forward.instantaneous else np.zeros(len(s.frame))
+        fitted.firm = np.repeat(edge == 0, s.residual.shape[1])
+    return fitted.firm
+
+
 def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the predicted residuals (M D,) and their variances (M D,), noise included."""
     if along not in fitted.held_out:
@@ -67,14 +83,15 @@ def _predicted(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _computed(fitted: Fit, along: bool) -> tuple[np.ndarray, np.ndarray]:
-    jacobian = fitted.jacobian * inside(fitted)
+    firm = _firm(fitted)
+    jacobian = fitted.jacobian * inside(fitted) * firm[:, None]
     whole = jacobian.T @ jacobian + fitted.prior.information
     whole += np.eye(len(whole)) / FURTHEST_STEP**2
     block = block_of_rows(fitted, along)
     residual, variance = np.empty_like(fitted.z), np.empty_like(fitted.z)
     for b in range(BLOCKS):
         mine = block == b
-        j, z = jacobian[mine], fitted.z[mine]
+        j, z = jacobian[mine], (fitted.z * firm)[mine]
         rest = np.linalg.pinv(whole - j.T @ j, hermitian=True)
         residual[mine] = z + j @ (rest @ (j.T @ z))
         if not fitted.forward.instantaneous:
@@ -95,9 +112,9 @@ def _simulated(fitted: Fit, change: np.ndarray, mine: np.ndarray) -> np.ndarray:
     return fitted.whitener(aligned(now, s, now.residual))[mine]
 
 
-def block_losses(fitted: Fit, along: bool) -> np.ndarray:
-    """Return (BLOCKS,) half the squared predicted residual of each block."""
-    z, block = predicted(fitted, along), block_of_rows(fitted, along)
+def block_losses(fitted: Fit, along: bool, rows: np.ndarray) -> np.ndarray:
+    """Return (BLOCKS,) half the squared predicted residual of each block, in some rows (M D,)."""
+    z, block = predicted(fitted, along) * rows, block_of_rows(fitted, along)
     return np.array([0.5 * float(z[block == b] @ z[block == b]) for b in range(BLOCKS)])
 
 
@@ -106,14 +123,18 @@ def weighted_error(fitted: Fit, along: bool = False) -> float:
     return float(np.sqrt((predicted(fitted, along) ** 2).mean()))
 
 
-def heldout_rms(fitted: Fit, along: bool = False) -> tuple[float, float]:
+def heldout_rms(
+    fitted: Fit, along: bool = False, rows: np.ndarray | float = 1.0
+) -> tuple[float, float]:
     """Return the predicted rms distance of the points from the model, and a point's noise [m].
+
+    rows (M D,): which residuals count, the others as none.
 
     The scatter within stations is noise and not counted twice. No rope is further off than it is
     long: a prediction of first order may be, where the model is next to unstable.
     """
     s, length = fitted.stations, float(fitted.point.setup.properties.length.sum())
-    residual = fitted.whitener.undo(predicted(fitted, along)).reshape(s.residual.shape)
+    residual = fitted.whitener.undo(predicted(fitted, along) * rows).reshape(s.residual.shape)
     residual = np.clip(residual, -length, length)
     white = s.scatter.mean(axis=0)
     noise = float(np.sqrt(white.sum()))

@@ -31,6 +31,7 @@ from ropefit.diagnosis.last_fit import last_fit
 from ropefit.diagnosis.latent_force import LatentForce
 from ropefit.diagnosis.limits import clean_limits
 from ropefit.diagnosis.mixed_pairs import beside_contact, two_instead
+from ropefit.diagnosis.open_places import HeldPlace, held_places
 from ropefit.diagnosis.own_motion import with_own_motion
 from ropefit.diagnosis.pairs import Pair, accepted_pair, as_points, best_pair, together
 from ropefit.diagnosis.proposals import proposals
@@ -66,6 +67,11 @@ class Diagnosis:
     def alternatives(self) -> list[Alternative]:
         """Return what else may stand in the place of one effect, beside the others."""
         return alternatives(self.final, self.accepted)
+
+    @cached_property
+    def held_places(self) -> list[HeldPlace]:
+        """Return the fits with a place that is open held elsewhere."""
+        return held_places(self.final, self.accepted)
 
 
 def _share(rounds: float) -> float:
@@ -227,8 +233,9 @@ def _weighed_again(
     singles: list[Candidate], alone: Accepted | None = None,
 ) -> tuple[Fit, list[Accepted], list[Accepted] | None]:  # fmt: skip
     """Return the fit and the accepted effects, each weighed again beside the newest; again these,
-    if they are two that were compared with every pair. alone: the one of which that is known: no
-    pair that is not better than it by itself is better than it with another."""
+    if they are two that were compared with every pair, also beside the `singles` if there are any.
+    alone: the one of which that is known: no pair that is not better than it by itself is better
+    than it with another."""
     current, accepted = reassessed(current, accepted, threshold, tried, rules.effects)
     current, accepted = as_points(current, accepted, threshold)
     if len(accepted) != 2 or not current.forward.instantaneous:
@@ -239,7 +246,7 @@ def _weighed_again(
     current, accepted = two_instead(
         current, accepted, threshold, rules.effects, singles if left else ()
     )
-    return current, accepted, accepted if left else None
+    return current, accepted, accepted if left or not singles else None
 
 
 def _in_motion(

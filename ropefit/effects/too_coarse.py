@@ -29,7 +29,7 @@ class TooCoarse(Effect):
     quantities = (Quantity("amount", "1", 0.5, 0.0, 60.0),)
 
     def applies(self, setup: Setup) -> bool:
-        return setup.segments % COARSENING == 0 and setup.segments >= FEWEST_SEGMENTS
+        return setup.segments >= FEWEST_SEGMENTS
 
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         drift = setup.sensor.drift + values[0] * coarse_error(setup)
@@ -47,26 +47,32 @@ class TooCoarse(Effect):
 
 def coarse_error(setup: Setup) -> np.ndarray:
     """Return (F, N+1, 3) [m] nodes of the coarse rod, interpolated, minus those of the fine one."""
-    p = setup.properties
-    few = Properties(*(v.reshape(-1, COARSENING, *v.shape[1:]).mean(1) for v in p))
-    few = few._replace(length=p.length.reshape(-1, COARSENING).sum(1))
-    nodes = setup.segments // COARSENING + 1
+    many = setup.segments // COARSENING
+    nodes, wide = many + 1, setup.segments / many
+    inside = ((np.arange(many * COARSENING) + 0.5) * (wide / COARSENING)).astype(int)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return values[inside].reshape(many, COARSENING, *values.shape[1:]).mean(axis=1)
+
+    few = Properties(*map(mean, setup.properties))
+    few = few._replace(length=wide * few.length)
     coarse = setup._replace(
         properties=few,
         load=np.zeros((nodes, 3)),
         mass=np.zeros(nodes),
         kinks=np.zeros((nodes, 3)),
-        stretch=setup.stretch.reshape(-1, COARSENING).mean(1),
+        stretch=mean(setup.stretch),
+        rigid=None if setup.rigid is None else mean(setup.rigid),
         potentials=(),
     )
     held = Conditions(setup.ends, setup.clamp)
     fine = solve(setup._replace(potentials=()).rod(), held).x
     rough = solve(coarse.rod(), held).x
-    at = np.arange(setup.segments + 1) / COARSENING
+    at = np.arange(setup.segments + 1) / wide
     low = np.minimum(at.astype(int), nodes - 2)
     share = (at - low)[:, None]
     # A cubic through the coarse nodes, as the data are compared with a smooth curve.
-    wide = np.concatenate(
+    beyond = np.concatenate(
         [
             3 * rough[:, :1] - 3 * rough[:, 1:2] + rough[:, 2:3],
             rough,
@@ -74,7 +80,7 @@ def coarse_error(setup: Setup) -> np.ndarray:
         ],
         axis=1,
     )
-    a, b, c, d = (wide[:, low + k] for k in range(4))
+    a, b, c, d = (beyond[:, low + k] for k in range(4))
     curve = b + 0.5 * share * (
         c - a + share * (2 * a - 5 * b + 4 * c - d + share * (3 * (b - c) + d - a))
     )

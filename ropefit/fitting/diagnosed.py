@@ -10,7 +10,6 @@ import numpy as np
 
 from ropefit.adapters.diagnosis_content import Layout, content
 from ropefit.adapters.motion_model import at_observed_nodes
-from ropefit.adapters.rope_setup import segments_of
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS, DiagnoseSettings
 from ropefit.adapters.taken_over import TakenOver, as_found, over_mass, understood
 from ropefit.artifacts import Diagnosis, Model, Observations
@@ -95,7 +94,7 @@ def at_rest(
         result = engine.search(nominal, settings.seed, context.progress, rules, before)
     was, still = nominal.problem.data.mask, result.final.problem.data.mask
     dropped += lost_with_effects(was, still, o.frames[problem.used], context.say)
-    nodes, every = len(o.node_arc), segments_of(o) // (len(o.node_arc) - 1)
+    nodes, every = len(o.node_arc), problem.setup.segments // (len(o.node_arc) - 1)
     layout = Layout(
         o.frames[problem.used], np.arange(len(problem.used)), 0.0, o.length,
         lambda x: x[:, ::every][:, :nodes],

@@ -14,7 +14,7 @@ from ropefit.adapters.rope_setup import (
     base_setup,
     data_in_space,
     fewer_segments,
-    segments_of,
+    segments_for,
 )
 from ropefit.adapters.settings import DiagnoseSettings
 from ropefit.adapters.taken_over import TakenOver, of_rope
@@ -93,7 +93,8 @@ def posed(
 ) -> Posed:  # fmt: skip
     """Return a recording at rest as a problem; errors: whether those of the set-up are fitted;
     control: the fit of the recording that the rope is known from."""
-    fewer = fewer_segments(o)
+    balance = rope.model.nominal.balance
+    many = segments_for(o, balance.bending_length if balance else 0.0)
     used = spread_evenly(
         np.arange(len(o.frames)), np.zeros(len(o.frames), dtype=np.int64), settings.most_frames
     )
@@ -107,7 +108,7 @@ def posed(
         uneven = rope.elsewhere and data.material
         return nominal_terms(o, rope.model, setup, settings.nominal, rope.elsewhere, uneven)
 
-    terms, setup = described(segments_of(o))
+    terms, setup = described(many)
     taken = (
         of_rope(rope.model, rope.found, o, setup)
         if rope.found
@@ -124,6 +125,7 @@ def posed(
     terms += offsets
     if errors:
         terms += set_up_errors(setup, o, rope.calibration)
+    fewer = fewer_segments(o, many)
     coarser = described(fewer)[1] if fewer else None
     return Posed(used, setup, coarser, terms, taken, FitProblem(data, noise, STATIONS))
 

@@ -56,6 +56,7 @@ class Fit:
     moved: float = 0.0  # m, the most of any node from where the fit began
     # Residuals that were predicted with stretches (True) or frames held out, once computed.
     held_out: dict[bool, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    firm: np.ndarray | None = None  # (M D,) the rows that are predicted, once known
     calm: Fit | None = None  # without the frames that stand out, once made: `diagnosis/calm.py`
     coarse: Fit | None = None  # on fewer segments, once made: `diagnosis/coarse_mesh.py`
     # [m rms], once computed of this very point: `diagnosis/innovations.py`.

@@ -21,8 +21,11 @@ from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import following
 from ropefit.solvers.equilibrium.potentials import solve_with_potentials
 from ropefit.solvers.equilibrium.solution import ARRAYS, Solution, States, at_nodes_of
-from ropefit.solvers.equilibrium.solve import solve
+from ropefit.solvers.equilibrium.solve import NEWTON_LIMIT, solve
 
+# Newton steps of a frame in a step of a fit: nearly all take less than ten, and one that takes more
+# than these jumps, or is lost.
+STEP_LIMIT = 60
 DEEPEST = 0.05  # of the length: a step of a fit, in which all frames settle, goes no deeper into
 # what the rope touches
 
@@ -172,12 +175,13 @@ def _under_dead_loads(
     conditions = conditions_of(setup, rod)
     if setup.potentials:
         return solve_with_potentials(rod, conditions, setup.potentials, start, deepest, at_once)
-    solution = solve(rod, conditions, start)
+    step = deepest < np.inf or at_once
+    limit = STEP_LIMIT if step and start is not None else NEWTON_LIMIT
+    solution = solve(rod, conditions, start, limit=limit)
     if start is not None:
         retry = ~solution.converged | wound(solution, start)
         # From the catenaries; of a step of a fit no further, and not where every frame is lost: it
         # is taken back.
-        step = deepest < np.inf or at_once
         if retry.any() and not (step and not solution.converged.any()):
             solution.put(retry, solve(rod, conditions, continuation=not step), retry)
     return solution

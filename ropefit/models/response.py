@@ -23,7 +23,7 @@ from ropefit.solvers.equilibrium.solution import Solution
 
 # Indices (f,) of frames, and changes (P, f, K, 3) of the nodes there.
 Parts = Iterator[tuple[np.ndarray, np.ndarray]]
-AT_ONCE, FEWEST = 4e6, 8  # bytes of answers in memory at once, of that many frames at least
+AT_ONCE, FEWEST = 16e6, 8  # bytes of answers in memory at once, of that many frames at least
 
 
 @dataclass

@@ -1,0 +1,97 @@
+"""What the sizes of an effect are where else it may act, if the data leave its place open.
+
+Size and place trade off along a curve: a heavy weight near a clamp does what a light one does at
+the tip. The covariance of a fit is that of its tangent. Where the interval of a place is long, the
+sizes are fitted anew with the place held at its ends, and their intervals hold those, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import Candidate, columns_of
+from ropefit.inference.least_squares import Fit, attempted
+from ropefit.inference.verdict import NORMAL_QUANTILE
+from ropefit.models.terms import Term
+
+LEAST_HALF_WIDTH, MOST_HALF_WIDTH = 0.005, 0.5  # of the length: of the interval of a place
+OPEN = 0.1  # of the length: half the interval of a place, from which it is open
+SHARES = (1.0, 0.5)  # of the way to the end of the interval, until a fit there is as good
+NO_WORSE = NORMAL_QUANTILE**2  # rise of χ², as large as what is missed makes it
+HELD = 1e-6  # of a place's scale: sd of one that is held
+EVALUATIONS, TOLERANCE = 20, 1e-5
+
+
+@dataclass(frozen=True)
+class HeldPlace:
+    """The fit with the place of a term held elsewhere, and the term that holds it."""
+
+    term: Term
+    held: Term
+    fit: Fit
+
+    def of(self, candidate: Candidate) -> Candidate:
+        """Return a candidate of the last fit as it is here."""
+        term = self.held if candidate.term is self.term else candidate.term
+        return replace(candidate, term=term, fit=self.fit)
+
+
+def half_interval(sd: float, length: float) -> float:
+    """Return half the 95 % interval [m] of a place on a rope of a length [m]."""
+    return min(max(NORMAL_QUANTILE * sd, LEAST_HALF_WIDTH * length), MOST_HALF_WIDTH * length)
+
+
+def held_places(final: Fit, accepted: list[Accepted]) -> list[HeldPlace]:
+    """Return the fits of a rope at rest with every open place held at the ends of its interval, or
+    half the way there, that are not significantly worse than the last."""
+    if not final.forward.instantaneous:
+        return []
+    return [held for item in accepted for held in _of(final, item.candidate)]
+
+
+def _of(final: Fit, candidate: Candidate) -> Iterator[HeldPlace]:
+    effect, term = candidate.hypothesis.effect, candidate.term
+    if effect.locus != "point" or effect.slow:
+        return
+    now = replace(candidate, fit=final)
+    length = float(final.point.setup.properties.length.sum())
+    place, half = float(now.values()[-1]), half_interval(float(now.sd()[-1]), length)
+    if half < OPEN * length:
+        return
+    low, high = np.clip([place - half, place + half], term.lower[-1], term.upper[-1])
+    for end in (low, high):
+        every = (_held(final, term, place + share * (end - place)) for share in SHARES)
+        best = next((held for held in every if held is not None), None)
+        if best is not None:
+            yield best
+
+
+def _held(final: Fit, term: Term, place: float) -> HeldPlace | None:
+    """Return the fit with a term's place held; None where it is significantly worse."""
+    forward, columns = final.forward, columns_of(final, term)
+    before = term.value(final.point.u[columns])
+    start, prior = np.append(before[:-1], place), np.append(term.prior[:-1], HELD * term.scale[-1])
+    # The other values keep where their priors are about.
+    start[:-1] = term.start[:-1]
+    held = replace(term, start=start, prior=prior)
+    model = forward.with_terms(
+        [held if one is term else one for one in forward.terms], final.point.solution
+    )
+    begin = final.point.u + _along(final, columns[-1], (place - before[-1]) / term.scale[-1])
+    begin[columns[-1]] = 0.0
+    begin = np.clip(begin, *model.bounds())
+    fitted = attempted(model, final.problem, begin, EVALUATIONS, TOLERANCE, thorough=True)
+    if fitted is None or len(fitted.z) != len(final.z) or not fitted.point.converged.all():
+        return None
+    most = final.cost + NO_WORSE * max(1.0, final.spread, final.scale**2)
+    return HeldPlace(term, held, fitted) if fitted.cost < most else None
+
+
+def _along(final: Fit, place: int, step: float) -> np.ndarray:
+    """Return the step (P,) of all values for one of the place, along which χ² rises least."""
+    covariance = final.covariance
+    return covariance[:, place] / max(covariance[place, place], 1e-300) * step

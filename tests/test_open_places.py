@@ -1,0 +1,77 @@
+"""What a weight is where else it may be, if its place is open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ropefit.adapters.diagnosis_content import holding_both, sizes_of
+from ropefit.diagnosis import open_places
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import columns_of, fit_candidate
+from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
+from ropefit.diagnosis.open_places import half_interval, held_places
+from ropefit.effects import PointMass
+from tests.concealed import nominal_fit, recorded, rope
+
+MASS, PLACE, LENGTH = 0.004, 0.37, 1.0
+
+
+@pytest.fixture(scope="module")
+def weighted():
+    """A weight on a rope between two hands, as fitted."""
+    setup = PointMass().apply(rope(144), np.array([MASS, PLACE]))
+    nominal = nominal_fit(recorded(setup, seed=3), 72)
+    found = fit_candidate(nominal, Hypothesis(PointMass(), NO_PLACE), np.array([MASS, PLACE]))
+    assert found is not None
+    return Accepted(found, [], found.evidence, 0.0)
+
+
+def as_if(fitted, column, sd):
+    """Return a fit as if one of its values had another standard error, alone."""
+    widened = replace(fitted)
+    covariance = fitted.covariance.copy()
+    times = np.ones(len(covariance))
+    times[column] = sd / np.sqrt(covariance[column, column])
+    widened.__dict__["covariance"] = times[:, None] * covariance * times
+    return widened
+
+
+def test_a_place_that_is_known_is_not_held_elsewhere(weighted):
+    assert held_places(weighted.candidate.fit, [weighted]) == []
+
+
+def test_where_the_place_is_open_the_size_is_fitted_at_both_ends_of_its_interval(
+    weighted, monkeypatch
+):
+    candidate = weighted.candidate
+    final, term = candidate.fit, candidate.term
+    place = columns_of(final, term)[-1]
+    far = 0.12 * LENGTH / 1.96
+    wide = as_if(final, place, far / term.scale[-1])
+    # Significantly worse there, as the data do tell this place.
+    assert held_places(wide, [weighted]) == []
+    monkeypatch.setattr(open_places, "NO_WORSE", np.inf)
+    low, high = held_places(wide, [weighted])
+    middle = candidate.values()[-1]
+    for held, end in ((low, middle - 0.12 * LENGTH), (high, middle + 0.12 * LENGTH)):
+        there = held.of(candidate)
+        assert there.values()[-1] == pytest.approx(end, abs=1e-4)
+        assert there.sd()[-1] < 1e-4 * LENGTH
+        assert held.fit.cost > final.cost
+        # Of all else the best values there, not those of the last fit.
+        slope = held.fit.jacobian.T @ held.fit.z - held.fit.prior.information @ held.fit.point.u
+        free = np.delete(np.arange(len(slope)), place)
+        scale = np.sqrt((held.fit.jacobian**2).sum(axis=0) + np.diag(held.fit.prior.information))
+        assert np.abs(slope[free] / scale[free]).max() < 0.05 * np.sqrt(held.fit.cost)
+    sizes = sizes_of(candidate, candidate.values(), candidate.sd())
+    both = holding_both(sizes, low.of(candidate))
+    assert both["mass"].ci95 != sizes["mass"].ci95
+
+
+def test_half_an_interval_is_no_shorter_and_no_longer_than_can_be_told():
+    assert half_interval(0.0, 2.0) == pytest.approx(0.01)
+    assert half_interval(0.05, 2.0) == pytest.approx(0.098, abs=1e-3)
+    assert half_interval(np.inf, 2.0) == 1.0
