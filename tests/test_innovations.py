@@ -81,7 +81,7 @@ def test_a_small_part_of_much_that_is_missed_counts_if_the_mesh_misses_far_less(
     monkeypatch.setattr(acceptance, "far_beyond_sensor", lambda fitted: True)
     monkeypatch.setattr(acceptance, "_markers_and_mesh", lambda fitted: mesh)
     monkeypatch.setattr(
-        acceptance, "_error", lambda fitted, along: 0.93 if fitted is found.fit else 1.0
+        acceptance, "_error", lambda fitted, *_: 0.93 if fitted is found.fit else 1.0
     )
     why = refusal(replace(found, gains=np.array(gains)), nominal)
     assert why == ("" if enough else "the error of held-out clips falls by too little")
