@@ -15,7 +15,7 @@ from ropefit.inference.least_squares import Fit, attempted
 from ropefit.models.terms import Term
 
 EVALUATIONS, LOOK = 11, 4  # of such a fit, and of those after which it is known which go on
-MOST_CONTINUED = 10
+MOST_CONTINUED = 10  # pairs, of those that come closest by then
 LEFT_OF_FEW = 1.0  # standard errors of χ²: few frames show little
 ALIKE, ENOUGH = 1.0, 2  # of χ², within which fits of one pair are the same; so many are enough
 MOST_FITTED = 3  # pairs fitted to all, and the best one from where else it may be

@@ -69,9 +69,9 @@ def firm_rows(*fits: Fit) -> np.ndarray:
 
 def _firm(fitted: Fit) -> np.ndarray:
     if fitted.firm is None:
-        s = fitted.stations
-        edge = on_edge(fitted)[s.frame] if fitted.forward.instantaneous else np.zeros(len(s.frame))
-        fitted.firm = np.repeat(edge == 0, s.residual.shape[1])
+        s, instantaneous = fitted.stations, fitted.forward.instantaneous
+        edge = on_edge(fitted) if instantaneous else np.zeros(len(fitted.point.seen), dtype=bool)
+        fitted.firm = np.repeat(~edge[s.frame], s.residual.shape[1])
     return fitted.firm
 
 

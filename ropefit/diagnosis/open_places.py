@@ -72,17 +72,16 @@ def _of(final: Fit, candidate: Candidate) -> Iterator[HeldPlace]:
 
 def _held(final: Fit, term: Term, place: float) -> HeldPlace | None:
     """Return the fit with a term's place held; None where it is significantly worse."""
-    forward, columns = final.forward, columns_of(final, term)
-    before = term.value(final.point.u[columns])
-    start, prior = np.append(before[:-1], place), np.append(term.prior[:-1], HELD * term.scale[-1])
-    # The other values keep where their priors are about.
-    start[:-1] = term.start[:-1]
-    held = replace(term, start=start, prior=prior)
-    model = forward.with_terms(
-        [held if one is term else one for one in forward.terms], final.point.solution
-    )
-    begin = final.point.u + _along(final, columns[-1], (place - before[-1]) / term.scale[-1])
-    begin[columns[-1]] = 0.0
+    column = columns_of(final, term)[-1]
+    held = replace(
+        term, start=np.append(term.start[:-1], place),
+        prior=np.append(term.prior[:-1], HELD * term.scale[-1]),
+    )  # fmt: skip
+    terms = [held if one is term else one for one in final.forward.terms]
+    model = final.forward.with_terms(terms, final.point.solution)
+    moved = (place - term.start[-1]) / term.scale[-1] - final.point.u[column]
+    begin = final.point.u + _along(final, column, moved)
+    begin[column] = 0.0  # where it is held
     begin = np.clip(begin, *model.bounds())
     fitted = attempted(model, final.problem, begin, EVALUATIONS, TOLERANCE, thorough=True)
     if fitted is None or len(fitted.z) != len(final.z) or not fitted.point.converged.all():
