@@ -47,6 +47,7 @@ def candidate(
     return SimpleNamespace(
         values=lambda: np.where(np.array(effect.names) == "arc_length", arc_length, 0.0),
         hypothesis=SimpleNamespace(effect=effect),
+        plausible=lambda: True,
         evidence=evidence,
         wants_beyond_bounds=lambda: beyond,
         gains=np.full(5, gained / 5),

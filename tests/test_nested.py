@@ -1,12 +1,14 @@
 """Nested hypotheses: every edge of the lattice, and that the special case is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ropefit.diagnosis.accepted import Accepted, accept
 from ropefit.diagnosis.candidate import fit_candidate
 from ropefit.diagnosis.hypotheses import NARROWEST, NO_PLACE, Hypothesis
-from ropefit.diagnosis.nested import is_special_case
+from ropefit.diagnosis.nested import is_special_case, with_general_cases
 from ropefit.diagnosis.reassessment import reassessed
 from ropefit.diagnosis.rules import Selection
 from ropefit.effects import (
@@ -114,6 +116,47 @@ def test_the_general_effect_stays_where_it_is_needed(effect, values):
     assert general is not None
     named = accept(general, [general], nominal, 20)
     assert named.candidate is general
+
+
+@pytest.mark.parametrize("edge", [edge for edge in EDGES if edge[1].general])
+def test_the_general_effect_at_a_special_case_does_the_same(edge):
+    kind, case = edge
+    setup, values = rope(96, 3), np.array(SPECIAL[case.effect])
+    general = case.general(setup, values)
+    shapes = [
+        Equilibrium(effect.apply(setup, v), []).at(np.empty(0)).seen
+        for effect, v in ((kind(), general), (case.effect(), values))
+    ]
+    np.testing.assert_allclose(*shapes, atol=1e-9)
+    np.testing.assert_allclose(case.values(setup, general), values, atol=1e-12)
+
+
+def test_a_general_effect_that_ran_away_is_fitted_from_its_special_case():
+    """A tether next to an end may pull far too much; one that pulls as a weight does is as likely
+    as the weight, and so it is told."""
+    setup = rope(144)
+    nominal = compared(recorded(PointMass().apply(setup, np.array([0.002, 0.4])), seed=3))
+    weight = fit_candidate(nominal, Hypothesis(PointMass(), NO_PLACE), array([0.002, 0.4]))
+    tether = fit_candidate(nominal, Hypothesis(Tether(), NO_PLACE), array(GENERAL[Tether]))
+    section = fit_candidate(nominal, Hypothesis(MassSection(), NO_PLACE), array([0.002, 0.4, 0.1]))
+    assert weight
+    assert tether
+    assert section
+    plausible = [weight, tether, section]
+    assert all(any(c is p for p in plausible) for c in with_general_cases(plausible, nominal))
+    away = replace(tether, evidence=weight.evidence + 20)
+    away.plausible = lambda: False  # type: ignore[method-assign]
+    found = with_general_cases([away, weight, section], nominal)
+    assert weight in found
+    assert section in found
+    (again,) = (c for c in found if c.hypothesis.name == "tether")
+    assert again.plausible()
+    assert again.fit.cost < weight.fit.cost + 0.1
+    assert again.values()[-1] == pytest.approx(0.4, abs=0.02)
+    # Not from what is no special case of it, nor where that is not plausible.
+    assert away in with_general_cases([away, section], nominal)
+    weight.plausible = lambda: False  # type: ignore[method-assign]
+    assert away in with_general_cases([away, weight], nominal)
 
 
 def test_edges_lead_on():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.diagnosis.candidate import Candidate
+from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.held_out import by_stretches, firm_rows, heldout_rms, weighted_error
 from ropefit.diagnosis.innovations import contradicted
 from ropefit.diagnosis.wander import MESH_ERROR
@@ -28,15 +29,23 @@ def first_acceptable(
 ) -> Candidate | None:
     """Return the first candidate that passes every gate; reasons of the others go to `refused`.
 
-    candidates: highest evidence first; current: the model without any of them.
+    candidates: highest evidence first; current: the model without any of them. A force that can
+    stand for much else is not accepted where another effect explains more, but only with a size
+    that is not plausible: neither is what is there.
     """
+    implausible: list[Candidate] = []
     for candidate in candidates:
         if candidate.evidence < threshold:
             return None
-        why = refusal(candidate, current)
+        effect, why = candidate.hypothesis.effect, refusal(candidate, current)
+        better = implausible[:1] if effect.stands_for_others and not why else []
+        if better and better[0].evidence - candidate.evidence > TIE_NATS:
+            why = f"{better[0].hypothesis.name} explains more, but only if implausibly large"
         if not why:
             return candidate
         refused.append(f"{candidate.hypothesis.name}: {why}")
+        if not candidate.plausible():
+            implausible.append(candidate)
     return None
 
 

@@ -9,7 +9,12 @@ import numpy as np
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import TIE_NATS, equivalents, ordered
-from ropefit.diagnosis.nested import as_usual, is_special_case, with_special_cases
+from ropefit.diagnosis.nested import (
+    as_usual,
+    is_special_case,
+    with_general_cases,
+    with_special_cases,
+)
 from ropefit.inference.least_squares import Fit
 
 CLOSE_EVIDENCE = 0.5  # of the best's: candidates with less do not win beside other effects either
@@ -53,6 +58,7 @@ def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: in
     """
     usual = as_usual(best, without, TIE_NATS)
     best, candidates = usual, [usual if c is best else c for c in candidates]
+    candidates = with_general_cases(candidates, without)
     candidates = with_special_cases(best, candidates, without)
     tied = equivalents(best, candidates, without.cost)
     first, same = ordered(best, tied)

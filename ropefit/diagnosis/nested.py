@@ -56,15 +56,44 @@ def with_special_cases(
     return sorted(out.values(), key=lambda c: -c.evidence)
 
 
+def with_general_cases(candidates: list[Candidate], without: Fit) -> list[Candidate]:
+    """Return candidates, highest evidence first; those whose fits ran to sizes that are not
+    plausible as fitted from the values of the best special case of theirs: there they are as likely
+    as that is, and plausible."""
+    out = []
+    for one in candidates:
+        again, kind = None, type(one.hypothesis.effect)
+        if not one.plausible():
+            values = ((c, _as_general(kind, c)) for c in candidates if c.plausible())
+            special = next(((c, v) for c, v in values if v is not None), None)
+            again = special and _fitted_from(special[0], one.hypothesis, special[1], without)
+        out.append(again if again is not None and again.plausible() else one)
+    return sorted(out, key=lambda c: -c.evidence)
+
+
+def _as_general(kind: type[Effect], special: Candidate) -> np.ndarray | None:
+    """Return the values of an effect of a kind that do what a candidate does, a special case of it;
+    None if it is none, or these are not known."""
+    setup = special.fit.forward.base
+    for case in kind.special_cases:
+        if case.effect is type(special.hypothesis.effect):
+            values = special.values()
+        else:
+            values = _as_general(case.effect, special)
+        if values is not None and case.general is not None:
+            return case.general(setup, values)
+    return None
+
+
 def _fitted_from(
-    general: Candidate, hypothesis: Hypothesis, values: np.ndarray, without: Fit
+    known: Candidate, hypothesis: Hypothesis, values: np.ndarray, without: Fit
 ) -> Candidate | None:
-    """Return a special case fitted in the general one's place, all else beginning as it was there;
-    None if it cannot be."""
-    model = general.fit.forward
-    term, parts = hypothesis.term(model.base, values), model.split(general.fit.point.u)
-    others = [(t, u) for t, u in zip(model.terms, parts, strict=True) if t is not general.term]
-    forward = model.with_terms([*(t for t, _ in others), term], general.fit.point.solution)
+    """Return a hypothesis fitted in a candidate's place, all else beginning as it was there; None
+    if it cannot be."""
+    model = known.fit.forward
+    term, parts = hypothesis.term(model.base, values), model.split(known.fit.point.u)
+    others = [(t, u) for t, u in zip(model.terms, parts, strict=True) if t is not known.term]
+    forward = model.with_terms([*(t for t, _ in others), term], known.fit.point.solution)
     begin = np.concatenate([*(u for _, u in others), np.zeros(term.size)])
     fitted = attempted(forward, without.problem, begin, EVALUATIONS, tolerance=1e-5)
     if fitted is None or not fitted.point.converged.all() or len(fitted.z) != len(without.z):

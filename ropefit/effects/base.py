@@ -1,8 +1,7 @@
 """What an effect is: one piece of physics or of measurement that a model may include.
 
 An effect changes a `Setup`. What is special about one (how the diagnosis looks for it, what is held
-out for it, how it is exported) is in its own file, too: attributes and methods of `Effect` that it
-overrides.
+out for it, how it is exported) is in its own file: attributes and methods that it overrides.
 """
 
 from __future__ import annotations
@@ -88,12 +87,13 @@ class SpecialCase(NamedTuple):
     with a lower bound above zero: from that bound).
 
     effect: the special one; vanishing: names of those values; values: its values (SI) from those
-    of the general one, None where it cannot have them.
+    of the general one, None where it cannot have them; general: the contrary, if needed.
     """
 
     effect: type[Effect]
     vanishing: tuple[str, ...]
     values: Callable[[Setup, np.ndarray], np.ndarray | None]
+    general: Callable[[Setup, np.ndarray], np.ndarray] | None = None
 
 
 class Exported(NamedTuple):

@@ -20,6 +20,11 @@ def hanging_mass(setup: Setup, values: np.ndarray) -> np.ndarray | None:
     return np.array([values[0] / gravity, values[3]]) if gravity and values[0] > 0 else None
 
 
+def weight_of(setup: Setup, values: np.ndarray) -> np.ndarray:
+    """Return force and place of what a mass at a place weighs."""
+    return np.array([values[0] * float(np.linalg.norm(setup.gravity)), 0.0, 0.0, values[1]])
+
+
 class PointForce(Effect):
     """Force [N] at an arc length, constant in space: along gravity, and along the two horizontal
     axes. The scan does not look for it: it is a tether without stiffness."""
@@ -31,7 +36,7 @@ class PointForce(Effect):
     quantities = tuple(
         Quantity(name, "N", 0.03, by_weight=1.0) for name in ("down", "across_1", "across_2")
     )
-    special_cases = (SpecialCase(PointMass, ("across_1", "across_2"), hanging_mass),)
+    special_cases = (SpecialCase(PointMass, ("across_1", "across_2"), hanging_mass, weight_of),)
 
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         share = at_point(setup.arc, values[3])

@@ -20,6 +20,11 @@ def steady_pull(setup: Setup, values: np.ndarray) -> np.ndarray:
     return np.array([*(axes_of(setup) @ values[1:4]), values[4]])
 
 
+def without_stiffness(setup: Setup, values: np.ndarray) -> np.ndarray:
+    """Return the tether that pulls with a force at a place wherever the rope is."""
+    return np.array([0.0, *(values[:3] @ axes_of(setup)), values[3]])
+
+
 class Tether(Effect):
     """A spring of `stiffness` k [N/m] from a place on the rope to an anchor.
 
@@ -34,7 +39,7 @@ class Tether(Effect):
         *(Quantity(f"pull_{axis}", "N", 0.03, by_weight=1.0) for axis in "xyz"),
     )
 
-    special_cases = (SpecialCase(PointForce, ("stiffness",), steady_pull),)
+    special_cases = (SpecialCase(PointForce, ("stiffness",), steady_pull, without_stiffness),)
 
     def apply(self, setup: Setup, values: np.ndarray) -> Setup:
         share = at_point(setup.arc, values[4])
