@@ -33,34 +33,33 @@ def first_acceptable(
     stand for much else is not accepted where another effect explains more, but only with a size
     that is not plausible: neither is what is there.
     """
-    implausible: list[Candidate] = []
+    better: Candidate | None = None  # the first one that is not plausible
     for candidate in candidates:
         if candidate.evidence < threshold:
             return None
-        effect, why = candidate.hypothesis.effect, refusal(candidate, current)
-        better = implausible[:1] if effect.stands_for_others and not why else []
-        if better and better[0].evidence - candidate.evidence > TIE_NATS:
-            why = f"{better[0].hypothesis.name} explains more, but only if implausibly large"
+        why = refusal(candidate, current)
+        general = candidate.hypothesis.effect.stands_for_others and not why
+        if better and general and better.evidence - candidate.evidence > TIE_NATS:
+            why = f"{better.hypothesis.name} explains more, but only if implausibly large"
         if not why:
             return candidate
         refused.append(f"{candidate.hypothesis.name}: {why}")
-        if not candidate.plausible():
-            implausible.append(candidate)
+        if better is None and not candidate.plausible():
+            better = candidate
     return None
 
 
 def refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
-    along, effect = by_stretches(candidate.fit), candidate.hypothesis.effect
-    moving = not current.forward.instantaneous
-    firm = firm_rows(current, candidate.fit)
-    before, after = (_error(fit, along, firm) for fit in (current, candidate.fit))
+    effect, moving = candidate.hypothesis.effect, not current.forward.instantaneous
     if not candidate.plausible():
         return "larger than anything plausible"
     if effect.law(current.point.setup) is not None and at_most(candidate):
         return "it fits only where its form runs to a bound"
     if not significant(candidate):
         return "its size is not significantly different from zero"
+    along, firm = by_stretches(candidate.fit), firm_rows(current, candidate.fit)
+    before, after = (_error(fit, along, firm) for fit in (current, candidate.fit))
     # A calibration error far outside its prior explains held-out frames as well as the effect of
     # the same kind does: there the evidence is in the prior.
     alike = not moving and candidate.fit.problem.noise.repeats > 1
