@@ -15,6 +15,7 @@ from ropefit.effects import (
     BendingLaw,
     ClampedEnd,
     EndOffset,
+    FollowerForce,
     ForceField,
     HalfSpace,
     Inertia,
@@ -119,6 +120,13 @@ def test_an_effect_of_an_end_is_named_before_a_force_next_to_it(arc_length, end,
 def test_a_special_case_is_named_unless_the_additional_values_are_worth_more(behind, first):
     section, mass = candidate(MassSection(), 23.0, 24.0), candidate(PointMass(), 23.0 - behind, 24)
     assert ordered(section, [mass])[0].hypothesis.effect.name == first
+
+
+@pytest.mark.parametrize(("behind", "first"), [(2.9, "tether"), (3.1, "follower_force")])
+def test_a_force_that_stands_for_much_else_is_named_last(behind, first):
+    force, tether = candidate(FollowerForce(), 23.0, 24.0), candidate(Tether(), 23.0 - behind, 24)
+    assert len(force.term.names) < len(tether.term.names)
+    assert ordered(force, [tether])[0].hypothesis.effect.name == first
 
 
 @pytest.mark.parametrize(

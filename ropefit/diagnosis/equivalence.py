@@ -120,9 +120,10 @@ def within_reach(behind: float, share: float, less: float = np.inf) -> bool:
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
     """Name the candidate of a tie with the fewest values, none unusual, first, before others a
-    special case of the best one. What the extra values of the best one are worth is in its
-    evidence, along with how broad the priors of sizes are: of a special case that is not
-    significantly less likely no more than that makes the difference."""
+    special case of the best one; a force that can stand for much else only if nothing else is as
+    good. What the extra values of the best one are worth is in its evidence, along with how broad
+    the priors of sizes are: of a special case that is not significantly less likely no more than
+    that makes the difference."""
     general = best.hypothesis.effect
     highest = max(c.evidence for c in (best, *same))  # fitted anew, the best one may be so no more
     tied = [
@@ -135,6 +136,7 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
         tied,
         key=lambda c: (
             _is_unusual(c),
+            c.hypothesis.effect.stands_for_others,
             _number_of_values(c),
             not is_special_case(c.hypothesis.effect, general),
             -c.evidence,
