@@ -8,7 +8,7 @@ import pytest
 
 from ropefit.diagnosis import accepted
 from ropefit.diagnosis.acceptance import at_most
-from ropefit.diagnosis.equivalence import equivalents, ordered, within_reach
+from ropefit.diagnosis.equivalence import also_possible, equivalents, ordered, within_reach
 from ropefit.diagnosis.limits import Limits
 from ropefit.effects import (
     BendingHysteresis,
@@ -38,11 +38,11 @@ from tests.concealed import rope
 
 def candidate(
     effect: Any, evidence: float, gained: float, unlikely: float = 0.0, beyond: bool = False,
-    arc_length: float = 0.5, likelihood: float | None = None,
+    arc_length: float = 0.5, likelihood: float | None = None, misfit: bool = False,
 ) -> Any:  # fmt: skip
     """gained [nats] by held-out data; unlikely: sd that an error of the set-up is off zero;
     arc_length [m]: where on a rope of 1 m an effect at a point is; likelihood [nats]: its
-    logarithm; None: as the evidence."""
+    logarithm; None: as the evidence; misfit: whether noise is what was missed elsewhere."""
     explained = evidence if likelihood is None else likelihood
     one_metre = SimpleNamespace(properties=SimpleNamespace(length=np.full(4, 0.25)))
     return SimpleNamespace(
@@ -61,6 +61,7 @@ def candidate(
             prior=Prior(np.array([1.0, np.inf])),
             point=SimpleNamespace(u=np.array([unlikely, 9.0])),
             spread=1.0, forward=SimpleNamespace(base=one_metre), cost=-2 * explained,
+            problem=SimpleNamespace(noise=SimpleNamespace(misfit=misfit)),
         ),
     )  # fmt: skip
 
@@ -235,6 +236,34 @@ def test_candidates_of_a_tie_are_compared_by_one_estimate_of_what_is_missed(cost
     assert (equivalents(turned, [turned, loaded], before) == [loaded]) == tied
 
 
+@pytest.mark.parametrize(
+    ("behind", "misfit", "told"),
+    [(4.9, False, True), (5.1, False, False), (9.9, True, True), (10.1, True, False)],
+)
+def test_what_cannot_be_ruled_out_is_told(behind, misfit, told, monkeypatch):
+    """Sooner where noise is what the rope missed in another recording."""
+    clamp = candidate(ClampedEnd(0), 30.0, 24.0, misfit=misfit)
+    mass = candidate(PointMass(), 30.0 - behind, 24.0, misfit=misfit)
+    for one in (clamp, mass):
+        one.hypothesis.name, one.significance = one.hypothesis.effect.name, lambda: 5.0
+    assert (also_possible(clamp, [clamp, mass], 0.0) == [mass]) == told
+    assert equivalents(clamp, [clamp, mass], 0.0) == []
+    for name in ("as_usual", "with_general_cases", "with_special_cases"):
+        monkeypatch.setattr(
+            accepted, name, lambda best, *others, n=name: _unchanged(n, best, others)
+        )
+    without: Any = SimpleNamespace(cost=0.0)
+    for why in ("", "held-out frames do not support it"):
+        monkeypatch.setattr(accepted, "refusal", lambda one, fit, why=why: why)
+        found = accepted.accept(clamp, [clamp, mass], without, 20)
+        assert found.candidate is clamp
+        assert found.equivalent == ([mass] if told and not why else [])
+
+
+def _unchanged(name: str, first: Any, others: tuple[Any, ...]) -> Any:
+    return others[0] if name == "with_special_cases" else first
+
+
 def test_gains_of_frames_and_of_stretches_are_not_compared():
     bar, error = candidate(Obstacle(), 20.0, 60.0), candidate(LostOutOfPlane(), 20.5, 24.0)
     assert bar.hypothesis.effect.held_out != error.hypothesis.effect.held_out
@@ -276,6 +305,7 @@ def test_what_would_be_refused_is_not_named_first_in_a_tie(monkeypatch):
     mass, error = candidate(PointMass(), 20.0, 24.0), candidate(LostOutOfPlane(), 20.5, 24.0)
     monkeypatch.setattr(accepted, "with_special_cases", lambda best, others, without: others)
     monkeypatch.setattr(accepted, "equivalents", lambda best, others, cost: [error])
+    monkeypatch.setattr(accepted, "also_possible", lambda first, others, cost: [])
     without: Any = SimpleNamespace(cost=100.0)
     for why, first in [("", error), ("held-out frames do not support it", mass)]:
         monkeypatch.setattr(accepted, "refusal", lambda one, fit, why=why: why)
@@ -288,6 +318,7 @@ def test_a_special_case_is_named_as_what_contains_it_was_accepted(monkeypatch):
     pull, mass = candidate(PointForce(), 20.0, 24.0), candidate(PointMass(), 20.5, 24.0)
     monkeypatch.setattr(accepted, "with_special_cases", lambda best, others, without: others)
     monkeypatch.setattr(accepted, "equivalents", lambda best, others, cost: [mass])
+    monkeypatch.setattr(accepted, "also_possible", lambda first, others, cost: [])
     monkeypatch.setattr(accepted, "refusal", lambda one, fit: "held-out frames do not support it")
     without: Any = SimpleNamespace(cost=100.0)
     assert accepted.accept(pull, [pull, mass], without, 20).candidate is mass

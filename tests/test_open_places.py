@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +14,12 @@ from ropefit.diagnosis import open_places
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import columns_of, fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
-from ropefit.diagnosis.open_places import half_interval, held_places
-from ropefit.effects import PointMass
+from ropefit.diagnosis.open_places import _elsewhere, half_interval, held_places
+from ropefit.effects import MassSection, PointMass
 from tests.concealed import nominal_fit, recorded, rope
 
 MASS, PLACE, LENGTH = 0.004, 0.37, 1.0
+STRETCH = (0.0004, 0.22, 0.16)  # kg, m, m
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +72,55 @@ def test_where_the_place_is_open_the_size_is_fitted_at_both_ends_of_its_interval
     sizes = sizes_of(candidate, candidate.values(), candidate.sd())
     both = holding_both(sizes, low.of(candidate))
     assert both["mass"].ci95 != sizes["mass"].ci95
+
+
+@pytest.fixture(scope="module")
+def heavier():
+    """A light stretch next to an end, of whose width its recording tells little, as fitted from one
+    that reaches the end."""
+    setup = MassSection().apply(rope(144), np.array(STRETCH))
+    nominal = nominal_fit(recorded(setup, seed=5), 72)
+    start = np.array([1.5 * STRETCH[0], 0.14, 0.34])
+    found = fit_candidate(nominal, Hypothesis(MassSection(), NO_PLACE), start)
+    assert found is not None
+    return Accepted(found, [], found.evidence, 0.0)
+
+
+def test_a_stretch_that_reaches_an_end_is_also_fitted_narrower(heavier):
+    candidate = heavier.candidate
+    mass, centre, width = candidate.values()
+    assert centre - width / 2 < 0.03 * LENGTH
+    (held,) = held_places(candidate.fit, [heavier])
+    there = held.of(candidate)
+    seen = centre + width / 2 - max(centre - width / 2, 0.0)
+    assert there.values()[2] in (
+        pytest.approx(0.5 * seen, rel=1e-3), pytest.approx(0.75 * seen, rel=1e-3)
+    )  # fmt: skip
+    assert there.values()[0] < mass  # nearer the middle as little does as much
+    sizes = sizes_of(candidate, candidate.values(), candidate.sd())
+    both = holding_both(sizes, there)["mass"].ci95
+    assert both[0] < STRETCH[0] < both[1]
+
+
+@pytest.mark.parametrize(
+    ("centre", "width", "sd", "wanted"),
+    [
+        (0.5, 0.3, 0.03, []),  # it is known
+        (0.5, 0.3, 0.1, [(0.5, 0.104), (0.5, 0.496)]),
+        (0.5, 0.3, 0.5, [(0.5, 0.01), (0.5, 0.8)]),  # no narrower than may be, and half the length
+        (0.5, 1.0, 0.1, []),  # all of the rope
+        (0.95, 0.3, 0.01, [(0.9, 0.1)]),  # of it 0.2 m are on the rope
+    ],
+)
+def test_which_widths_of_a_stretch_are_tried(centre, width, sd, wanted):
+    now: Any = SimpleNamespace(
+        hypothesis=SimpleNamespace(effect=MassSection()),
+        term=SimpleNamespace(lower=np.array([0.0, 0.0, 0.01]), upper=np.array([9.0, 1.0, 2.0])),
+        values=lambda: np.array([0.001, centre, width]),
+        sd=lambda: np.array([1e-4, 0.01, sd]),
+    )
+    ends = [end for _, end in _elsewhere(now, LENGTH)]
+    assert ends == [pytest.approx(end, abs=1e-3) for end in wanted]
 
 
 def test_half_an_interval_is_no_shorter_and_no_longer_than_can_be_told():

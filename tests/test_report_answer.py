@@ -217,7 +217,7 @@ def test_the_answer_in_one_line():
     )
     assert rope.startswith("This is a rope 1 m long, 50 g, held but free to turn at the gripper’s")
     assert "bending rigidity (EI) is 7.000·10⁻⁴ N·m² (95 % interval" in rope
-    assert "It may as well be: distributed load." in told(diagnosed(motion="lift"))[1]
+    assert "It may also be: distributed load." in told(diagnosed(motion="lift"))[1]
     little = diagnosed().model_copy(update={"rms_before": 0.001301})
     assert "that moves the rope less than single points scatter" in told(little)[0]
     along = Size(value=8 * 7e-4, unit="N m^2", ci95=(5.5e-3, 5.7e-3))

@@ -78,7 +78,7 @@ def show_diagnosis(session: Session, outcome: Outcome[Diagnosis]) -> dict[str, A
     if rows:
         session.table(
             f"{d.recording}: what the model lacks",
-            ["effect", "where [m]", "size (95 %)", "as good", "evidence"],
+            ["effect", "where [m]", "size (95 %)", "not ruled out", "evidence"],
             rows,
         )
         for c in d.causes.values():

@@ -8,7 +8,7 @@ import numpy as np
 
 from ropefit.diagnosis.acceptance import refusal
 from ropefit.diagnosis.candidate import Candidate
-from ropefit.diagnosis.equivalence import TIE_NATS, equivalents, ordered
+from ropefit.diagnosis.equivalence import TIE_NATS, also_possible, equivalents, ordered
 from ropefit.diagnosis.nested import (
     as_usual,
     is_special_case,
@@ -25,8 +25,8 @@ LEAST_P = 1e-300
 
 @dataclass
 class Accepted:
-    """An accepted effect, candidates that explain as much, its evidence and p-value, and the
-    candidates that it beat."""
+    """An accepted effect, candidates that explain as much or cannot be ruled out, its evidence and
+    p-value, and the candidates that it beat."""
 
     candidate: Candidate
     equivalent: list[Candidate]
@@ -65,6 +65,9 @@ def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: in
     special = is_special_case(first.hypothesis.effect, best.hypothesis.effect)
     if first is not best and not special and refusal(first, without):
         first, same = best, tied
+    for one in also_possible(first, candidates, without.cost):
+        if all(one is not c for c in (first, *same)) and not refusal(one, without):
+            same = [*same, one]
     p = min(1.0, tried * float(np.exp(-min(first.evidence, 690.0))))
     close = [
         c for c in candidates if c is not first and c.evidence > CLOSE_EVIDENCE * first.evidence

@@ -19,6 +19,10 @@ SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little b
 # explains that share is less than chance.
 SAME_LIKELIHOOD = 1.5
 LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
+# What is less likely by so much is not told as equivalent: odds of 150 to 1, as there are some ten
+# candidates. Of how many samples of a model's misfit one is independent is known to a factor of
+# two, and so is evidence by them.
+ALSO_POSSIBLE_NATS, BY_MISFIT = 5.0, 2.0
 
 
 def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
@@ -65,7 +69,17 @@ def _held_out_gain(one: Candidate) -> float:
     return float(one.gains.sum()) - unlikely / max(1.0, one.fit.spread)
 
 
-def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> list[Candidate]:
+def also_possible(first: Candidate, candidates: list[Candidate], before: float) -> list[Candidate]:
+    """Return candidates that are less likely than the one that is named, but not by enough to rule
+    them out, with those that are within reach; before: as below."""
+    by_misfit = first.fit.problem.noise.misfit
+    nats = ALSO_POSSIBLE_NATS * (BY_MISFIT if by_misfit else 1.0)
+    return equivalents(first, candidates, before, nats)
+
+
+def equivalents(
+    best: Candidate, candidates: list[Candidate], before: float, tie: float = TIE_NATS
+) -> list[Candidate]:
     """Return candidates of other effects that are within reach of the best, or that explain nearly
     all that it does and are hardly worse, or physics that predicts held-out data better than these
     and is behind only by the penalty for its values, which is mostly how broad their priors are.
@@ -82,7 +96,7 @@ def equivalents(best: Candidate, candidates: list[Candidate], before: float) -> 
         share = (before - one.fit.cost) / max(before - best.fit.cost, 1e-9)
         less = _less(one, best)
         alike = less + _penalty(one, before) - _penalty(best, before)
-        if within_reach(min(alike, best.evidence - one.evidence), share, less):
+        if within_reach(min(alike, best.evidence - one.evidence), share, less, tie):
             out.append(one)
         elif less < SAME_LIKELIHOOD and one.evidence > 0 and _is_physics(one):
             others.append(one)
@@ -111,11 +125,12 @@ def _contains(one: Candidate, special: Candidate) -> bool:
     return one.plausible() and is_special_case(special.hypothesis.effect, effect)
 
 
-def within_reach(behind: float, share: float, less: float = np.inf) -> bool:
+def within_reach(behind: float, share: float, less: float = np.inf, tie: float = TIE_NATS) -> bool:
     """Return whether a candidate so far behind the best [nats], which explains such a share of what
-    the best does, is as good; less [nats]: by how much less likely it makes the data."""
+    the best does, is as good; less [nats]: by how much less likely it makes the data; tie [nats]:
+    how far behind any candidate is as good."""
     alike = share > SAME_SHARE or less < SAME_LIKELIHOOD
-    return behind < TIE_NATS or (alike and behind < SAME_NATS)
+    return behind < tie or (alike and behind < SAME_NATS)
 
 
 def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:

@@ -221,8 +221,7 @@ def _without_form(c: Cause) -> str:
 
 def _ties(c: Cause) -> str:
     others = " or ".join(name.replace("_", " ") for name in c.equivalent_to)
-    name = c.name.replace("_", " ")
-    return f"It may as well be: {others}. This recording cannot tell that from {name}."
+    return f"It may also be: {others}. This recording does not rule that out."
 
 
 def _sensor(o: Observations) -> str:

@@ -9,13 +9,13 @@ from ropefit.reporting.words import millimetres
 
 SEEN = 0.5  # of the noise of a point: a smaller difference is beyond what a recording shows
 NO_MOTION = (
-    "The explanations that fit equally well would stay equal under every motion tried: only "
+    "The explanations that are not ruled out would look alike under every motion tried: only "
     "another measurement (a plumb line, a weighing, a wrist force) can decide."
 )
 
 
 def next_step(d: Diagnosis) -> str:
-    """Return how to tell the explanations apart that fit equally well; empty where all differ."""
+    """Return how to tell the explanations apart that are not ruled out; empty where there is one."""
     if not d.motion:
         return NO_MOTION if any(c.equivalent_to for c in d.causes.values()) else ""
     apart = separation(d)

@@ -42,7 +42,7 @@ def _causes(d: Diagnosis) -> Markup:
         others = ", ".join(name.replace("_", " ") for name in c.equivalent_to)
         name = c.name.replace("_", " ")
         rows.append([name, c.kind, where, ranges(c.frames), evidence, others or "–"])
-    head = ["what", "kind", "where", "frames", "evidence", "or as well"]
+    head = ["what", "kind", "where", "frames", "evidence", "not ruled out"]
     return heading("Accepted") + table(head, rows)
 
 

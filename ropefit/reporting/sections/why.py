@@ -111,7 +111,7 @@ def _bars(rows: list[Row], threshold: float) -> Markup:
 
 def _strength(row: Row, threshold: float) -> str:
     if not np.isfinite(row.nats):
-        return "as good: the same shapes"
+        return "not ruled out"
     words = f"{strength(row.nats, threshold)}, {number(row.nats)} nats"
     return f"{words}, accepted" if row.accepted else words
 
