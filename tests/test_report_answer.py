@@ -200,7 +200,7 @@ def test_what_no_motion_separates_is_said():
         return render_report(RunContents(observations(), made, None, d))
 
     assert "To tell point mass and distributed load apart, lift the gripper." in page(0.01)
-    assert "would stay equal under every motion tried" in page(0.0001)
+    assert "would look alike under every motion tried" in page(0.0001)
     assert "differ by 0.10 mm, where noise is 1.2 mm" in page(0.0001)
 
 

@@ -15,7 +15,7 @@ NO_MOTION = (
 
 
 def next_step(d: Diagnosis) -> str:
-    """Return how to tell the explanations apart that are not ruled out; empty where there is one."""
+    """Return how to tell apart what is not ruled out; empty where only one explanation is left."""
     if not d.motion:
         return NO_MOTION if any(c.equivalent_to for c in d.causes.values()) else ""
     apart = separation(d)
