@@ -16,6 +16,7 @@ import numpy as np
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import Candidate, columns_of
 from ropefit.effects.base import PLACE_NAMES
+from ropefit.effects.place import on_rope
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.verdict import NORMAL_QUANTILE
 from ropefit.models.terms import Term
@@ -24,7 +25,6 @@ LEAST_HALF_WIDTH, MOST_HALF_WIDTH = 0.005, 0.5  # of the length: of the interval
 OPEN = 0.1  # of the length: half the interval of a place, from which it is open
 SHARES = (1.0, 0.5)  # of the way to the end of the interval, until a fit there is as good
 NO_WORSE = NORMAL_QUANTILE**2  # rise of χ², as large as what is missed makes it
-AT_END = 0.03  # of the length: so near, a stretch reaches the end
 NARROWER = 0.5  # of its width: how narrow such a stretch is tried
 HELD = 1e-6  # of a place's scale: sd of one that is held
 EVALUATIONS, TOLERANCE = 20, 1e-5
@@ -74,12 +74,10 @@ def _elsewhere(now: Candidate, length: float) -> list[tuple[np.ndarray, np.ndarr
     names, term = PLACE_NAMES[now.hypothesis.effect.locus], now.term
     place, sd = now.values()[-len(names) :], float(now.sd()[-1])
     if len(names) == 2:
-        low, high = place[0] - place[1] / 2, place[0] + place[1] / 2
-        first, last = low < AT_END * length, high > (1 - AT_END) * length
+        low, high, first, last = on_rope(float(place[0]), float(place[1]), length)
         if first and last:
             return []
         if first or last:
-            low, high = max(low, 0.0), min(high, length)
             seen = np.array([(low + high) / 2, high - low])
             return [(seen, seen * (1.0, NARROWER))]
     half = half_interval(sd, length)

@@ -8,11 +8,9 @@ import numpy as np
 
 from ropefit.effects.base import Effect, Quantity, SpecialCase
 from ropefit.effects.drawn import Drawn
-from ropefit.effects.place import over_interval
+from ropefit.effects.place import on_rope, over_interval
 from ropefit.effects.point_mass import PointMass
 from ropefit.rod.setup import Setup
-
-AT_END = 0.03  # of the length: so near, a section reaches the end
 
 
 def gathered(setup: Setup, values: np.ndarray) -> np.ndarray | None:
@@ -40,8 +38,7 @@ class MassSection(Effect):
         p = setup.properties
         mass, centre, width = values
         length, weight = float(p.length.sum()), float((p.density * p.length).sum())
-        low, high = max(centre - width / 2, 0.0), min(centre + width / 2, length)
-        first, last = low < AT_END * length, high > (1 - AT_END) * length
+        low, high, first, last = on_rope(float(centre), float(width), length)
         if mass >= 0 or first == last:
             return None
         begin, end = (high, length) if first else (0.0, low)

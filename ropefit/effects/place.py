@@ -10,6 +10,7 @@ from ropefit.rod.setup import Setup
 
 SCAN_POINTS = 25  # places of a point effect along the rope
 QUARTERS = (0, 25, 50, 75, 100)  # % of the length: where what varies along a whole rope is reported
+AT_END = 0.03  # of the length: so near, a stretch reaches the end
 SCAN_WIDTHS = (0.1, 0.2, 0.35, 0.6)  # of the length, of an interval effect
 
 SPREAD = (np.arange(16) + 0.5) / 16 - 0.5  # of a width: where it is summed
@@ -63,6 +64,13 @@ def around_point(arc: np.ndarray, place: np.ndarray, width: np.ndarray) -> np.nd
     steps = (at[:, None, None] - node[:, None, :]) / apart
     share = np.where(other, steps, 1.0).prod(-1) / len(at)
     return np.bincount(index.ravel(), share.ravel(), len(arc))
+
+
+def on_rope(centre: float, width: float, length: float) -> tuple[float, float, bool, bool]:
+    """Return where a stretch begins and ends [m] on a rope of a length [m], and whether it reaches
+    the rope's first and last end."""
+    low, high = max(centre - width / 2, 0.0), min(centre + width / 2, length)
+    return low, high, low < AT_END * length, high > (1 - AT_END) * length
 
 
 def over_interval(arc: np.ndarray, centre: np.ndarray, width: np.ndarray) -> np.ndarray:
