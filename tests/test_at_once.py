@@ -17,10 +17,12 @@ def test_rods_built_at_once_are_those_of_each():
         setup._replace(mass=rng.random(setup.mass.shape), stretch=rng.random(setup.stretch.shape)),
         setup._replace(moment=rng.normal(size=(2, 3)), gravity=np.array([1.0, 2.0, -9.0])),
     ]
-    for one, built in zip(every, rods(every), strict=True):
-        for expected, field in zip(one.rod(), built, strict=True):
-            np.testing.assert_array_equal(field, expected)
-    assert rods([]) == []
+    built = rods(every)
+    for row, one in enumerate(every):
+        for name, expected in one.rod()._asdict().items():
+            if name != "load":
+                np.testing.assert_array_equal(getattr(built, name)[row], expected)
+    assert not built.load.any()
 
 
 def test_a_rest_curve_at_once_is_its_points_one_by_one():

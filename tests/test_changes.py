@@ -19,7 +19,7 @@ from ropefit.models.differences import DIFFERENCE_STEP
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
-from ropefit.models.watched import differing, done, followed, made_again
+from ropefit.models.watched import OF_ROPE, differing, done, followed, made_again
 from ropefit.rod.setup import Setup
 from tests.concealed import rope
 from tests.test_memory import there_and_back
@@ -55,10 +55,11 @@ def test_a_change_is_that_of_the_whole_setup(remembers: bool):
     forward = Equilibrium(setup, terms)
     rng = np.random.default_rng(1)
     u = 0.1 * rng.normal(size=forward.size)
-    errors = np.repeat([term.nuisance for term in terms], [term.size for term in terms])
+    known = [np.isfinite(term.prior).all() for term in terms]
+    one_sided = np.repeat(known, [term.size for term in terms])
     for k, change in enumerate(forward.changes(u)):
         moved = u.copy()
-        if errors[k]:  # differenced to one side
+        if one_sided[k]:  # what has a prior
             assert_alike(change(-DIFFERENCE_STEP), forward.setup_at(u))
             moved[k] += DIFFERENCE_STEP + STEP
         else:
@@ -118,3 +119,17 @@ def test_changes_are_made_again_only_as_far_as_they_depend_on_what_moved():
         assert len(calls) < len(steps)
         if moved == {"time"}:
             assert calls == []
+        if moved == {"properties.bend"}:  # not by what changes other properties
+            assert calls == ["set"]
+
+
+def test_properties_are_watched_one_by_one_and_as_a_whole():
+    setup = rope(20)
+    stiffer = done(setup, lambda s: s._replace(properties=s.properties._replace(
+        bend=2 * s.properties.bend)))  # fmt: skip
+    assert stiffer.reads == stiffer.writes == {"properties.bend"}
+    whole = done(setup, lambda s: s._replace(mass=s.mass + sum(v.sum() for v in s.properties)))
+    assert whole.reads == {"mass", *OF_ROPE}
+    longer = setup._replace(properties=setup.properties._replace(length=setup.properties.length))
+    assert differing(longer, setup) == frozenset()
+    assert done(setup, lambda s: s._replace(properties=s.properties)).writes == frozenset()

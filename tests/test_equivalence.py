@@ -1,13 +1,13 @@
 """Which candidate of a tie is named first, and what is at its bound."""
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from ropefit.diagnosis import accepted
-from ropefit.diagnosis.acceptance import at_most
+from ropefit.diagnosis import acceptance, accepted
+from ropefit.diagnosis.acceptance import at_most, refusal, ruled_out
 from ropefit.diagnosis.equivalence import also_possible, equivalents, ordered, within_reach
 from ropefit.diagnosis.limits import Limits
 from ropefit.effects import (
@@ -253,11 +253,23 @@ def test_what_cannot_be_ruled_out_is_told(behind, misfit, told, monkeypatch):
             accepted, name, lambda best, *others, n=name: _unchanged(n, best, others)
         )
     without: Any = SimpleNamespace(cost=0.0)
-    for why in ("", "held-out frames do not support it"):
-        monkeypatch.setattr(accepted, "refusal", lambda one, fit, why=why: why)
+    for out in (False, True):
+        monkeypatch.setattr(accepted, "ruled_out", lambda one, fit, out=out: out)
         found = accepted.accept(clamp, [clamp, mass], without, 20)
         assert found.candidate is clamp
-        assert found.equivalent == ([mass] if told and not why else [])
+        assert found.equivalent == ([mass] if told and not out else [])
+
+
+def test_how_well_its_size_is_known_refuses_a_candidate_but_does_not_rule_it_out(monkeypatch):
+    mass, without = candidate(PointMass(), 57.0, 24.0), cast(Any, None)
+    for missing in ("", "_not_possible", "_not_supported"):
+        for name in ("_not_possible", "_not_supported"):
+            why = "why" if name == missing else ""
+            monkeypatch.setattr(acceptance, name, lambda one, fit, why=why: why)
+        for significance in (1.2, 5.0):
+            mass.significance = lambda s=significance: s
+            assert bool(refusal(mass, without)) == (significance < 1.96 or bool(missing))
+            assert ruled_out(mass, without) == bool(missing)
 
 
 def _unchanged(name: str, first: Any, others: tuple[Any, ...]) -> Any:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from ropefit.diagnosis import search as rounds
-from ropefit.diagnosis.fewer_frames import FoundBefore, pair_again
+from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.fewer_frames import FoundBefore, known_again, pair_again
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.rules import RULES
 from ropefit.diagnosis.search import Diagnosis, search
@@ -47,7 +48,7 @@ def without_frames(found: Diagnosis, data: Data) -> Fit:
 
 
 def before(found: Diagnosis) -> FoundBefore:
-    return FoundBefore(found.accepted, found.final, LEFT)
+    return FoundBefore(found.accepted, found.final, found.of_known, LEFT)
 
 
 def test_two_that_were_found_are_found_again(found, changed):
@@ -84,6 +85,19 @@ def test_one_effect_is_looked_for_anew_and_so_is_what_is_slow(found, changed):
         assert (
             pair_again(current, replace(before(found), accepted=accepted), [], NEEDED, 10) is None
         )
+
+
+def test_candidates_beside_the_rope_as_known_are_fitted_again(found, changed):
+    mass = Hypothesis(PointMass(), np.array([WEIGHT[1:]]))
+    one = fit_candidate(found.nominal, mass, np.array(WEIGHT))
+    assert one is not None
+    current = without_frames(found, changed)
+    (again,) = known_again(current, replace(before(found), of_known=[one]))
+    anew = fit_candidate(current, mass, np.array(WEIGHT))
+    assert anew is not None
+    assert len(again.fit.point.seen) == len(LEFT)
+    assert (np.abs(again.values() - anew.values()) < 0.5 * anew.sd()).all()
+    np.testing.assert_allclose(again.evidence, anew.evidence, rtol=0.01)
 
 
 def test_a_search_without_frames_ends_with_what_was_found(found, changed, monkeypatch):

@@ -51,13 +51,30 @@ def first_acceptable(
 
 def refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
-    effect, moving = candidate.hypothesis.effect, not current.forward.instantaneous
+    why = _not_possible(candidate, current)
+    if not why and not significant(candidate):
+        return "its size is not significantly different from zero"
+    return why or _not_supported(candidate, current)
+
+
+def ruled_out(candidate: Candidate, current: Fit) -> bool:
+    """Return whether a candidate with much evidence is not what is there: it is not possible, or
+    not supported by held-out data. How well its own size is known does not matter."""
+    return bool(_not_possible(candidate, current) or _not_supported(candidate, current))
+
+
+def _not_possible(candidate: Candidate, current: Fit) -> str:
+    """Return why a candidate's values cannot be; empty if they can."""
     if not candidate.plausible():
         return "larger than anything plausible"
-    if effect.law(current.point.setup) is not None and at_most(candidate):
+    if candidate.hypothesis.effect.law(current.point.setup) is not None and at_most(candidate):
         return "it fits only where its form runs to a bound"
-    if not significant(candidate):
-        return "its size is not significantly different from zero"
+    return ""
+
+
+def _not_supported(candidate: Candidate, current: Fit) -> str:
+    """Return why held-out data do not support a candidate; empty if they do."""
+    effect, moving = candidate.hypothesis.effect, not current.forward.instantaneous
     along, firm = by_stretches(candidate.fit), firm_rows(current, candidate.fit)
     before, after = (_error(fit, along, firm) for fit in (current, candidate.fit))
     # A calibration error far outside its prior explains held-out frames as well as the effect of

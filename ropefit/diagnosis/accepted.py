@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ropefit.diagnosis.acceptance import refusal
+from ropefit.diagnosis.acceptance import refusal, ruled_out
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.equivalence import TIE_NATS, also_possible, equivalents, ordered
 from ropefit.diagnosis.nested import (
@@ -66,7 +66,7 @@ def accept(best: Candidate, candidates: list[Candidate], without: Fit, tried: in
     if first is not best and not special and refusal(first, without):
         first, same = best, tied
     for one in also_possible(first, candidates, without.cost):
-        if all(one is not c for c in (first, *same)) and not refusal(one, without):
+        if all(one is not c for c in (first, *same)) and not ruled_out(one, without):
             same = [*same, one]
     p = min(1.0, tried * float(np.exp(-min(first.evidence, 690.0))))
     close = [

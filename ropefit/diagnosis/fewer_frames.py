@@ -1,8 +1,9 @@
-"""Two effects that were found with more frames, fitted to those that are left.
+"""What was found with more frames, fitted to those that are left.
 
 With effects, frames may be at the edge of their stability that were not without them. The search is
 repeated without these frames, as they may have misled it, but pairs of effects take long: where two
-were found that still explain more than any single one, no others are looked for.
+were found that still explain more than any single one, no others are looked for. Neither is what
+explains the recording beside the rope as it is known from elsewhere.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ropefit.diagnosis.candidate import (
     best_of,
     comparable,
     compared,
+    compared_if_comparable,
     fit_candidate,
 )
 from ropefit.diagnosis.equivalence import TIE_NATS
@@ -30,11 +32,30 @@ from ropefit.inference.least_squares import Fit, attempted
 
 @dataclass(frozen=True)
 class FoundBefore:
-    """The effects that a search accepted, its last fit, and which of its frames are left (f,)."""
+    """The effects that a search accepted, its last fit, its candidates beside the rope as known
+    from elsewhere, and which of its frames are left (f,)."""
 
     accepted: list[Accepted]
     final: Fit
+    of_known: list[Candidate]
     left: np.ndarray
+
+    def again(self, current: Fit, found: Fit) -> Fit | None:
+        """Return a fit of that search continued with the frames that are left."""
+        states = found.point.solution.frames(self.left)
+        forward = current.forward.with_terms(found.forward.terms, states)
+        u = found.point.u
+        return attempted(forward, current.problem, u, EVALUATIONS, TOLERANCE, thorough=True)
+
+
+def known_again(current: Fit, before: FoundBefore) -> list[Candidate]:
+    """Return the candidates beside the rope as known, fitted again, best first."""
+    return best_of(
+        [
+            compared_if_comparable(c.hypothesis, c.term, current, before.again(current, c.fit))
+            for c in before.of_known
+        ]
+    )
 
 
 def pair_again(
@@ -50,18 +71,12 @@ def pair_again(
     effects = [one.candidate.hypothesis.effect for one in before.accepted]
     if len(effects) != 2 or any(effect.slow or effect.path_dependent for effect in effects):
         return None
-    model = before.final.forward
-    forward = current.forward.with_terms(
-        model.terms, before.final.point.solution.frames(before.left)
-    )
-    whole = attempted(
-        forward, current.problem, before.final.point.u, EVALUATIONS, TOLERANCE, thorough=True
-    )
+    whole = before.again(current, before.final)
     if whole is None or not comparable(whole, current):
         return None
     if singles and together(current, whole) <= singles[0].evidence + TIE_NATS:
         return None
-    out = []
+    beside: list[tuple[Fit, Candidate]] = []
     for one in before.accepted:
         without = without_effects(whole, one.candidate)
         if without is None or not comparable(whole, without):
@@ -69,6 +84,9 @@ def pair_again(
         held = compared(one.candidate.hypothesis, one.candidate.term, without, whole)
         if held.evidence < threshold or refusal(held, without):
             return None
+        beside.append((without, held))
+    out = []
+    for one, (without, held) in zip(before.accepted, beside, strict=True):
         close = close_cost(without, whole)
         others = [
             fit_candidate(without, c.hypothesis, c.values(), needed=close)

@@ -22,7 +22,7 @@ from ropefit.diagnosis.confounding import confounded
 from ropefit.diagnosis.contact_anew import contact_anew
 from ropefit.diagnosis.contact_beside import ContactBeside, by_contact
 from ropefit.diagnosis.equivalence import TIE_NATS
-from ropefit.diagnosis.fewer_frames import FoundBefore, pair_again
+from ropefit.diagnosis.fewer_frames import FoundBefore, known_again, pair_again
 from ropefit.diagnosis.first_noise import prepared
 from ropefit.diagnosis.fits import Progress
 from ropefit.diagnosis.full_scan import Scan, sensitivities
@@ -50,7 +50,8 @@ NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one c
 
 @dataclass
 class Diagnosis:
-    """verdict; accepted effects; the nominal fit and the last; scans; thresholds; latent force."""
+    """verdict; accepted effects; the nominal fit and the last; scans; thresholds; latent force;
+    of_known: candidates beside the rope as it is known from elsewhere."""
 
     verdict: str
     accepted: list[Accepted]
@@ -62,6 +63,7 @@ class Diagnosis:
     detectable: dict[str, float]
     units: dict[str, str]
     refused: list[str] = field(default_factory=list)
+    of_known: list[Candidate] = field(default_factory=list)
 
     @cached_property
     def alternatives(self) -> list[Alternative]:
@@ -106,6 +108,7 @@ def search(
     contact = ContactBeside()
     leader: list[Candidate] = []  # of the round before, where that restarted the model
     from_known: list[Candidate] = []
+    of_known: list[Candidate] = []  # the same, of the first round
     for round_ in range(rules.most_effects + MORE_ROUNDS):
         progress(_share(round_), f"round {round_ + 1}: scan")
         scan = None  # it is large: one at a time
@@ -149,8 +152,13 @@ def search(
         begun = contact.on(current) if slow else []
         if leader:
             from_known = recompared(from_known, current)
+        elif accepted:
+            from_known = []
+        elif before:
+            from_known = known_again(current, before)
         else:
-            from_known = [] if accepted else from_known_rope(current, needed, rules.effects)
+            from_known = from_known_rope(current, needed, rules.effects)
+        of_known = from_known or of_known
         again = before and pair_again(current, before, from_known, needed, len(scan.scores))
         before = None
         if again:
@@ -219,7 +227,7 @@ def search(
     verdict = verdict_of(nominal, current, accepted, latent, crowded, refused)
     return Diagnosis(
         verdict, accepted, nominal, current, scores,
-        limits.threshold, latent, limits.detectable, limits.units, refused,
+        limits.threshold, latent, limits.detectable, limits.units, refused, of_known,
     )  # fmt: skip
 
 

@@ -90,7 +90,7 @@ def at_rest(
         left = np.flatnonzero(np.isin(problem.used, firm[0].used))
         dropped += _unstable(o, problem, firm[0], context)
         problem, nominal = firm
-        before = FoundBefore(result.accepted, result.final, left)
+        before = FoundBefore(result.accepted, result.final, result.of_known, left)
         result = engine.search(nominal, settings.seed, context.progress, rules, before)
     was, still = nominal.problem.data.mask, result.final.problem.data.mask
     dropped += lost_with_effects(was, still, o.frames[problem.used], context.say)

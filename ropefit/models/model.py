@@ -166,10 +166,12 @@ class Model(ABC):
         base, made = self._made(self.base, parts)
         if made and made[-1].after.remembers:
             base, made = self._made(self.base.whole()[0], parts)
-        # Differences to one side, where u itself is known, of errors of the set-up, which are small
-        # and next to linear, and of all beside what takes long to apply.
+        # Differences to one side, where u itself is known, of what has a prior, of which a step is
+        # next to nothing (errors of the set-up, a rope that another recording tells), and of all
+        # beside what takes long to apply.
         costly = any(term.effect is not None and term.effect.costly for term in self.terms)
-        middle = [DIFFERENCE_STEP if costly or term.nuisance else 0.0 for term in self.terms]
+        known = [bool(np.isfinite(term.prior).all()) for term in self.terms]
+        middle = [DIFFERENCE_STEP if costly or one else 0.0 for one in known]
         return [
             partial(self._change, base, made, parts, number, k, middle[number])
             for number, term in enumerate(self.terms)

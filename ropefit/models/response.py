@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ropefit.models.bends import vectors
-from ropefit.models.differences import DIFFERENCE_STEP
 from ropefit.models.slopes import LOAD, Change, Slopes, slopes_of
 from ropefit.rod.axial import at_tension
-from ropefit.rod.bending import moment_changes
+from ropefit.rod.bending import Springs, moment_changes
 from ropefit.rod.off_axis import off_axis_turned
 from ropefit.rod.rod import Rod
 from ropefit.rod.setup import SensorModel, Setup
@@ -157,9 +156,10 @@ def law_moments(slopes: list[Slopes], vector: np.ndarray) -> np.ndarray:
     N+1, 2) that stay."""
     out = np.zeros((len(vector), len(slopes), *vector.shape[1:]))
     changed = [k for k, s in enumerate(slopes) if s.springs is not None]
-    pairs = [s.springs for s in slopes if s.springs is not None]
-    for k, moments in zip(changed, moment_changes(pairs, DIFFERENCE_STEP, vector), strict=True):
-        out[:, k] = moments
+    every = [s.springs for s in slopes if s.springs is not None]
+    if every:
+        changes = Springs(*map(np.concatenate, zip(*(one for _, one in every), strict=True)))
+        out[:, changed] = moment_changes(every[0][0], changes, vector)
     return out
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ropefit.models.differences import DIFFERENCE_STEP, sensor_slope, slope, turn_slope
-from ropefit.rod.at_once import BUILT_FROM, rods
+from ropefit.rod.at_once import BUILT_FROM, laws, rods
 from ropefit.rod.bending import Springs, springs
 from ropefit.rod.off_axis import off_axis, sides_at_nodes
 from ropefit.rod.rod import DIMS, Rod
@@ -27,9 +28,9 @@ LOAD = Rod._fields.index("load")
 @dataclass(frozen=True)
 class Slopes:
     """Derivatives of the rod's fields, the force [N] of potentials, the ends [m], the clamps' turns
-    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending
-    `DIFFERENCE_STEP` to either side; axial (A,): of a law of axial strain. same_rod: whether all
-    derivatives of the rod's fields are zero."""
+    [rad] and what is seen [m] at nodes that stay, in one value. springs: a law of bending, and its
+    derivatives; axial (A,): of a law of axial strain. same_rod: whether all derivatives of the
+    rod's fields are zero."""
 
     rod: list[np.ndarray]
     force: np.ndarray | None
@@ -62,7 +63,6 @@ class Slopes:
 
 def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slopes]:
     """Return the slopes of every change of a setup, with the rope in the states of a solution."""
-    still = [np.zeros(field.shape) for field in setup.rod()]
     nodes, markers = acted_on(setup.potentials, solution.x), solution.x
     across = None
     if setup.off_axis is not None:
@@ -71,40 +71,60 @@ def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slo
     # What does not depend on a value is the same object.
     pairs = [(changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)) for changed in changes]
     return [
-        _slopes(setup, *pair, solution, built or still, nodes, markers, across)
-        for pair, built in zip(pairs, _built(pairs), strict=True)
+        _slopes(setup, *pair, solution, built, nodes, markers, across)
+        for pair, built in zip(pairs, _built(setup, pairs), strict=True)
     ]
 
 
-def _built(pairs: list[tuple[Setup, Setup]]) -> list[tuple[Rod, Rod] | None]:
-    """Return the rods of pairs of setups, built all at once; None where both are the same but for
-    the loads."""
-    differ = [
-        a.bending is not b.bending or not _equal(_built_from(a), _built_from(b)) for a, b in pairs
+class Built(NamedTuple):
+    """Derivatives of a rod's fields but for its loads, and a law of bending with its own; still:
+    whether nothing that they are built from changes."""
+
+    rod: list[np.ndarray]
+    law: tuple[Springs, Springs] | None = None
+    still: bool = False
+
+
+def _built(setup: Setup, pairs: list[tuple[Setup, Setup]]) -> list[Built]:
+    """Return how the rods of pairs of setups differ, all built at once."""
+    still = Built([np.zeros(field.shape) for field in setup.rod()], still=True)
+    out = [still] * len(pairs)
+    which = [
+        k
+        for k, (a, b) in enumerate(pairs)
+        if a.bending is not b.bending or not _equal(_built_from(a), _built_from(b))
     ]
-    built = iter(rods([s for pair, d in zip(pairs, differ, strict=True) if d for s in pair]))
-    return [(next(built), next(built)) if d else None for d in differ]
+    if not which:
+        return out
+    setups = [setup for k in which for setup in pairs[k]]
+    every = rods(setups)
+    fields = [slope(values[::2], values[1::2]) for values in every]
+    for row, k in enumerate(which):
+        out[k] = Built([values[row] for values in fields])
+    bent = np.flatnonzero([pairs[k][0].bending is not None for k in which])
+    if len(bent):
+        rows = np.stack([2 * bent, 2 * bent + 1], axis=1).ravel()
+        law = springs(laws([setups[row] for row in rows]), every.frames(rows))
+        now = Springs(*(0.5 * (values[:1] + values[1:2]) for values in law))
+        changes = [slope(values[::2], values[1::2]) for values in law]
+        for number, row in enumerate(bent):
+            one = Springs(*(values[number : number + 1] for values in changes))
+            out[which[row]] = out[which[row]]._replace(law=(now, one))
+    return out
 
 
 def _slopes(
-    now: Setup, a: Setup, b: Setup, states: States, built: tuple[Rod, Rod] | list[np.ndarray],
-    nodes: list[Nodes], markers: np.ndarray, across: np.ndarray | None,
+    now: Setup, a: Setup, b: Setup, states: States, built: Built, nodes: list[Nodes],
+    markers: np.ndarray, across: np.ndarray | None,
 ) -> Slopes:  # fmt: skip
-    """Return the slopes of one change from a setup to another; built: the rods of both, or the
-    derivatives of their fields where nothing that a rod is built from changes; nodes: those that
-    each potential acts on now; markers (F, N+1, 3) [m]: where they are now, without the sensor's
-    errors; across: `sides_at_nodes` of the rope."""
+    """Return the slopes of one change from a setup to another; nodes: those that each potential
+    acts on now; markers (F, N+1, 3) [m]: where they are now, without the sensor's errors; across:
+    `sides_at_nodes` of the rope."""
     x, q = states.x, states.q
-    same_rod, law = isinstance(built, list), None
-    if isinstance(built, list):
-        rod = built
-        if not _equal(_loaded_by(a), _loaded_by(b)):  # a rod takes longer to build
-            rod, same_rod = list(built), False
-            rod[LOAD] = slope(a.node_loads(), b.node_loads())
-    else:
-        rod = [slope(p, q) for p, q in zip(*built, strict=True)]
-        if a.bending is not None or b.bending is not None:
-            law = springs(a.bending, built[0]), springs(b.bending, built[1])
+    rod, law, same_rod = built
+    if not _equal(_loaded_by(a), _loaded_by(b)):
+        rod, same_rod = list(rod), False
+        rod[LOAD] = slope(a.node_loads(), b.node_loads())
     force = None
     if a.potentials is not b.potentials:
         low, high = (force_of(s.potentials, x, nodes) for s in (a, b))
@@ -142,7 +162,8 @@ def _built_from(setup: Setup) -> list[np.ndarray]:
 
 def _loaded_by(setup: Setup) -> list[np.ndarray]:
     """Return what the dead loads of the nodes are made from, besides what the rod is."""
-    return [setup.gravity, setup.load, setup.mass]
+    p = setup.properties
+    return [setup.gravity, setup.load, setup.mass, p.density, p.length]
 
 
 def _equal(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> bool:

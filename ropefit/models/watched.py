@@ -1,15 +1,41 @@
-"""Which fields of a setup a change of it depends on."""
+"""Which fields of a setup a change of it depends on, of its properties each by itself."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ropefit.rod.rod import Properties
 from ropefit.rod.setup import Setup
 
-FIELDS = frozenset(Setup._fields)
+OF_ROPE = tuple(f"properties.{name}" for name in Properties._fields)
+OTHERS = tuple(name for name in Setup._fields if name != "properties")
+FIELDS = frozenset((*OF_ROPE, *OTHERS))
+OF_SETUP, OF_PROPERTIES = frozenset(OTHERS), frozenset(Properties._fields)
+
+
+class WatchedProperties(Properties):
+    """Properties that note which of them are read; taken apart as a tuple, all of them."""
+
+    reads: set[str]
+
+    def __getattribute__(self, name: str) -> Any:
+        if name in OF_PROPERTIES:
+            self.reads.add(f"properties.{name}")
+        return super().__getattribute__(name)
+
+    def __getitem__(self, index: Any) -> Any:
+        self.reads.update(OF_ROPE)
+        return super().__getitem__(index)
+
+    def __iter__(self) -> Iterator[Any]:
+        self.reads.update(OF_ROPE)
+        return super().__iter__()
+
+    def _replace(self, **fields: Any) -> WatchedProperties:
+        return _watched_properties(_plain(self)._replace(**fields), self.reads)
 
 
 class Watched(Setup):
@@ -18,11 +44,12 @@ class Watched(Setup):
     reads: set[str]
 
     def __getattribute__(self, name: str) -> Any:
-        if name in FIELDS:
+        if name in OF_SETUP:
             self.reads.add(name)
         elif name == "_asdict":
             self.reads.update(FIELDS)
-        return super().__getattribute__(name)
+        value = super().__getattribute__(name)
+        return _watched_properties(value, self.reads) if name == "properties" else value
 
     def _replace(self, **fields: Any) -> Watched:
         return _watched(super()._replace(**fields), self.reads)
@@ -32,6 +59,17 @@ def _watched(setup: Setup, reads: set[str]) -> Watched:
     out = Watched._make(setup)
     out.reads = reads
     return out
+
+
+def _watched_properties(properties: Properties, reads: set[str]) -> WatchedProperties:
+    out = WatchedProperties._make(_plain(properties))
+    out.reads = reads
+    return out
+
+
+def _plain(properties: Properties) -> Properties:
+    """Return properties that are not watched; this reads none of them."""
+    return Properties._make(tuple.__iter__(properties))
 
 
 class Done(NamedTuple):
@@ -57,7 +95,15 @@ class Done(NamedTuple):
 
 def with_fields(one: Setup, other: Setup, names: frozenset[str]) -> Setup:
     """Return a setup with some fields of another."""
-    return one._replace(**{name: getattr(other, name) for name in names})
+    fields: dict[str, Any] = {name: getattr(other, name) for name in names & OF_SETUP}
+    own = {name: getattr(other.properties, name) for name in map(_of_rope, names - OF_SETUP)}
+    if own:
+        fields["properties"] = one.properties._replace(**own)
+    return one._replace(**fields) if fields else one
+
+
+def _of_rope(name: str) -> str:
+    return name.removeprefix("properties.")
 
 
 def made_again(setup: Setup, moved: frozenset[str], later: Sequence[Done]) -> Setup:
@@ -74,6 +120,7 @@ def done(setup: Setup, change: Callable[[Setup], Setup]) -> Done:
     """Make a change of a setup, and note what it reads and writes."""
     reads: set[str] = set()
     out = Setup._make(change(_watched(setup, reads)))
+    out = out._replace(properties=_as_before(setup.properties, _plain(out.properties)))
     for p in out.potentials[len(setup.potentials) :]:
         with np.errstate(all="ignore"):  # anywhere will do
             p.energy(np.zeros((1, 3)))  # an energy may read a field only now
@@ -92,5 +139,15 @@ def followed(made: list[Done]) -> list[Done]:
 
 def differing(one: Setup, other: Setup) -> frozenset[str]:
     """Return the fields whose values are not the same objects."""
-    pairs = zip(Setup._fields, one, other, strict=True)
-    return frozenset(name for name, a, b in pairs if a is not b)
+    out = {name for name, a, b in zip(Setup._fields, one, other, strict=True) if a is not b}
+    if "properties" in out:
+        out.remove("properties")
+        pairs = zip(OF_ROPE, one.properties, other.properties, strict=True)
+        out.update(name for name, a, b in pairs if a is not b)
+    return frozenset(out)
+
+
+def _as_before(before: Properties, after: Properties) -> Properties:
+    """Return properties after a change: the object before it, where none of them is another."""
+    same = all(a is b for a, b in zip(before, after, strict=True))
+    return before if same else after

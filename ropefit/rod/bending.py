@@ -8,7 +8,6 @@ it is a sum of springs whose force no longer grows beyond some length: the frict
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,8 @@ from ropefit.rod.rod import Rod, at_nodes
 
 
 class Bending(NamedTuple):
-    """dM/dκ over EI: slope (B,) [1] below, between and beyond the curvatures knots (B-1,) [1/m]."""
+    """dM/dκ over EI: slope (B,) [1] below, between and beyond the curvatures knots (B-1,) [1/m]; or
+    (R, B) and (R, B-1), of R ropes."""
 
     knots: np.ndarray
     slope: np.ndarray
@@ -39,43 +39,36 @@ def springs(law: Bending | None, rod: Rod) -> Springs:
     if law is None:
         none = np.zeros((len(stiffness), 0, stiffness.shape[-2]))
         return Springs(none, rest[..., :2], none)
-    drag = np.append(law.slope, 1.0)  # the last: of the rod itself
-    reach = np.append(law.knots, np.inf)
+    drag, reach = _and_last(law.slope, 1.0), _and_last(law.knots, np.inf)  # last: the rod's own
     return Springs(
-        stiffness[:, None, :, 0] * (drag[:-1] - drag[1:])[:, None],
+        stiffness[:, None, :, 0] * (drag[:, :-1] - drag[:, 1:])[..., None],
         rest[..., :2],
-        0.25 * at_nodes(length)[:, None] * reach[:, None],  # v = sin(turn / 2)
+        0.25 * at_nodes(length)[:, None] * reach[..., None],  # v = sin(turn / 2)
     )
 
 
-def moment_changes(
-    pairs: list[tuple[Springs, Springs]], step: float, vector: np.ndarray
-) -> Iterator[np.ndarray]:
-    """Yield (F, N+1, 2) [N m] the derivative of the springs' moments at vectors (F, N+1, 2) that
-    stay, from the same laws `step` to either side in each of some values."""
-    if not pairs:
-        return
-    drag, centre, slip = (0.5 * (p + q) for p, q in zip(*pairs[0], strict=True))
+def _and_last(values: np.ndarray, last: float) -> np.ndarray:
+    """Return values (..., B) as (R, B+1), with a last one."""
+    return np.pad(np.atleast_2d(values), ((0, 0), (0, 1)), constant_values=last)
+
+
+def moment_changes(at: Springs, changes: Springs, vector: np.ndarray) -> np.ndarray:
+    """Return (F, P, N+1, 2) [N m] the changes of the moments of springs `at` (one row) at vectors
+    (F, N+1, 2) that stay, for P changes (a row each) of them."""
+    drag, centre, slip = at
     strain = vector - centre
     size = np.linalg.norm(strain, axis=-1)[:, None]
     long = size > slip
     share = np.where(long, slip / np.maximum(size, 1e-300), 1.0)
     way = strain / np.maximum(size[:, 0], 1e-300)[..., None]
-    across, short = (drag * share).sum(1)[..., None], (drag * ~long).sum(1)
-    held = np.where(long, drag, 0.0)
-    for before, after in pairs:
-        of_drag, of_centre, of_slip = map(_difference, before, after)
-        out = np.zeros_like(strain)
-        if of_drag.any():
-            out += (of_drag * share).sum(1)[..., None] * strain
-        if of_slip.any():
-            out += (held * of_slip).sum(1)[..., None] * way
-        if of_centre.any():
-            along = (way * of_centre).sum(-1)[..., None]
-            out -= across * (of_centre - along * way) + short[..., None] * along * way
-        yield out / (2 * step)
-
-
-def _difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    with np.errstate(invalid="ignore"):
-        return np.nan_to_num(after - before)
+    across, short = ((drag * share).sum(1), (drag * ~long).sum(1))
+    along = np.einsum("fni,pni->fpn", way, changes.centre) * (short - across)[:, None]
+    out = -across[:, None, :, None] * changes.centre - along[..., None] * way[:, None]
+    stiffer, longer = (np.flatnonzero(c.any((1, 2))) for c in (changes.drag, changes.slip))
+    if len(stiffer):
+        more = np.einsum("pbn,fbn->fpn", changes.drag[stiffer], share)
+        out[:, stiffer] += more[..., None] * strain[:, None]
+    if len(longer):
+        more = np.einsum("pbn,fbn->fpn", changes.slip[longer], np.where(long, drag, 0.0))
+        out[:, longer] += more[..., None] * way[:, None]
+    return out
