@@ -133,3 +133,15 @@ def test_properties_are_watched_one_by_one_and_as_a_whole():
     longer = setup._replace(properties=setup.properties._replace(length=setup.properties.length))
     assert differing(longer, setup) == frozenset()
     assert done(setup, lambda s: s._replace(properties=s.properties)).writes == frozenset()
+
+
+def test_a_rope_that_remembers_keeps_the_loads_of_each_frame():
+    setup = added(there_and_back(20), PlasticSet(), [0.4, 4.0])
+    load = np.random.default_rng(2).normal(0, 1e-3, (len(setup.ends), 21, 3))
+    forward = Equilibrium(setup._replace(load=load), [PARAMETERS["EI"].term(setup)])
+    point = forward.at(np.zeros(1))
+    step = 1e-4
+    low, high = (forward.at(np.array([v])).seen for v in (-step, step))
+    wanted = (high - low) / (2 * step)
+    found = forward.jacobian(point)[0]
+    assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
