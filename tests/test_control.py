@@ -10,7 +10,14 @@ import pytest
 
 from ropefit.diagnosis import control as controls
 from ropefit.diagnosis.candidate import fit_candidate
-from ropefit.diagnosis.control import CONTRADICTED, IN_BOTH, Controlled, refuted
+from ropefit.diagnosis.control import (
+    CONTRADICTED,
+    HARDLY_MORE,
+    IN_BOTH,
+    Controlled,
+    Refuted,
+    refuted,
+)
 from ropefit.diagnosis.equivalence import TIE_NATS
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.effects import BendingLaw, PointMass
@@ -54,8 +61,8 @@ def law(fits):
 
 def test_a_weight_is_a_change_unless_the_control_has_it_as_well(fits, weight):
     assert weight.evidence > NEEDED
-    assert refuted(weight, fits["bare"], NEEDED) == ""
-    assert refuted(weight, fits["weight"], NEEDED) == IN_BOTH
+    assert refuted(weight, fits["bare"], NEEDED).why == ""
+    assert refuted(weight, fits["weight"], NEEDED).why == IN_BOTH
 
 
 def test_no_fit_to_a_control_that_has_less_to_explain(fits, weight, monkeypatch):
@@ -64,15 +71,15 @@ def test_no_fit_to_a_control_that_has_less_to_explain(fits, weight, monkeypatch)
 
     monkeypatch.setattr(controls, "fit_candidate", fail)
     rich = replace(weight, evidence=0.5 * fits["bare"].cost + NEEDED)
-    assert refuted(rich, fits["bare"], NEEDED) == ""
+    assert refuted(rich, fits["bare"], NEEDED).why == ""
     with pytest.raises(AssertionError, match="fitted"):
         refuted(replace(rich, evidence=rich.evidence - 1), fits["bare"], NEEDED)
 
 
 def test_a_law_of_the_rope_holds_in_the_control_too(fits, law):
     assert law.evidence > NEEDED
-    assert refuted(law, fits["bare"], NEEDED) == CONTRADICTED
-    assert refuted(law, fits["law"], NEEDED) == IN_BOTH
+    assert refuted(law, fits["bare"], NEEDED).why == CONTRADICTED
+    assert refuted(law, fits["law"], NEEDED).why == IN_BOTH
 
 
 def test_a_law_that_the_control_does_not_show_may_be_one(fits, law):
@@ -80,17 +87,18 @@ def test_a_law_that_the_control_does_not_show_may_be_one(fits, law):
     control = fits["bare"]
     problem = control.problem.under(Noise(white=(1.0, 1.0)))  # m²
     hardly = fit(control.forward, problem, control.point.u)
-    assert refuted(law, hardly, NEEDED) == ""
+    assert refuted(law, hardly, NEEDED).why == ""
 
 
 def single(name: str, evidence: float):
-    return SimpleNamespace(hypothesis=SimpleNamespace(name=name), evidence=evidence)
+    effect = SimpleNamespace(stands_for_others=name == "force_field")
+    return SimpleNamespace(hypothesis=SimpleNamespace(name=name, effect=effect), evidence=evidence)
 
 
 def test_what_explains_significantly_less_than_what_is_refuted_goes_with_it(fits, monkeypatch):
     kept = [single("point_mass", 30.0 - 0.5 * TIE_NATS), single("tether", 30.0 - 2 * TIE_NATS)]
     every = [single("bending_law", 30.0), *kept]
-    monkeypatch.setattr(controls, "refuted", lambda c, *_: CONTRADICTED if c is every[0] else "")
+    monkeypatch.setattr(controls, "refuted", lambda c, *_: Refuted(CONTRADICTED * (c is every[0])))
     refused: list[str] = []
     rule = Controlled(fits["bare"])
     assert rule.supported(every, NEEDED, fits["weight"], refused) == [kept[0]]  # type: ignore
@@ -99,3 +107,21 @@ def test_what_explains_significantly_less_than_what_is_refuted_goes_with_it(fits
     weak = [single("bending_law", 0.5 * NEEDED)]
     assert rule.supported(weak, NEEDED, fits["weight"], refused) == weak  # type: ignore
     assert len(refused) == 1
+
+
+@pytest.mark.parametrize(
+    ("beaten", "there", "kept"),
+    [("gravity_misalignment", 3.5, False), ("gravity_misalignment", 1.0, True),
+     ("force_field", 3.5, True)],
+)  # fmt: skip
+def test_as_much_as_is_missed_in_both_is_no_change(beaten, there, kept, fits, monkeypatch):
+    """But for what may stand for something else in each."""
+    first, second = single(beaten, 9.0), single("tether", 7.5)
+    monkeypatch.setattr(
+        controls, "refuted", lambda c, *_: Refuted(IN_BOTH * (c is first), there * (c is first))
+    )
+    refused: list[str] = []
+    rule = Controlled(fits["bare"])
+    found = rule.supported([first, second], NEEDED, fits["weight"], refused)  # type: ignore
+    assert found == ([second] if kept else [])
+    assert (f"tether: {HARDLY_MORE}" in refused) == (not kept)

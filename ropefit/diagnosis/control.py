@@ -8,6 +8,7 @@ material is the same in both.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ropefit.inference.least_squares import Fit, attempted
 
 AS_FOUND = 1e-3  # search variables, one sigma: values that are held
 IN_BOTH = "it explains the nominal recording as well, and is no change"
+HARDLY_MORE = "it explains hardly more than what the nominal recording misses as well"
 CONTRADICTED = "a law of the rope, which the nominal recording contradicts"
 
 
@@ -32,8 +34,9 @@ class Controlled(Selection):
     def supported(
         self, candidates: list[Candidate], threshold: float, current: Fit, refused: list[str]
     ) -> list[Candidate]:
-        """Return the candidates that the control does not refute, and that do not explain
-        significantly less than those that it refutes; why others are not is added to `refused`."""
+        """Return the candidates that the control does not refute, that do not explain significantly
+        less than those that it refutes, and that explain more than what those explain of the
+        control: as much may be missed in both. Why others are not is added to `refused`."""
         # Others are neither accepted nor as good, whatever the control says of them.
         close = CLOSE_EVIDENCE * max((c.evidence for c in candidates), default=0.0)
         possible = [c for c in candidates if c.evidence >= max(threshold, close)]
@@ -46,28 +49,54 @@ class Controlled(Selection):
         )  # fmt: skip
         if control is None:
             return candidates
-        reasons = {id(c): refuted(c, control, threshold) for c in possible}
-        beaten = [c for c in possible if reasons[id(c)]]
-        refused += [f"{c.hypothesis.name}: {reasons[id(c)]}" for c in beaten]
-        least = max((c.evidence for c in beaten), default=-np.inf) - TIE_NATS
-        return [c for c in candidates if not reasons.get(id(c)) and c.evidence >= least]
+        found = {id(c): refuted(c, control, threshold) for c in possible}
+        none = Refuted("")
+        beaten = [c for c in possible if found[id(c)].why]
+        if not beaten:
+            return candidates
+        refused += [f"{c.hypothesis.name}: {found[id(c)].why}" for c in beaten]
+        least = max(c.evidence for c in beaten) - TIE_NATS
+        in_both = max((found[id(c)].there for c in beaten if not _general(c)), default=0.0)
+        kept = []
+        for c in candidates:
+            if found.get(id(c), none).why or c.evidence < least:
+                continue
+            if c.evidence - in_both >= threshold:
+                kept.append(c)
+            elif c.evidence >= threshold:
+                refused.append(f"{c.hypothesis.name}: {HARDLY_MORE}")
+        return kept
 
 
-def refuted(candidate: Candidate, control: Fit, threshold: float) -> str:
-    """Return why a candidate is no change from the control; empty if it may be one."""
+class Refuted(NamedTuple):
+    """Why a candidate is no change from the control, empty if it may be one; and its log evidence
+    there [nats], 0 where it need not be known."""
+
+    why: str
+    there: float = 0.0
+
+
+def _general(candidate: Candidate) -> bool:
+    """Return whether it stands for something else in each recording."""
+    return candidate.hypothesis.effect.stands_for_others
+
+
+def refuted(candidate: Candidate, control: Fit, threshold: float) -> Refuted:
+    """Compare a candidate with what it explains of the control."""
     effect = candidate.hypothesis.effect
     if not effect.possible(control.forward.base):
-        return ""
+        return Refuted("")
     if effect.changes:
         if candidate.evidence - 0.5 * control.cost >= threshold:
-            return ""  # whatever it is fitted to there: more than that is not left to explain
+            return Refuted("")  # however it is fitted: no more is left to explain there
         fitted = fit_candidate(control, candidate.hypothesis, candidate.values())
         there = fitted.evidence if fitted else 0.0
     else:
         there = _as_found(candidate, control)
         if there < -TIE_NATS:
-            return CONTRADICTED
-    return IN_BOTH if candidate.evidence - max(there, 0.0) < threshold else ""
+            return Refuted(CONTRADICTED)
+    there = max(there, 0.0)
+    return Refuted(IN_BOTH if candidate.evidence - there < threshold else "", there)
 
 
 def _as_found(candidate: Candidate, control: Fit) -> float:
