@@ -157,7 +157,7 @@ def test_a_fit_that_goes_back_to_where_it_was_is_not_moved_again(loaded, monkeyp
     step = 0.1 * np.ones_like(fitted.point.u)
     monkeypatch.setattr(last_fit_module, "_to_least_sizes", lambda found: step)
     monkeypatch.setattr(
-        last_fit_module, "_refitted", lambda found, step: refits.append(step) or found
+        last_fit_module, "_refitted", lambda found, step, needed: refits.append(step) or found
     )
     assert last_fit_module._with_least_sizes(fitted) is fitted
     assert len(refits) == 1

@@ -63,21 +63,25 @@ def _with_least_sizes(found: Fit) -> Fit:
         if step is None or size > SHORTER * before:  # each fit goes back to where it was
             break
         before = size
-        fits = (_refitted(found, share * step) for share in SHARES)
-        moved = next((f for f in fits if f is not None and f.cost < found.cost + NO_WORSE), None)
+        most = found.cost + NO_WORSE
+        fits = (_refitted(found, share * step, needed=most) for share in SHARES)
+        moved = next((f for f in fits if f is not None and f.cost < most), None)
         if moved is None:
             break
         found = moved
     return found
 
 
-def _refitted(found: Fit, step: np.ndarray, thorough: bool = False) -> Fit | None:
-    """Return the fit from a step (P,) away; None if it cannot be compared."""
+def _refitted(
+    found: Fit, step: np.ndarray, thorough: bool = False, needed: float = np.inf
+) -> Fit | None:
+    """Return the fit from a step (P,) away, stopped where it cannot reach a cost that is `needed`;
+    None if it cannot be compared."""
     low, high = found.forward.bounds()
     forward = found.forward.starting_from(found.point.solution)
     begin = np.clip(found.point.u + step, low, high)
     most = EVALUATIONS_WITH_FRICTION if found.point.setup.rubs else EVALUATIONS
-    again = attempted(forward, found.problem, begin, most, tolerance=1e-6, thorough=thorough)
+    again = attempted(forward, found.problem, begin, most, 1e-6, needed, thorough=thorough)
     if again is None or len(again.z) != len(found.z) or not again.point.converged.all():
         return None
     return again
