@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ropefit.effects import BendingLaw
 from ropefit.models.rest_curve import VARYING, apply
-from ropefit.rod.at_once import rods
+from ropefit.rod.at_once import laws, rods
+from ropefit.rod.bending import springs
 from tests.test_off_axis import held
 
 
@@ -23,6 +25,19 @@ def test_rods_built_at_once_are_those_of_each():
             if name != "load":
                 np.testing.assert_array_equal(getattr(built, name)[row], expected)
     assert not built.load.any()
+
+
+def test_laws_at_once_are_those_of_each():
+    setup, effect = held(), BendingLaw()
+    every = [
+        effect.apply(setup, np.array([exponent, 0.1, 0.0, -0.2, 0.0])) for exponent in (0.3, -0.4)
+    ]
+    every[1] = every[1]._replace(kinks=np.full_like(setup.kinks, 0.1))
+    built = springs(laws(every), rods(every))
+    for row, one in enumerate(every):
+        assert one.bending is not None
+        for field, expected in zip(built, springs(one.bending, one.rod()), strict=True):
+            np.testing.assert_array_equal(field[row : row + 1], expected)
 
 
 def test_a_rest_curve_at_once_is_its_points_one_by_one():

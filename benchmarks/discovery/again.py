@@ -32,7 +32,8 @@ def main() -> None:
     options = arguments.parse_args()
     first, shards = options.shard
     found = sorted(path.parent.name for path in options.seed.glob("runs/*/model.h5"))
-    names = [name for name in found if re.fullmatch(options.only, name)][first - 1 :: shards]
+    names = [n for n in found if re.fullmatch(options.only, n) and was_diagnosed(options.seed, n)]
+    names = names[first - 1 :: shards]
     rows = []
     for name in names:
         rows.append(again(options.seed, name, options.out / name))
@@ -58,6 +59,13 @@ def again(seed: Path, name: str, run: Path) -> dict[str, Any]:
         "name": name, "before": called(before), "now": called(now), "error": error,
         "differs": difference(before, now), "processor": seconds,
     }  # fmt: skip
+
+
+def was_diagnosed(seed: Path, name: str) -> bool:
+    """Return whether a recording of a seed was diagnosed, not only identified as the nominal run of
+    another."""
+    answer = read_json(seed / "results" / f"{name}.json")["answer"]
+    return answer is None or "effects" in answer
 
 
 def called(answer: dict[str, Any] | None) -> str:

@@ -49,17 +49,22 @@ class Controlled(Selection):
         )  # fmt: skip
         if control is None:
             return candidates
-        found = {id(c): refuted(c, control, threshold) for c in possible}
-        none = Refuted("")
-        beaten = [c for c in possible if found[id(c)].why]
+        compared = [(c, refuted(c, control, threshold)) for c in possible]
+        beaten = {id(c): c for c, found in compared if found.why}
         if not beaten:
             return candidates
-        refused += [f"{c.hypothesis.name}: {found[id(c)].why}" for c in beaten]
-        least = max(c.evidence for c in beaten) - TIE_NATS
-        in_both = max((found[id(c)].there for c in beaten if not _general(c)), default=0.0)
+        refused += [f"{c.hypothesis.name}: {found.why}" for c, found in compared if found.why]
+        least = max(c.evidence for c in beaten.values()) - TIE_NATS
+        # What may stand for something else in each recording says nothing of the other.
+        specific = [
+            found.there
+            for c, found in compared
+            if found.why and not c.hypothesis.effect.stands_for_others
+        ]
+        in_both = max(specific, default=0.0)
         kept = []
         for c in candidates:
-            if found.get(id(c), none).why or c.evidence < least:
+            if id(c) in beaten or c.evidence < least:
                 continue
             if c.evidence - in_both >= threshold:
                 kept.append(c)
@@ -74,11 +79,6 @@ class Refuted(NamedTuple):
 
     why: str
     there: float = 0.0
-
-
-def _general(candidate: Candidate) -> bool:
-    """Return whether it stands for something else in each recording."""
-    return candidate.hypothesis.effect.stands_for_others
 
 
 def refuted(candidate: Candidate, control: Fit, threshold: float) -> Refuted:

@@ -99,9 +99,9 @@ def _built(setup: Setup, pairs: list[tuple[Setup, Setup]]) -> list[Built]:
     setups = [setup for k in which for setup in pairs[k]]
     every = rods(setups)
     fields = [slope(values[::2], values[1::2]) for values in every]
+    fields[LOAD] = np.broadcast_to(still.rod[LOAD], (len(which), *still.rod[LOAD].shape))
     for row, k in enumerate(which):
         out[k] = Built([values[row] for values in fields])
-        out[k].rod[LOAD] = still.rod[LOAD]
     bent = np.flatnonzero([pairs[k][0].bending is not None for k in which])
     if len(bent):
         rows = np.stack([2 * bent, 2 * bent + 1], axis=1).ravel()

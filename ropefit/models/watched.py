@@ -96,14 +96,14 @@ class Done(NamedTuple):
 def with_fields(one: Setup, other: Setup, names: frozenset[str]) -> Setup:
     """Return a setup with some fields of another."""
     fields: dict[str, Any] = {name: getattr(other, name) for name in names & OF_SETUP}
-    own = {name: getattr(other.properties, name) for name in map(_of_rope, names - OF_SETUP)}
+    own = {
+        name: getattr(other.properties, name)
+        for name in OF_PROPERTIES
+        if f"properties.{name}" in names
+    }
     if own:
         fields["properties"] = one.properties._replace(**own)
     return one._replace(**fields) if fields else one
-
-
-def _of_rope(name: str) -> str:
-    return name.removeprefix("properties.")
 
 
 def made_again(setup: Setup, moved: frozenset[str], later: Sequence[Done]) -> Setup:

@@ -22,9 +22,7 @@ def rods(setups: Sequence[Setup]) -> Rod:
     return setups[0]._replace(properties=properties, **fields, **unloaded).rod()
 
 
-def laws(setups: Sequence[Setup]) -> Bending | None:
-    """Return the laws of bending of setups that all have one, each in a row; else None."""
-    every = [s.bending for s in setups if s.bending is not None]
-    if not every or len(every) < len(setups):
-        return None
+def laws(setups: Sequence[Setup]) -> Bending:
+    """Return the laws of bending of setups that all have one, each in a row."""
+    every = (s.bending for s in setups if s.bending is not None)
     return Bending(*map(np.stack, zip(*every, strict=True)))

@@ -32,13 +32,10 @@ class Springs(NamedTuple):
     slip: np.ndarray
 
 
-def springs(law: Bending | None, rod: Rod) -> Springs:
-    """Return a law as springs; for a linear rope one without stiffness for each of none."""
+def springs(law: Bending, rod: Rod) -> Springs:
+    """Return a law as springs."""
     stiffness, rest = (t if t.ndim == 3 else t[None] for t in (rod.stiffness, rod.rest))
     length = rod.length if rod.length.ndim == 2 else rod.length[None]
-    if law is None:
-        none = np.zeros((len(stiffness), 0, stiffness.shape[-2]))
-        return Springs(none, rest[..., :2], none)
     drag, reach = _and_last(law.slope, 1.0), _and_last(law.knots, np.inf)  # last: the rod's own
     return Springs(
         stiffness[:, None, :, 0] * (drag[:, :-1] - drag[:, 1:])[..., None],
@@ -61,7 +58,7 @@ def moment_changes(at: Springs, changes: Springs, vector: np.ndarray) -> np.ndar
     long = size > slip
     share = np.where(long, slip / np.maximum(size, 1e-300), 1.0)
     way = strain / np.maximum(size[:, 0], 1e-300)[..., None]
-    across, short = ((drag * share).sum(1), (drag * ~long).sum(1))
+    across, short = (drag * share).sum(1), (drag * ~long).sum(1)
     along = np.einsum("fni,pni->fpn", way, changes.centre) * (short - across)[:, None]
     out = -across[:, None, :, None] * changes.centre - along[..., None] * way[:, None]
     stiffer, longer = (np.flatnonzero(c.any((1, 2))) for c in (changes.drag, changes.slip))
