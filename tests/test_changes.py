@@ -15,11 +15,11 @@ from ropefit.effects import (
     SupportPlane,
 )
 from ropefit.effects.mass_section import MassSection
-from ropefit.models.differences import DIFFERENCE_STEP
 from ropefit.models.equilibrium import Equilibrium
 from ropefit.models.parameters import PARAMETERS, Range
 from ropefit.models.priors import Priors, calibration
 from ropefit.models.watched import OF_ROPE, differing, done, followed, made_again
+from ropefit.rod.differences import DIFFERENCE_STEP
 from ropefit.rod.setup import Setup
 from tests.concealed import rope
 from tests.test_memory import there_and_back

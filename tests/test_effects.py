@@ -19,7 +19,6 @@ from ropefit.effects import (
     Tether,
 )
 from ropefit.effects.place import horizontal
-from ropefit.effects.too_coarse import coarse_error
 from ropefit.models.equilibrium import STEP_LIMIT, Equilibrium
 from ropefit.models.equilibrium_rope import EquilibriumRope
 from ropefit.models.terms import Term
@@ -27,6 +26,7 @@ from ropefit.rod.potential import slope_of
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium import potentials as solver
 from ropefit.solvers.equilibrium.branches import overwound, wound
+from ropefit.solvers.equilibrium.coarse_error import CoarseError
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import (
@@ -284,7 +284,7 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
 
 def test_a_mesh_is_compared_with_one_of_a_quarter_of_its_segments_whatever_their_number():
     """The error is of second order in the length of the segments, at all nodes alike."""
-    errors = [coarse_error(rope(segments)) for segments in (96, 97, 98, 99)]
+    errors = [CoarseError.of(rope(segments), 1.0).move for segments in (96, 97, 98, 99)]
     least = min(np.abs(error).max() for error in errors)
     assert least > 1e-4
     for error in errors[1:]:
@@ -295,7 +295,7 @@ def test_a_mesh_is_compared_with_one_of_a_quarter_of_its_segments_whatever_their
         ])  # fmt: skip
         assert np.abs(same[0] - same[1]).max() < 0.2 * least
     stiff = rope(98)._replace(rigid=np.linspace(0, 0.5, 98))
-    assert np.isfinite(coarse_error(stiff)).all()
+    assert np.isfinite(CoarseError.of(stiff, 1.0).move).all()
 
 
 @pytest.mark.parametrize(

@@ -260,6 +260,29 @@ def test_what_cannot_be_ruled_out_is_told(behind, misfit, told, monkeypatch):
         assert found.equivalent == ([mass] if told and not out else [])
 
 
+@pytest.mark.parametrize(
+    ("effect", "ahead", "told"),
+    [
+        (Tether(), 3.8, False),  # three more values: 3.91 nats at 95 %
+        (Tether(), 4.0, True),
+        (PointForce(), 3.1, True),  # two more: 3.00
+        (PointForce(), 2.9, False),
+        (ClampedEnd(0), 9.0, False),  # contains no weight
+    ],
+)
+def test_what_contains_the_named_effect_is_told_if_it_is_significantly_likelier(
+    effect, ahead, told
+):
+    """However far behind by its evidence, which is then by how broad the priors are."""
+    mass = candidate(PointMass(), 10.0, 24.0)
+    general = candidate(effect, -2.0, 24.0, likelihood=10.0 + ahead)
+    for one in (mass, general):
+        one.hypothesis.name, one.significance = one.hypothesis.effect.name, lambda: 5.0
+    assert also_possible(mass, [mass, general], 0.0) == ([general] if told else [])
+    general.significance = lambda: 0.5
+    assert also_possible(mass, [mass, general], 0.0) == []
+
+
 def test_how_well_its_size_is_known_refuses_a_candidate_but_does_not_rule_it_out(monkeypatch):
     mass, without = candidate(PointMass(), 57.0, 24.0), cast(Any, None)
     for missing in ("", "_not_possible", "_not_supported"):

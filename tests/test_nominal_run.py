@@ -81,8 +81,8 @@ def found_with(model: Model, **causes: Cause) -> Any:
     p = next(iter(model.nominal.groups.values())).parameters["EI"]
     size = Size(value=1.2 * p.value, unit=p.unit, ci95=(1.1 * p.value, 1.3 * p.value))
     return SimpleNamespace(
-        verdict="found", causes=causes, known={}, rope={"EI": size}, rms_after=1e-4,
-        noise_white=1e-3,
+        verdict="found", causes=causes, known={}, rope={"EI": size}, rms_before=8e-3,
+        rms_after=1e-4, noise_white=1e-3, noise_repeated=None,
     )  # fmt: skip
 
 
@@ -125,14 +125,26 @@ def test_the_ropes_own_values_are_those_fitted_along_with_what_was_found(identif
         (4e-3, {"tilt": TILT}, False),  # stands for something else, and the rope was fitted beside
         (4e-3, {"mass": MASS, "section": SECTION}, True),  # all of it is there in any recording
         (4e-3, {"mass": MASS, "tilt": TILT}, False),
+        (6.5e-3, {"mass": MASS}, False),  # of the rope, but in the place of something else
     ],
 )
-def test_what_leaves_much_is_taken_over_if_it_belongs_to_the_rope(
+def test_what_leaves_much_is_taken_over_if_it_belongs_to_the_rope_and_explains_most(
     identified, left, causes, expected
 ):
     model, found = identified[1], found_with(identified[1], **causes)
     found.rms_after = left
     assert understood(model, found) is expected
+
+
+def test_what_was_missed_alike_in_all_poses_is_not_noise(identified):
+    """Noise that was measured beside the misfit may be the misfit: neighbouring poses tell less."""
+    model, found = identified[1], found_with(identified[1], mass=MASS)
+    found.rms_after, found.noise_white = 6.5e-3, 5e-3
+    assert understood(model, found)
+    found.noise_repeated = 1e-3
+    assert not understood(model, found)
+    found.noise_repeated = 9e-3  # poses that are far from each other tell nothing
+    assert understood(model, found)
 
 
 def test_rigidities_of_another_recording_are_not_known_exactly(identified):

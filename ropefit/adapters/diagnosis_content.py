@@ -22,6 +22,7 @@ from ropefit.diagnosis.held_out import by_stretches, held_out_pit, heldout_rms
 from ropefit.diagnosis.next_motion import next_motion
 from ropefit.diagnosis.open_places import half_interval
 from ropefit.diagnosis.regions import misfit, regions
+from ropefit.diagnosis.repeated_poses import repeated_noise
 from ropefit.diagnosis.scan import Score
 from ropefit.inference.least_squares import Fit
 
@@ -86,6 +87,7 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
         "refused": d.refused + _in_part(d),
         "threshold": d.threshold,
         "noise_white": noise,
+        "noise_repeated": repeated_noise(last),
         "noise_correlated": noise_found.correlated,
         "correlation_length": noise_found.length * length,
         "rms_before": before,

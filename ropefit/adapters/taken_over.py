@@ -19,18 +19,28 @@ from ropefit.rod.setup import Setup
 TakenOver = tuple[str, Cause, Term]  # a name for it, the cause there, and the term here
 LEAST_SD = 1e-3  # of the usual size, or of the length: however well another run knows a value
 MOST_LEFT = 3.0  # times the noise of a point: what leaves more at rest is not the whole cause
+MOST_OF_SQUARE = 0.5  # of the mean square of what is missed: what leaves more stands for another
 
 
 def understood(model: Model, found: Diagnosis) -> bool:
-    """Return whether what a run at rest found may be taken over: it leaves little, or all of it
-    belongs to the rope.
+    """Return whether what a run at rest found may be taken over: it leaves little more than noise,
+    or all of it belongs to the rope and explains most of what was missed.
 
     What acts on the rope and leaves much stands for something else, which may be the rope's own,
     and the rope's values were fitted beside it: without it, in another recording, they are wrong.
+    So are those of the rope that explain little: a law in the place of another.
     """
+    if model.nominal.balance is None:
+        return True
     of_the_rope = all(effect_of(cause).of_rope for cause in found.causes.values())
-    little = found.rms_after <= MOST_LEFT * found.noise_white
-    return of_the_rope or little or model.nominal.balance is None
+    most = found.rms_after**2 <= MOST_OF_SQUARE * found.rms_before**2
+    return found.rms_after <= MOST_LEFT * noise_there(found) or (of_the_rope and most)
+
+
+def noise_there(found: Diagnosis) -> float:
+    """Return the noise of a point [m] in a nominal run, at most what neighbouring poses tell: what
+    is missed there may have been taken for noise."""
+    return min(found.noise_white, found.noise_repeated or np.inf)
 
 
 def as_found(model: Model, found: Diagnosis) -> Model:

@@ -83,6 +83,9 @@ class Diagnosis(Artifact):
     )
     threshold: float = Field(description="nats an effect needs, from this recording's own noise")
     noise_white: float = quantity("m", "of one point, over all components that count")
+    noise_repeated: float | None = quantity(
+        "m", "of a marker at rest, from neighbouring poses: without what is missed", default=None
+    )
     noise_correlated: float = quantity("m")
     correlation_length: float = quantity("m")
     rms_before: float = quantity("m", "held-out blocks of frames, nominal model")

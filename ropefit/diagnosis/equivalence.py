@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import chdtri
 
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.nested import is_special_case
@@ -23,6 +24,7 @@ LEAST_SIGNIFICANCE = 1.0  # standard errors from zero
 # candidates. Of how many samples of a model's misfit one is independent is known to a factor of
 # two, and so is evidence by them.
 ALSO_POSSIBLE_NATS, BY_MISFIT = 5.0, 2.0
+CONFIDENCE = 0.95  # that the extra values of an effect are not those of its special case
 
 
 def ordered(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
@@ -71,10 +73,20 @@ def _held_out_gain(one: Candidate) -> float:
 
 def also_possible(first: Candidate, candidates: list[Candidate], before: float) -> list[Candidate]:
     """Return candidates that are less likely than the one that is named, but not by enough to rule
-    them out, with those that are within reach; before: as below."""
+    them out, with those that are within reach, and those that contain it and are significantly
+    likelier: however broad the priors of what they have besides; before: as below."""
     by_misfit = first.fit.problem.noise.misfit
     nats = ALSO_POSSIBLE_NATS * (BY_MISFIT if by_misfit else 1.0)
-    return equivalents(first, candidates, before, nats)
+    out = equivalents(first, candidates, before, nats)
+    more = [c for c in candidates if _contains(c, first) and _is_there(c) and _likelier(c, first)]
+    return [*out, *(c for c in more if all(c is not known for known in out))]
+
+
+def _likelier(general: Candidate, special: Candidate) -> bool:
+    """Return whether what an effect has besides a special case of it explains significantly more,
+    by the ratio of likelihoods (Wilks 1938)."""
+    extra = max(_number_of_values(general) - _number_of_values(special), 1)
+    return -2 * _less(general, special) > chdtri(extra, 1 - CONFIDENCE)
 
 
 def equivalents(

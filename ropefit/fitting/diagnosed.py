@@ -11,7 +11,7 @@ import numpy as np
 from ropefit.adapters.diagnosis_content import Layout, content
 from ropefit.adapters.motion_model import at_observed_nodes
 from ropefit.adapters.settings import NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS, DiagnoseSettings
-from ropefit.adapters.taken_over import TakenOver, as_found, over_mass, understood
+from ropefit.adapters.taken_over import TakenOver, as_found, noise_there, over_mass, understood
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.artifacts.causes import Cause
 from ropefit.artifacts.observations import DroppedFrame
@@ -135,10 +135,13 @@ def _as_diagnosed(source: Model, context: Context) -> tuple[Model, Diagnosis | N
         )
         return source, None
     if not understood(source, found):
+        before, after, noise = (
+            f"{1e3 * v:.1f} mm" for v in (found.rms_before, found.rms_after, noise_there(found))
+        )
         context.say(
-            "warning: what was found in the nominal run is not of the rope alone and leaves "
-            f"{1e3 * found.rms_after:.1f} mm (noise {1e3 * found.noise_white:.1f} mm): the rope is "
-            "taken as identified there, without it"
+            f"warning: what was found in the nominal run leaves {after} of {before} (noise "
+            f"{noise}): it is not the whole cause, and the rope is taken as identified there, "
+            "without it"
         )
         return source, None
     if found.verdict == "unknown":

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ropefit.models import mesh
-from ropefit.models.differences import DIFFERENCE_STEP as RESPONSE
-from ropefit.models.differences import sensor_slope, slope, turn_slope
 from ropefit.models.first_state import SMOOTHED, FirstStates, begun_smoothly, first_states
 from ropefit.models.model import Model
 from ropefit.models.response import Parts, Point
 from ropefit.models.slopes import Change
+from ropefit.rod.differences import DIFFERENCE_STEP as RESPONSE
+from ropefit.rod.differences import sensor_slope, slope, turn_slope
 from ropefit.rod.fields import MOVING_ROD, names
 from ropefit.rod.moving import Moving, moving, undamped
 from ropefit.rod.setup import Setup

@@ -16,7 +16,8 @@ from torch import Tensor
 from ropefit.models.bends import axial_law_of, elements_of, joined
 from ropefit.models.rope_values import NAMES
 from ropefit.rod.rod import Properties, Rod
-from ropefit.rod.setup import SensorModel, Setup
+from ropefit.rod.sensor import SensorModel
+from ropefit.rod.setup import Setup
 from ropefit.solvers.batched.implicit import settled_batched
 from ropefit.solvers.batched.solve import solve_batched
 from ropefit.solvers.equilibrium.conditions import Conditions, FrictionElements
@@ -90,7 +91,7 @@ class EquilibriumRope:
         given = {name: getattr(s, name) for name in fields}
         return s._replace(
             properties=Properties(*map(_tensor, s.properties)),
-            sensor=SensorModel(*map(_tensor, s.sensor)),
+            sensor=SensorModel(*map(_tensor, s.reported)),
             **{name: None if value is None else _tensor(value) for name, value in given.items()},
         )
 

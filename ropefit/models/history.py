@@ -17,7 +17,6 @@ from ropefit.models.bends import (
     vector_change,
     vectors,
 )
-from ropefit.models.differences import DIFFERENCE_STEP
 from ropefit.models.increments import in_increments
 from ropefit.models.response import (
     Parts,
@@ -32,6 +31,7 @@ from ropefit.models.response import (
 from ropefit.models.rubbing import rubbings
 from ropefit.models.slopes import Change, same_rod, slopes_of
 from ropefit.rod import memory
+from ropefit.rod.differences import DIFFERENCE_STEP
 from ropefit.rod.friction import Grip
 from ropefit.rod.memory import Laws, State
 from ropefit.rod.setup import Setup

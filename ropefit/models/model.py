@@ -15,12 +15,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from ropefit.models.differences import DIFFERENCE_STEP
 from ropefit.models.prior import Joint, Prior
 from ropefit.models.response import Point
 from ropefit.models.slopes import Change
 from ropefit.models.terms import Term, applied, value_at
 from ropefit.models.watched import Done, differing, done, followed, made_again
+from ropefit.rod.differences import DIFFERENCE_STEP
 from ropefit.rod.setup import Setup
 from ropefit.runs.journal import Arrays
 from ropefit.solvers.equilibrium.solution import States

@@ -15,7 +15,8 @@ from ropefit.rod.axial import at_tension
 from ropefit.rod.bending import Springs, moment_changes
 from ropefit.rod.off_axis import off_axis_turned
 from ropefit.rod.rod import Rod
-from ropefit.rod.setup import SensorModel, Setup
+from ropefit.rod.sensor import SensorModel
+from ropefit.rod.setup import Setup
 from ropefit.solvers.equilibrium.followers import rotated
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.solution import Solution

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ropefit.models.differences import DIFFERENCE_STEP, slope
 from ropefit.models.slopes import Change
 from ropefit.rod import friction
+from ropefit.rod.differences import DIFFERENCE_STEP, slope
 from ropefit.rod.friction import Grip
 from ropefit.rod.potential import Potential
 from ropefit.rod.setup import Setup

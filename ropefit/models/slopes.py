@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ropefit.models.differences import DIFFERENCE_STEP, sensor_slope, slope, turn_slope
 from ropefit.rod.at_once import BUILT_FROM, laws, rods
 from ropefit.rod.bending import Springs, springs
+from ropefit.rod.differences import DIFFERENCE_STEP, sensor_slope, slope, turn_slope
 from ropefit.rod.off_axis import off_axis, sides_at_nodes
 from ropefit.rod.rod import DIMS, Rod
 from ropefit.rod.setup import Setup
@@ -68,6 +68,8 @@ def slopes_of(setup: Setup, changes: list[Change], solution: States) -> list[Slo
     if setup.off_axis is not None:
         across = sides_at_nodes(solution.q)
         markers = markers + off_axis(setup.off_axis, across)
+    if setup.solver_error is not None:
+        markers = markers + setup.solver_error.move
     # What does not depend on a value is the same object.
     pairs = [(changed(-DIFFERENCE_STEP), changed(DIFFERENCE_STEP)) for changed in changes]
     return [
@@ -147,6 +149,10 @@ def _slopes(
         assert b.off_axis is not None
         assert across is not None
         seen = seen + off_axis(slope(a.off_axis, b.off_axis), across)
+    if a.solver_error is not b.solver_error:
+        near = now.solver_error or b.solver_error  # of a value that would bring it in
+        assert near is not None
+        seen = seen + near.slope(a.solver_error, b.solver_error)
     return Slopes(rod, force, ends, clamp, seen, law, axial, same_rod)
 
 

@@ -6,7 +6,7 @@ Parameters, calibration errors and effects all act on this one picture; see `eff
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,79 +17,10 @@ from ropefit.rod.moving import Damping
 from ropefit.rod.off_axis import off_axis, sides_at_nodes
 from ropefit.rod.path import EndPath
 from ropefit.rod.potential import Potential
-from ropefit.rod.quaternion import cross, norms
 from ropefit.rod.rod import Properties, Rod, arc_length, at_nodes, build
+from ropefit.rod.sensor import SensorModel
 
 RIGIDITY = 300.0  # times a rope's: of a rigid piece
-
-
-class SensorModel(NamedTuple):
-    """How the sensor reports points: small errors of its own, and what a projection took away.
-
-    rotation (3,) [rad] and gain about its place (3,), shift (3,) [m], depth [m] along its rays: a
-    point p is reported at p + rotation x (p - place) + gain (p - place) + shift + depth ray.
-    flat: share of the offset from a plane, through origin (F, 1, 3) across normal (F, 1, 3), that
-    is lost, of what is seen: it lies `standoff` [m] before the axis, along its ray. Errors of a
-    solver: lag, a share of the way to the nodes toward (F, N+1, 3) [m], is gone back, and drift
-    (F, N+1, 3) [m] is added.
-    """
-
-    place: Array
-    rotation: Array
-    gain: Array
-    shift: Array
-    depth: Array
-    flat: Array
-    origin: Array
-    normal: Array
-    drift: Array
-    lag: Array
-    toward: Array
-    standoff: Array
-
-    def __call__(self, x: Array) -> Array:
-        """Return (F, N+1, 3) [m] where nodes x (F, N+1, 3) [m] are reported."""
-        seen = x = self.nodes(x)
-        if acts(self.rotation, self.gain, self.shift, self.depth):
-            seen = x + self.errors(x)
-        if acts(self.flat):
-            visible = seen
-            if acts(self.standoff):
-                ray = seen - self.place
-                ray = ray / norms(ray)
-                visible = seen - self.standoff * ray
-            off = ((visible - self.origin) * self.normal).sum(-1)[..., None]
-            seen = seen - self.flat * off * self.normal
-        return seen
-
-    def frames(self, index: np.ndarray) -> SensorModel:
-        """Return the model of some of the frames."""
-        few = {name: getattr(self, name)[index] for name in ("origin", "normal")}
-        for name in ("drift", "toward"):
-            value = getattr(self, name)
-            few[name] = value if value.ndim == 1 else value[index]
-        return self._replace(**few)
-
-    def errors(self, x: Array) -> Array:
-        """Return (F, N+1, 3) [m] by how much small errors move what is reported of nodes x (F, N+1,
-        3) [m]; linear in rotation, gain, shift and depth."""
-        out, arm = self.shift, x - self.place
-        if acts(self.rotation):
-            out = out + cross(self.rotation, arm)
-        if acts(self.gain):
-            out = out + self.gain * arm
-        if acts(self.depth):
-            out = out + self.depth * (arm / norms(arm))
-        return out
-
-    def nodes(self, x: Array) -> Array:
-        """Return nodes x (F, N+1, 3) [m] with the errors of a solver."""
-        return x + self.lag * (self.toward - x) + self.drift if acts(self.lag, self.drift) else x
-
-
-def acts(*errors: Array) -> bool:
-    """Return whether any of some errors is not zero."""
-    return any(bool((error != 0).any()) for error in errors)
 
 
 class Follower(NamedTuple):
@@ -99,6 +30,23 @@ class Follower(NamedTuple):
     share: np.ndarray
     weight: np.ndarray
     force: np.ndarray
+
+
+class SolverError(Protocol):
+    """What an error of the solver that simulated the shapes does to what is seen of the nodes."""
+
+    @property
+    def move(self) -> np.ndarray:
+        """Return (F, N+1, 3) [m] by how much it moves them."""
+        ...
+
+    def slope(self, a: Any, b: Any) -> np.ndarray:
+        """Return (F, N+1, 3) the derivative of that where the error goes from a to b about it."""
+        ...
+
+    def frames(self, index: np.ndarray) -> SolverError:
+        """Return it in some of the frames."""
+        ...
 
 
 class Motion(NamedTuple):
@@ -137,7 +85,8 @@ class Setup(NamedTuple):
     springs (N+1,) [N/m] of the nodes to the origin, and bodies (b, 8) that they touch, in motion,
     see `Moving`; followers: forces that turn with the rope. weights (n,) or (F, n): of the moves of
     Algorithm 1, where that finds the shape. off_axis (N+1, 2) [m]: offset of the markers from the
-    axis at the nodes, along the rope's first two directors.
+    axis at the nodes, along the rope's first two directors. solver_error: of a simulation that is
+    compared with.
     """
 
     properties: Properties
@@ -168,6 +117,7 @@ class Setup(NamedTuple):
     followers: tuple[Follower, ...] = ()
     weights: np.ndarray | None = None
     off_axis: np.ndarray | None = None
+    solver_error: SolverError | None = None
 
     @property
     def rubs(self) -> bool:
@@ -243,14 +193,22 @@ class Setup(NamedTuple):
             motion=self.motion.frames(index) if self.motion else None,
             end_path=self.end_path.frames(index) if self.end_path else None,
             weights=w[index] if (w := self.weights) is not None and w.ndim == 2 else w,
+            solver_error=self.solver_error and self.solver_error.frames(index),
         )
+
+    @property
+    def reported(self) -> SensorModel:
+        """Return how points are reported, with what the solver's error does to them."""
+        if self.solver_error is None:
+            return self.sensor
+        return self.sensor._replace(drift=self.sensor.drift + self.solver_error.move)
 
     def seen(self, x: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return a copy (F, N+1, 3) [m] of where nodes x (F, N+1, 3) [m] are reported of a rope
         whose segments have frames q (F, N, 4)."""
         if self.off_axis is not None:
             x = x + off_axis(self.off_axis, sides_at_nodes(q))
-        return self.sensor(x).copy()
+        return self.reported(x).copy()
 
     def rod(self) -> Rod:
         """Return the discrete rod with all its loads."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ropefit.rod.quaternion import conjugate_product
-from ropefit.rod.setup import SensorModel, Setup
+from ropefit.rod.sensor import SensorModel
+from ropefit.rod.setup import Setup
 
 DIFFERENCE_STEP = 1e-5
 SMALL_ERRORS = {"rotation", "gain", "shift", "depth"}  # of a sensor, in which it is linear
@@ -37,8 +38,8 @@ def turn_slope(now: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.nda
     return 2 * slope(*turns)
 
 
-def slope(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def slope(before: np.ndarray | float, after: np.ndarray | float) -> np.ndarray:
     """Return the central difference; zero where the values are not finite."""
     with np.errstate(invalid="ignore"):
-        out = (after - before) / (2 * DIFFERENCE_STEP)
+        out = np.asarray((after - before) / (2 * DIFFERENCE_STEP))
     return out if np.isfinite(out).all() else np.nan_to_num(out, posinf=0.0, neginf=0.0)
