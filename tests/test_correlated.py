@@ -73,3 +73,20 @@ def test_noise_is_not_smaller_than_it_was_measured():
     assert latent.at(inside, 1.0) == pytest.approx(0.25 * 10 - 5 * np.log(2))
     loud = np.concatenate([2 * np.ones(10), 2 * np.ones(10)])[:, None]
     assert latent.at(loud, 1.0) == pytest.approx(latent.at(inside, 1.0))
+
+
+def test_a_value_at_its_bound_does_not_lead_the_others_beyond():
+    """A place at the rope's end, known together with a mass: no mass goes with a place behind it.
+    The value that is nearest to a bound has a search variable of its own."""
+    setup = rope(24)
+    terms, _ = term_of(setup)
+    low, high = np.array([-9.0, -3.0, -9.0]), np.array([9.0, 3.0, START[2]])
+    one = correlated("rest", terms, TOGETHER * np.outer(SD, SD), bounds=(low, high))
+    assert one.root @ one.root.T == pytest.approx(TOGETHER * np.outer(SD, SD), rel=1e-3, abs=1e-6)
+    least, most = Equilibrium(setup, [one]).bounds()
+    assert most == pytest.approx([30.0, 30.0, 0.0], abs=1e-6)
+    assert least == pytest.approx([-9.1 / SD[2] if k == 2 else -30.0 for k in range(3)])
+    beyond = one.value(np.array([1.0, -2.0, 0.0]))
+    assert beyond[2] == pytest.approx(START[2])
+    u = np.array([0.4, -1.3, -0.7])
+    assert one.search(one.value(u)) == pytest.approx(u)

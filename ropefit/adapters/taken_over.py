@@ -19,6 +19,7 @@ from ropefit.rod.setup import Setup
 TakenOver = tuple[str, Cause, Term]  # a name for it, the cause there, and the term here
 LEAST_SD = 1e-3  # of the usual size, or of the length: however well another run knows a value
 MOST_LEFT = 3.0  # times the noise of a point: what leaves more at rest is not the whole cause
+WIDEST = {"width": 2.0}  # of the length: a stretch may begin at the rope's end
 MOST_OF_SQUARE = 0.5  # of the mean square of what is missed: what leaves more stands for another
 
 
@@ -106,7 +107,7 @@ def of_rope(model: Model, found: Diagnosis, o: Observations, setup: Setup) -> li
         covariance = cause.covariance * np.outer(scale, scale) + np.diag((LEAST_SD * usual) ** 2)
         lower, upper = effect.bounds(setup)
         least = np.array([*lower, *(0.0 for _ in places)])
-        most = np.array([*upper, *(2 * length for _ in places)])
+        most = np.array([*upper, *(WIDEST.get(p, 1.0) * length for p in effect.place_names)])
 
         def apply(setup: Setup, v: np.ndarray, effect=effect, least=least, most=most) -> Setup:
             return effect.apply(setup, np.clip(v, least, most))
@@ -117,7 +118,8 @@ def of_rope(model: Model, found: Diagnosis, o: Observations, setup: Setup) -> li
             effect.name, effect.names, units, apply, scale * cause.values, usual, -np.inf * one,
             np.inf * one, np.inf * one,
         )  # fmt: skip
-        term = replace(correlated(effect.name, [term], covariance), effect=effect)
+        bounded = correlated(effect.name, [term], covariance, bounds=(least, most))
+        term = replace(bounded, effect=effect)
         out.append((f"known_{name}", cause, term))
     return out
 

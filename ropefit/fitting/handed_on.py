@@ -83,10 +83,5 @@ def _by_data(control: Fit, told: list[Term]) -> np.ndarray:
 def _known(term: Term, u: np.ndarray, joint: Joint, first: int) -> Term:
     """Return a term that starts at search variables u (n,), which are known together with others,
     its own from the place `first` on."""
-    value = term.value(u)
-    moved = value - term.start if isinstance(term, Correlated) else 0.0
     sd = np.sqrt(np.diag(joint.covariance))[first : first + term.size]
-    return replace(
-        term, start=value, lower=term.lower + moved, upper=term.upper + moved,
-        prior=sd * term.scale, joint=(joint, first),
-    )  # fmt: skip
+    return replace(term, start=term.value(u), prior=sd * term.scale, joint=(joint, first))

@@ -36,17 +36,41 @@ class Correlated(Term):
 
 
 def correlated(
-    name: str, terms: list[Term], covariance: np.ndarray, at_once: Apply | None = None
-) -> Correlated:
+    name: str, terms: list[Term], covariance: np.ndarray, at_once: Apply | None = None,
+    bounds: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Correlated:  # fmt: skip
     """Return the terms as one, about their starts, under a covariance (n, n) in SI; at_once: as of
-    `merged`."""
+    `merged`.
+
+    bounds (n,), (n,) in SI: values beyond them mean nothing, and along with them the others would
+    go where the data do not send them. The value that is nearest to its bound is kept within.
+    """
     whole = merged(name, terms, at_once)
     sd = np.sqrt(np.diag(covariance))
-    values, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
-    root = sd[:, None] * axes * np.sqrt(np.maximum(values, 0.0) + JITTER)
+    correlation = covariance / np.outer(sd, sd)
     start, one = whole.start, np.ones(whole.size)
-    far = FARTHEST * root @ one
+    low, high = -FARTHEST * one, FARTHEST * one
+    if bounds is None:
+        values, axes = np.linalg.eigh(correlation)
+        root = sd[:, None] * axes * np.sqrt(np.maximum(values, 0.0) + JITTER)
+    else:
+        away = (bounds[0] - start) / sd, (bounds[1] - start) / sd
+        nearest = int(np.argmin(np.minimum(-away[0], away[1])))
+        root = sd[:, None] * _beginning_with(nearest, correlation)
+        low[nearest] = np.clip(away[0][nearest], -FARTHEST, 0.0)
+        high[nearest] = np.clip(away[1][nearest], 0.0, FARTHEST)
     return Correlated(
-        name, whole.names, whole.units, whole.apply, start, one, start - far, start + far, one,
-        root=root,
+        name, whole.names, whole.units, whole.apply, start, one, start + root @ low,
+        start + root @ high, one, root=root,
     )  # fmt: skip
+
+
+def _beginning_with(first: int, correlation: np.ndarray) -> np.ndarray:
+    """Return a root (n, n) of a correlation in which one value depends on its own search variable
+    only (Cholesky, in that order)."""
+    order = np.argsort(np.arange(len(correlation)) != first, kind="stable")
+    values, axes = np.linalg.eigh(correlation[np.ix_(order, order)])
+    positive = (axes * (np.maximum(values, 0.0) + JITTER)) @ axes.T
+    root = np.empty_like(correlation)
+    root[np.ix_(order, order)] = np.linalg.cholesky(positive)
+    return root
