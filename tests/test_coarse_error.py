@@ -83,3 +83,19 @@ def test_what_it_would_do_where_it_is_not_is_known():
     (moved,) = point.respond([lambda size: TooCoarse().apply(setup, np.array([size]))])
     error = CoarseError.of(setup, 1.0).move
     assert np.abs(moved - error).max() < 1e-6 * np.abs(error).max()
+
+
+def test_a_mesh_is_compared_with_one_of_a_quarter_of_its_segments_whatever_their_number():
+    """The error is of second order in the length of the segments, at all nodes alike."""
+    errors = [CoarseError.of(rope(segments), 1.0).move for segments in (96, 97, 98, 99)]
+    least = min(np.abs(error).max() for error in errors)
+    assert least > 1e-4
+    for error in errors[1:]:
+        same = np.stack([
+            np.stack([np.interp(np.linspace(0, 1, 33), np.linspace(0, 1, len(axis)), axis)
+                      for axis in frame.T], axis=1)
+            for frame in (error[0], errors[0][0])
+        ])  # fmt: skip
+        assert np.abs(same[0] - same[1]).max() < 0.2 * least
+    stiff = rope(98)._replace(rigid=np.linspace(0, 0.5, 98))
+    assert np.isfinite(CoarseError.of(stiff, 1.0).move).all()

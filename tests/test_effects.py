@@ -26,7 +26,6 @@ from ropefit.rod.potential import slope_of
 from ropefit.rod.setup import Motion, Setup
 from ropefit.solvers.equilibrium import potentials as solver
 from ropefit.solvers.equilibrium.branches import overwound, wound
-from ropefit.solvers.equilibrium.coarse_error import CoarseError
 from ropefit.solvers.equilibrium.conditions import Conditions
 from ropefit.solvers.equilibrium.implicit import Directions, tangent
 from ropefit.solvers.equilibrium.potentials import (
@@ -280,22 +279,6 @@ def test_a_model_does_not_go_on_from_a_state_wound_by_a_turn(monkeypatch):
     again = Equilibrium(setup, []).at(np.empty(0), start=plain)
     assert not wound(again.solution, plain).any()
     assert np.abs(again.solution.x - plain.x).max() < 1e-6
-
-
-def test_a_mesh_is_compared_with_one_of_a_quarter_of_its_segments_whatever_their_number():
-    """The error is of second order in the length of the segments, at all nodes alike."""
-    errors = [CoarseError.of(rope(segments), 1.0).move for segments in (96, 97, 98, 99)]
-    least = min(np.abs(error).max() for error in errors)
-    assert least > 1e-4
-    for error in errors[1:]:
-        same = np.stack([
-            np.stack([np.interp(np.linspace(0, 1, 33), np.linspace(0, 1, len(axis)), axis)
-                      for axis in frame.T], axis=1)
-            for frame in (error[0], errors[0][0])
-        ])  # fmt: skip
-        assert np.abs(same[0] - same[1]).max() < 0.2 * least
-    stiff = rope(98)._replace(rigid=np.linspace(0, 0.5, 98))
-    assert np.isfinite(CoarseError.of(stiff, 1.0).move).all()
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def repeated_noise(fitted: Fit) -> float | None:
     if not (problem.data.material and fitted.forward.instantaneous) or len(fitted.point.seen) < 2:
         return None
     near = nearest_poses(fitted.point.setup)
-    here, there = repeats(s, near)
+    here, there = paired(s, near)
     if len(here) < FEWEST_PAIRS:
         return None
     apart = np.linalg.norm(s.residual[here] - s.residual[there], axis=1)
@@ -48,7 +48,7 @@ def nearest_poses(setup: Setup) -> np.ndarray:
     return apart.argmin(axis=1)
 
 
-def repeats(s: Stations, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def paired(s: Stations, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (n,) of stations, and those of the same markers in the frames that are nearest,
     near (F,)."""
     row = {key: k for k, key in enumerate(zip(s.frame.tolist(), s.bin.tolist(), strict=True))}

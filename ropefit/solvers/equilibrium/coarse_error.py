@@ -85,8 +85,8 @@ def _response(
 
 
 def coarsened(setup: Setup) -> Setup:
-    """Return the setup with a quarter of the segments, without what acts by its state; what is on
-    a node is shared by the nodes next to it."""
+    """Return the setup with a rod of a quarter of the segments; what is on a node is shared by the
+    nodes next to it. What acts by the rope's state stays that of the fine one."""
     many = setup.segments // COARSENING
     wide = setup.segments / many
     inside = ((np.arange(many * COARSENING) + 0.5) * (wide / COARSENING)).astype(int)
@@ -112,7 +112,6 @@ def coarsened(setup: Setup) -> Setup:
         kinks=shared(setup.kinks, 0),
         stretch=mean(setup.stretch),
         rigid=None if setup.rigid is None else mean(setup.rigid),
-        potentials=(),
     )
 
 
