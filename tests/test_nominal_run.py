@@ -284,6 +284,25 @@ def test_a_rope_is_handed_on_if_it_explains_its_own_recording(
         assert "taken as identified there" in said[0]
 
 
+@pytest.mark.parametrize("diagnosed", [False, True])
+@pytest.mark.parametrize(("missed", "counts"), [(0.012, 0.012), (0.08, 0.072)])
+def test_frames_at_the_edge_of_stability_are_no_misfit(
+    identified, monkeypatch, diagnosed, missed, counts
+):
+    """Nor is what another fit would miss besides."""
+    o, model = identified
+    nominal = model.nominal.model_copy(update={"rms_fit": 0.072})  # of all frames
+    model = model.model_copy(update={"models": {"nominal": nominal}})
+    residual = np.full((50, 3), missed / 3**0.5)
+    firm = SimpleNamespace(stations=SimpleNamespace(residual=residual))
+    monkeypatch.setattr(handing_on, "_control", lambda *_: firm)
+    known = KnownRope(model, found_with(model) if diagnosed else None, elsewhere=True)
+    context = Context(external={"nominal": model, "nominal_observations": o})
+    rope, control = controlled(known, o, SimpleNamespace(), context)  # type: ignore
+    assert rope.model.nominal.rms_fit == pytest.approx(counts)
+    assert (rope.found, control) == (known.found, firm)
+
+
 def test_without_the_nominal_recording_there_is_no_control(identified):
     o, model = identified
     known = KnownRope(model, elsewhere=True)

@@ -13,8 +13,10 @@ from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.mixed_pairs import beside_contact
 from ropefit.diagnosis.rules import RULES, Selection
-from ropefit.diagnosis.search import search
-from ropefit.effects import Obstacle, PointMass, StiffSection, SupportPlane
+from ropefit.diagnosis.search import ENDED, search
+from ropefit.effects import Obstacle, PointMass, StiffSection, SupportPlane, Tether
+from ropefit.inference.least_squares import fit
+from ropefit.inference.problem import WHERE_IT_TOUCHES, Work
 from tests.concealed import nominal_fit, recorded, with_effect
 
 
@@ -101,7 +103,9 @@ def test_an_effect_that_the_last_fit_leaves_insignificant_is_dropped(
 def test_pairs_are_not_compared_again_beside_what_was_better_by_itself(
     monkeypatch, left, first, singles, compared, with_all
 ):
-    at_rest = SimpleNamespace(forward=SimpleNamespace(instantaneous=True))
+    at_rest = SimpleNamespace(
+        forward=SimpleNamespace(instantaneous=True), problem=SimpleNamespace(work=Work())
+    )
     one, two = (
         SimpleNamespace(candidate=SimpleNamespace(hypothesis=Hypothesis(e, NO_PLACE)))
         for e in (PointMass(), StiffSection())
@@ -121,3 +125,30 @@ def test_pairs_are_not_compared_again_beside_what_was_better_by_itself(
     found = rounds._weighed_again(at_rest, accepted, 6.0, 10, RULES, [one] * singles, alone)  # type: ignore
     assert found == (at_rest, accepted, accepted if with_all else None)
     assert len(calls) == compared
+
+
+def test_evaluations_of_all_fits_to_some_data_are_counted():
+    nominal = nominal_fit(recorded(with_effect(PointMass(), [0.002, 0.37]), seed=1))
+    problem, first = nominal.problem, nominal.evaluations
+    assert problem.work.evaluations == first
+    few = problem.frames(np.arange(6)).under(problem.noise)
+    setup = nominal.forward.base.frames(np.arange(6))
+    model = type(nominal.forward)(setup, nominal.forward.terms)
+    again = fit(model, few, nominal.point.u, evaluations=3)
+    assert problem.work.evaluations == first + again.evaluations
+    thread = Tether().apply(setup, np.array([0.05, 0.0, 0.0, -0.003, 0.6]))
+    held = fit(type(nominal.forward)(thread, nominal.forward.terms), few, evaluations=3)
+    total = first + again.evaluations + WHERE_IT_TOUCHES * held.evaluations
+    assert problem.work.evaluations == total
+
+
+@pytest.mark.parametrize(("most", "effects"), [(0, 1), (RULES.most_evaluations, 2)])
+def test_where_the_work_is_spent_no_further_candidates_are_fitted(most, effects):
+    """What the first round shows is named all the same."""
+    setup = StiffSection().apply(with_effect(PointMass(), [0.03, 0.37]), np.array([0.5, 0.7, 0.2]))
+    names = ("point_mass", "stiff_section")
+    rules = replace(RULES, effects=names, most_evaluations=most)
+    found = search(nominal_fit(recorded(setup, seed=5)), 0, lambda *_: None, rules)
+    assert len(found.accepted) == effects
+    said = ENDED.split("{}")[0]
+    assert any(reason.startswith(said) for reason in found.refused) is (effects == 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -45,6 +45,7 @@ from ropefit.diagnosis.with_accepted import with_both, with_it, with_known_past
 from ropefit.inference.least_squares import Fit
 
 MORE_ROUNDS = 4  # than effects: a restart, contact anew, one uncounted, one that sees what is left
+ENDED = "further candidates: not fitted, as the search had taken {} evaluations of the model"
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 
 
@@ -126,7 +127,7 @@ def search(
                 *anew, limits.threshold, len(scan.scores), rules, singles
             )
             continue
-        instead = partial(two_instead, threshold=limits.threshold, names=rules.effects)
+        instead = partial(_instead, rules, threshold=limits.threshold)
         if len(accepted) == most:
             crowded, two = one_more(nominal, accepted, scan, limits), accepted
             left = crowded or latent.evidence > latent.threshold
@@ -165,7 +166,9 @@ def search(
             current, accepted = with_it(again[0], current.problem, scan.sensitivities), again[1]
             compared = accepted  # with every pair, where there were more frames
             continue
-        candidates = best_of([*singles_of(slow=slow, known=[*begun, *from_known]), *leader])
+        spent = round_ > 0 and rules.spent(current)
+        fits = [] if spent else singles_of(slow=slow, known=[*begun, *from_known])
+        candidates = best_of([*fits, *leader])
         leader = []
         singles = singles if accepted else candidates
         progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
@@ -221,6 +224,8 @@ def search(
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
     assert limits is not None
+    if rules.spent(current):
+        refused.append(ENDED.format(current.problem.work.evaluations))
     if accepted:
         current, accepted = without_insignificant(last_fit(current), accepted, limits.threshold)
         current = with_own_motion(current)
@@ -234,6 +239,16 @@ def search(
 def _is_left(current: Fit) -> bool:
     """Return whether a rope at rest leaves more than noise, and more than elsewhere."""
     return current.forward.instantaneous and may_lack_more(current)
+
+
+def _instead(
+    rules: Rules, current: Fit, accepted: list[Accepted], *, threshold: float,
+    singles: Sequence[Candidate] = (), contact: float = 0.0,
+) -> tuple[Fit, list[Accepted]]:  # fmt: skip
+    """Return the same as `two_instead`, or what was given where the work is spent."""
+    if rules.spent(current):
+        return current, accepted
+    return two_instead(current, accepted, threshold, rules.effects, singles, contact)
 
 
 def _weighed_again(
@@ -251,8 +266,8 @@ def _weighed_again(
     left = may_lack_more(current)
     if left and alone and alone.candidate.hypothesis.key == accepted[0].candidate.hypothesis.key:
         return current, accepted, accepted
-    current, accepted = two_instead(
-        current, accepted, threshold, rules.effects, singles if left else ()
+    current, accepted = _instead(
+        rules, current, accepted, threshold=threshold, singles=singles if left else ()
     )
     return current, accepted, accepted if left or not singles else None
 

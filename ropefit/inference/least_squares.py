@@ -198,6 +198,7 @@ def fit(
     best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance, thorough))
     point, now, z = objective.at(best["u"])
     cost, status, nfev = best["summary"]
+    problem.work.add(int(nfev), objective.touches)
     jacobian, prior = objective.jacobian(best["u"]), objective.prior
     free = int((~prior.held).sum())
     freedom = max(len(z) - free, 1)

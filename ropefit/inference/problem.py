@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.noise import Noise
 
+WHERE_IT_TOUCHES = 2  # times as long an evaluation of a rope takes on which potentials act
+
+
+@dataclass
+class Work:
+    """How many evaluations of a model fits have taken: the same on every machine."""
+
+    evaluations: int = 0
+
+    def add(self, evaluations: int, touches: bool) -> None:
+        self.evaluations += evaluations * (WHERE_IT_TOUCHES if touches else 1)
+
 
 @dataclass(frozen=True)
 class FitProblem:
-    """The data of F frames, their noise, and the number of stations along the rope (of clouds).
+    """The data of F frames, their noise, and the number of stations along the rope (of clouds);
+    work: of all fits to them, to some of their frames and under other noise.
 
     Fits are compared only if they are of the same problem.
     """
@@ -20,6 +33,7 @@ class FitProblem:
     data: Data
     noise: Noise
     bins: int
+    work: Work = field(default_factory=Work, compare=False)
 
     def match(self, x: np.ndarray) -> Stations:
         """Return the stations of the data against the curve through nodes x (F, K, 3) [m]."""
