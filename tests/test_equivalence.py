@@ -14,11 +14,9 @@ from ropefit.effects import (
     BendingHysteresis,
     BendingLaw,
     ClampedEnd,
-    DistributedLoad,
     EndOffset,
     FollowerForce,
     ForceField,
-    GravityMisalignment,
     HalfSpace,
     Inertia,
     IntrinsicCurvature,
@@ -86,36 +84,6 @@ def test_a_measurement_error_is_first_unless_held_out_data_tell(mass, error, fir
         assert named.hypothesis.effect.name == first
         assert len(others) == 1
         assert others[0] is not named
-
-
-@pytest.mark.parametrize(
-    ("tilt", "behind", "first"),
-    [
-        (0.1, 0.0, "gravity_misalignment"),  # an error of levelling
-        (0.18, 0.0, "gravity_misalignment"),  # not significantly more than 10 degrees
-        (-0.25, 0.0, "distributed_load"),
-        (0.25, 1.4, "distributed_load"),  # as likely, by whatever its evidence is behind
-        (0.25, 3.2, "gravity_misalignment"),
-        (np.pi / 2, 0.0, "gravity_misalignment"),  # axes were confused
-    ],
-)
-def test_a_load_is_named_before_a_tilt_that_no_error_of_levelling_has(tilt, behind, first):
-    gravity = candidate(GravityMisalignment(), 40.0, 24.0)
-    gravity.values = lambda: np.array([0.01, tilt])
-    load = candidate(DistributedLoad(), 40.0 - 3 * behind, 24.0, likelihood=40.0 - behind)
-    field = candidate(ForceField(), 40.5, 24.0)
-    named, others = ordered(gravity, [field, load])
-    assert named.hypothesis.effect.name == first
-    assert len(others) == 2
-
-
-def test_a_tilt_beyond_levelling_is_not_named_before_a_likelier_load():
-    gravity = candidate(GravityMisalignment(), 40.0, 24.0)
-    gravity.values = lambda: np.array([0.0, 0.25])
-    load = candidate(DistributedLoad(), 40.5, 24.0)
-    assert ordered(load, [gravity])[0] is load
-    gravity.values = lambda: np.array([0.0, 0.1])
-    assert ordered(load, [gravity])[0] is gravity
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ from scipy.special import chdtri
 
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.nested import is_special_case
+from ropefit.effects import Effect
 from ropefit.effects.ends import end_next_to
 from ropefit.inference.verdict import NORMAL_QUANTILE
+from ropefit.models.terms import SIZE_PRIOR_SD
 
 TIE_NATS = 3.0
 SAME_SHARE, SAME_NATS = 0.98, 10.0  # of what the best explains, and so little behind
@@ -160,7 +162,7 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
     first = min(
         tied,
         key=lambda c: (
-            _is_physics(c) and _is_unusual(c),
+            _is_unusual(c),
             c.hypothesis.effect.stands_for_others,
             _number_of_values(c),
             not is_special_case(c.hypothesis.effect, general),
@@ -171,9 +173,12 @@ def _simplest_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, 
 
 
 def _is_unusual(one: Candidate) -> bool:
-    """Return whether its sizes are significantly such as they rarely are."""
-    least = np.maximum(np.abs(one.values()) - NORMAL_QUANTILE * one.sd(), 0.0)
-    return one.hypothesis.effect.unusual(least)
+    """Return whether a quantity is significantly further from zero than it mostly is."""
+    mostly = np.isin(one.term.names, one.hypothesis.effect.nearly_zero)
+    if not mostly.any():
+        return False
+    least = np.abs(one.values()) - NORMAL_QUANTILE * one.sd()
+    return bool((least > SIZE_PRIOR_SD * one.term.scale)[mostly].any())
 
 
 def _number_of_values(one: Candidate) -> int:
@@ -189,12 +194,7 @@ def _end_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[
     end = _end_beside(best)
     if end is None:
         return best, same
-
-    def of_that_end(one: Candidate) -> bool:
-        effect = one.hypothesis.effect
-        return (effect.locus, effect.kind, effect.end) == ("end", "physics", end)
-
-    return _preferred(best, same, of_that_end)
+    return _preferred(best, same, lambda e: (e.locus, e.kind, e.end) == ("end", "physics", end))
 
 
 def _end_beside(one: Candidate) -> int | None:
@@ -207,23 +207,15 @@ def _end_beside(one: Candidate) -> int | None:
 
 
 def _measurement_first(best: Candidate, same: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """Name the measurement first in a tie between physics and measurement, unless its error is
-    larger than such errors are: then the physics that is as likely."""
-    if _is_physics(best):
-        return _preferred(best, same, lambda c: not (_is_physics(c) or _is_unusual(c)))
-    if not _is_unusual(best):
+    """Name the measurement first in a tie between physics and measurement."""
+    if not _is_physics(best):
         return best, same
-
-    def as_likely(one: Candidate) -> bool:
-        broad = one.hypothesis.effect.stands_for_others
-        return _is_physics(one) and not broad and _less(one, best) < SAME_LIKELIHOOD
-
-    return _preferred(best, same, as_likely)
+    return _preferred(best, same, lambda e: e.kind == "measurement")
 
 
 def _preferred(
-    best: Candidate, same: list[Candidate], wanted: Callable[[Candidate], bool]
+    best: Candidate, same: list[Candidate], wanted: Callable[[Effect], bool]
 ) -> tuple[Candidate, list[Candidate]]:
-    """Name the first of the others that is wanted before the best one, if there is any."""
-    first = next(filter(wanted, same), best)
+    """Name the first of the others whose effect is wanted before the best one, if there is any."""
+    first = next((c for c in same if wanted(c.hypothesis.effect)), best)
     return first, [c for c in (best, *same) if c is not first]

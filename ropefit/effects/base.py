@@ -165,6 +165,9 @@ class Effect(ABC):
     calibration: ClassVar[Calibration | None] = None
     # Usual sizes beyond which a linear effect is refused: it stands for something else.
     implausible: ClassVar[float] = 30.0
+    # Quantities that are mostly within three usual sizes of zero: where one is significantly
+    # beyond, other effects that explain as much are named before.
+    nearly_zero: ClassVar[tuple[str, ...]] = ()
     # Counts against the number of effects that may be accepted.
     counted: ClassVar[bool] = True
     # Where it is accepted, a recording is explained down to noise.
@@ -205,10 +208,6 @@ class Effect(ABC):
     @abstractmethod
     def sentence(self, values: dict[str, float]) -> str:
         """Describe the effect, given quantities and place by name (arc_length, centre, width)."""
-
-    def unusual(self, least: np.ndarray) -> bool:
-        """Return whether sizes beyond these (n,) are rare: what explains as much is named first."""
-        return False
 
     def unseen(self, size: float) -> tuple[str, str]:
         """Return a topic, and a sentence about it where the effect was not found and
@@ -286,8 +285,10 @@ class Effect(ABC):
     def exported(
         self, values: dict[str, float], setup: Setup, nodes: int, beside: tuple[Any, ...]
     ) -> Exported:
-        """Return how the effect goes into a simulator: by default as a change of the rope. setup:
-        with the effect; nodes: of the exported rope; beside: what other effects have added."""
+        """Return how the effect goes into a simulator: by default as a change of the rope.
+
+        setup: with the effect; nodes: of the exported rope; beside: what other effects have added.
+        """
         return Exported(beside, in_rope=True)
 
     def exported_form(

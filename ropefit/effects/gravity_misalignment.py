@@ -13,7 +13,6 @@ from ropefit.rod.setup import Setup
 
 FAR_MISFIT = 0.02  # of the length, rms: a misfit beyond it may come from axes that were confused
 CONFUSED = 0.5  # rad: a smaller tilt the scan finds by itself
-LEVELLED = np.radians(10.0)  # a larger tilt is no error of levelling
 SMOOTHING = 1e-24  # rad²: keeps the quotient by the angle finite at zero
 
 
@@ -65,11 +64,6 @@ class GravityMisalignment(Effect):
         weight = setup.weight * setup.gravity / np.linalg.norm(setup.gravity)
         whole = weight + values * float(setup.properties.length.sum())
         return [[turning(setup.gravity, whole)]]
-
-    def unusual(self, least: np.ndarray) -> bool:
-        """Return whether a tilt is larger than an error of levelling, and not of axes that were
-        confused: these are turned by a quarter or a half turn."""
-        return bool(LEVELLED < np.linalg.norm(least) < CONFUSED)
 
     def sentence(self, values: dict[str, float]) -> str:
         size = (values["angle_1"] ** 2 + values["angle_2"] ** 2) ** 0.5

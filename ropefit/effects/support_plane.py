@@ -28,7 +28,6 @@ from ropefit.rod.setup import Setup
 
 PENETRATION_SD = 2.0  # noise sd by which the fitted rope must sink below the lowest data
 STEEPEST = 0.5  # slope
-LEVEL = 0.06  # slope of a table, at most
 LOWEST_SHARE = 0.05  # quantile of the frames' lowest points, at which the plane is proposed
 
 
@@ -37,6 +36,7 @@ class SupportPlane(Contact):
     its slope [1] along the two horizontal axes."""
 
     name = "support_plane"
+    nearly_zero = ("slope_1", "slope_2")  # tables are level
     quantities = (
         Quantity("height", "m", 0.1, by_length=1.0),
         Quantity("slope_1", "1", 0.02, -STEEPEST, STEEPEST),
@@ -54,9 +54,6 @@ class SupportPlane(Contact):
 
         flat = np.zeros(())
         return with_contact(setup, gap, touching(setup.segments), lambda x: (normal, flat))
-
-    def unusual(self, least: np.ndarray) -> bool:
-        return bool((least[1:] > LEVEL).any())
 
     def starts(self, misfit: Misfit) -> list[list[np.ndarray]]:
         """Propose the level of the lowest data, where the fitted rope sinks below it."""
