@@ -16,6 +16,7 @@ from ropefit.artifacts import Model, Observations
 from ropefit.artifacts.causes import Cause, Size
 from ropefit.diagnosis.rules import RULES
 from ropefit.fitting import controlled as handing_on
+from ropefit.fitting import diagnosed
 from ropefit.fitting import posed as problems
 from ropefit.fitting.controlled import controlled
 from ropefit.fitting.nominal import RIGIDITY_SD, nominal_terms
@@ -246,6 +247,23 @@ def test_a_nominal_run_that_was_not_diagnosed_is_asked_for(identified, monkeypat
             diagnose.diagnosed(inputs, DiagnoseSettings(nominal=True), context, RULES)
         assert ("point_mass" in caught.value.args[0]) is named
         assert len([line for line in said if "run `ropefit diagnose` on it" in line]) == asked
+
+
+def test_a_search_ends_after_the_evaluations_that_are_asked_for(identified, monkeypatch):
+    o, model = identified
+    one = SimpleNamespace(used=np.arange(4))
+
+    def search(nominal, seed, progress, rules):
+        raise Reached(rules.most_evaluations)
+
+    monkeypatch.setattr(diagnosed, "posed", lambda *_: SimpleNamespace(firm=lambda: (one, None)))
+    monkeypatch.setattr(diagnosed, "_unstable", lambda *_: [])
+    monkeypatch.setattr(diagnosed.engine, "search", search)
+    inputs = {Observations.file_name: o, Model.file_name: model}
+    for settings, most in ((DiagnoseSettings(), 1600), (DiagnoseSettings(evaluations=40), 40)):
+        with pytest.raises(Reached) as caught:
+            diagnose.diagnosed(inputs, settings, Context(), RULES)
+        assert caught.value.args == (most,)
 
 
 @pytest.mark.parametrize(

@@ -32,11 +32,13 @@ NOMINAL_DIAGNOSIS, NOMINAL_OBSERVATIONS = "nominal_diagnosis", "nominal_observat
 
 
 class DiagnoseSettings(StageSettings):
-    """seed of the replicates; most_frames used, evenly spread; nominal: another run's rope;
-    calibration: another run's camera and gravity; simulation: shapes of another simulator."""
+    """seed of the replicates; most_frames used, evenly spread; evaluations of the model at rest,
+    after which a search ends; nominal: another run's rope; calibration: another run's camera and
+    gravity; simulation: shapes of another simulator."""
 
     seed: int = 0
     most_frames: int = Field(default=48, ge=4)
+    evaluations: int = Field(default=1600, ge=1)
     nominal: bool = False
     calibration: bool = False
     simulation: bool = False

@@ -48,12 +48,19 @@ def diagnose(
             help="The most frames that are used, evenly spread.", rich_help_panel=OF_EXPERTS
         ),
     ] = 48,
+    evaluations: Annotated[
+        int,
+        typer.Option(
+            help="The evaluations of the model after which a search at rest ends.",
+            rich_help_panel=OF_EXPERTS,
+        ),
+    ] = 1600,
     force: Force = False,
 ) -> None:
     """Find where model and recording differ: the missing physics."""
     from ropefit.api import runs
 
-    settings = {"seed": seed, "most_frames": most_frames}
+    settings = {"seed": seed, "most_frames": most_frames, "evaluations": evaluations}
     context = session.context("diagnose")
     outcome = runs.diagnose(run, settings, context, nominal, calibration, force, simulation)
     session.result(show_diagnosis(session, outcome))

@@ -77,8 +77,8 @@ class Rules:
     scan_explains: share of the misfit that a scan explains in one place, above which the noise is
     measured without further fits. calibration: whether fits include calibration errors. noise:
     measured with its correlation, or assumed white. effects: names of those that are looked for;
-    None: all. most_evaluations: of the model at rest (`inference.problem.Work`), after which no
-    further candidates are fitted, nor two effects at once.
+    None: all. most_evaluations: of the model (`inference.problem.Work`), after which no further
+    candidates are fitted, nor two effects at once.
     """
 
     least_evidence: float = 6.0
@@ -92,13 +92,12 @@ class Rules:
     calibration: bool = True
     noise: Literal["measured", "white"] = "measured"
     effects: tuple[str, ...] | None = None
-    most_evaluations: int = 1600
+    most_evaluations: float = float("inf")
     selection: Selection = field(default_factory=Selection)
 
     def spent(self, current: Fit) -> bool:
-        """Return whether fits to a rope at rest have taken as many evaluations as they may."""
-        work = current.problem.work
-        return current.forward.instantaneous and work.evaluations > self.most_evaluations
+        """Return whether fits have taken more evaluations than they may."""
+        return current.problem.work.evaluations > self.most_evaluations
 
 
 RULES = Rules()

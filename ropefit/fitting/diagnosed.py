@@ -83,6 +83,7 @@ def at_rest(
         )
     dropped = _unstable(o, problem, firm[0], context)
     problem, nominal = firm
+    rules = replace(rules, most_evaluations=settings.evaluations)
     result = engine.search(nominal, settings.seed, context.progress, rules)
     edge = on_edge(result.final)  # with an effect, other frames may be near instability
     firm = problem.without(edge).firm() if edge.any() else None
