@@ -188,7 +188,7 @@ def test_files_on_which_libhdf5_never_returns(name: str) -> None:
     # What lies where the heap points to differs from process to process: most never end, some do.
     told = refused(path)
     assert "never ends" in told or "expected ropefit-observations" in told
-    assert time.monotonic() - started < 10
+    assert time.monotonic() - started < 30  # on a busy machine; without the limit it is for ever
     if name == "text":
         command = [sys.executable, "-m", "ropefit", "inspect", str(path)]
         result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
