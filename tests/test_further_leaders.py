@@ -17,6 +17,7 @@ from ropefit.diagnosis.full_scan import Scan, sensitivities
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.leaders import MOST_LEADERS
 from ropefit.diagnosis.mixed_pairs import two_instead
+from ropefit.diagnosis.rules import RULES
 from ropefit.effects import IntrinsicCurvature, PointMass, StiffSection
 from tests.concealed import recorded, rope
 from tests.test_calm import fitted
@@ -70,7 +71,7 @@ def test_two_strong_effects_where_each_alone_leaves_most():
     scores = Scan(nominal, lambda: sensitivities(nominal, [], NAMES)).scores
     singles = fit_candidates(nominal, scores, [], [], 6.0)
     assert singles[0].evidence < 100  # what each leaves is no noise
-    _, accepted = two_instead(nominal, [], 6.0, NAMES, singles)
+    _, accepted = two_instead(nominal, [], 6.0, replace(RULES, effects=NAMES), singles)
     values = {a.candidate.hypothesis.name: a.candidate.values() for a in accepted}
     assert set(values) == {"stiff_section", "point_mass"}
     assert values["stiff_section"] == pytest.approx(STIFF, rel=0.03)

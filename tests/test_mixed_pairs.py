@@ -48,7 +48,7 @@ def one_after_the_other(nominal, *starts):
 
 def test_two_kinds_take_the_place_of_what_stood_for_both(both):
     current, wrong = one_after_the_other(both, (Tether(), [0.01, 0.0, 0.0, 0.0, 0.45]))
-    found, accepted = two_instead(current, wrong, 6.0, NAMES)
+    found, accepted = two_instead(current, wrong, 6.0, replace(RULES, effects=NAMES))
     values = {a.candidate.hypothesis.name: a.candidate.values() for a in accepted}
     assert set(values) == {"point_mass", "stiff_section"}
     assert values["point_mass"] == pytest.approx(MASS, rel=0.15)
@@ -58,9 +58,15 @@ def test_two_kinds_take_the_place_of_what_stood_for_both(both):
 
 def test_what_is_right_stays(both):
     right = one_after_the_other(both, (StiffSection(), STIFF), (PointMass(), MASS))
-    assert two_instead(*right, 6.0, NAMES) == right
+    assert two_instead(*right, 6.0, replace(RULES, effects=NAMES)) == right
     clean = fitted(recorded(rope(288), seed=108))
-    assert two_instead(clean, [], 6.0, NAMES) == (clean, [])
+    assert two_instead(clean, [], 6.0, replace(RULES, effects=NAMES)) == (clean, [])
+
+
+def test_after_the_evaluations_that_it_may_take_a_search_compares_no_pairs(both, monkeypatch):
+    wrong = one_after_the_other(both, (Tether(), [0.01, 0.0, 0.0, 0.0, 0.45]))
+    monkeypatch.setattr(mixed_pairs, "scanned", lambda *_: pytest.fail("pairs were compared"))
+    assert two_instead(*wrong, 6.0, replace(RULES, effects=NAMES, most_evaluations=0)) == wrong
 
 
 def test_what_stands_for_another_gives_way_beside_what_is_right(both):

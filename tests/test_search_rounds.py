@@ -16,7 +16,7 @@ from ropefit.diagnosis.rules import RULES, Selection
 from ropefit.diagnosis.search import ENDED, search
 from ropefit.effects import Obstacle, PointMass, StiffSection, SupportPlane, Tether
 from ropefit.inference.least_squares import fit
-from ropefit.inference.problem import WHERE_IT_TOUCHES, Work
+from ropefit.inference.problem import POTENTIALS_COST, Work
 from tests.concealed import nominal_fit, recorded, with_effect
 
 
@@ -138,12 +138,12 @@ def test_evaluations_of_all_fits_to_some_data_are_counted():
     assert problem.work.evaluations == first + again.evaluations
     thread = Tether().apply(setup, np.array([0.05, 0.0, 0.0, -0.003, 0.6]))
     held = fit(type(nominal.forward)(thread, nominal.forward.terms), few, evaluations=3)
-    total = first + again.evaluations + WHERE_IT_TOUCHES * held.evaluations
+    total = first + again.evaluations + POTENTIALS_COST * held.evaluations
     assert problem.work.evaluations == total
 
 
 @pytest.mark.parametrize(("most", "effects"), [(0, 1), (RULES.most_evaluations, 2)])
-def test_where_the_work_is_spent_no_further_candidates_are_fitted(most, effects):
+def test_after_the_evaluations_that_it_may_take_a_search_fits_no_further_candidates(most, effects):
     """What the first round shows is named all the same."""
     setup = StiffSection().apply(with_effect(PointMass(), [0.03, 0.37]), np.array([0.5, 0.7, 0.2]))
     names = ("point_mass", "stiff_section")

@@ -38,6 +38,7 @@ from ropefit.diagnosis.nested import is_special_case
 from ropefit.diagnosis.pairs import PRIOR_SIZE, accepted_pair, fitted_pair, together
 from ropefit.diagnosis.proposals import Start
 from ropefit.diagnosis.reassessment import without_effects
+from ropefit.diagnosis.rules import Rules
 from ropefit.diagnosis.scan import Projection
 from ropefit.diagnosis.sensitivities import Sensitivity
 from ropefit.diagnosis.tied_pairs import with_ties
@@ -53,18 +54,18 @@ MOST_ALIKE = 3  # hypotheses fitted in place of one of a pair
 
 
 def two_instead(
-    current: Fit, accepted: list[Accepted], threshold: float, names: tuple[str, ...] | None,
+    current: Fit, accepted: list[Accepted], threshold: float, rules: Rules,
     singles: Sequence[Candidate] = (), contact: float = 0.0,
 ) -> tuple[Fit, list[Accepted]]:  # fmt: skip
     """Return a model with two effects of different kinds and these, in place of the accepted ones,
     where they are better together by more than a tie; else what was given, with its ties.
 
-    accepted: two at most. names: of the effects that are looked for; None: all. singles: fits of
-    one effect each on top of the model without any. contact: log evidence [nats] of contact beside
-    the accepted one, with which pairs compete.
+    accepted: two at most. rules: which effects are looked for, and the number of evaluations after
+    which none are. singles: fits of one effect each on top of the model without any. contact: log
+    evidence [nats] of contact beside the accepted one, with which pairs compete.
     """
-    held = [a.candidate for a in accepted]
-    if any(c.hypothesis.effect.slow for c in held):
+    held, names = [a.candidate for a in accepted], rules.effects
+    if rules.exhausted(current) or any(c.hypothesis.effect.slow for c in held):
         return current, accepted
     base = without_effects(current, *held) if held else current
     if base is None:

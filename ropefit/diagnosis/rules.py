@@ -95,7 +95,7 @@ class Rules:
     most_evaluations: float = float("inf")
     selection: Selection = field(default_factory=Selection)
 
-    def spent(self, current: Fit) -> bool:
+    def exhausted(self, current: Fit) -> bool:
         """Return whether fits have taken more evaluations than they may."""
         return current.problem.work.evaluations > self.most_evaluations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -127,7 +127,7 @@ def search(
                 *anew, limits.threshold, len(scan.scores), rules, singles
             )
             continue
-        instead = partial(_instead, rules, threshold=limits.threshold)
+        instead = partial(two_instead, threshold=limits.threshold, rules=rules)
         if len(accepted) == most:
             crowded, two = one_more(nominal, accepted, scan, limits), accepted
             left = crowded or latent.evidence > latent.threshold
@@ -166,8 +166,8 @@ def search(
             current, accepted = with_it(again[0], current.problem, scan.sensitivities), again[1]
             compared = accepted  # with every pair, where there were more frames
             continue
-        spent = round_ > 0 and rules.spent(current)
-        fits = [] if spent else singles_of(slow=slow, known=[*begun, *from_known])
+        ended = round_ > 0 and rules.exhausted(current)
+        fits = [] if ended else singles_of(slow=slow, known=[*begun, *from_known])
         candidates = best_of([*fits, *leader])
         leader = []
         singles = singles if accepted else candidates
@@ -224,7 +224,7 @@ def search(
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
     assert limits is not None
-    if rules.spent(current):
+    if rules.exhausted(current):
         refused.append(ENDED.format(current.problem.work.evaluations))
     if accepted:
         current, accepted = without_insignificant(last_fit(current), accepted, limits.threshold)
@@ -239,16 +239,6 @@ def search(
 def _is_left(current: Fit) -> bool:
     """Return whether a rope at rest leaves more than noise, and more than elsewhere."""
     return current.forward.instantaneous and may_lack_more(current)
-
-
-def _instead(
-    rules: Rules, current: Fit, accepted: list[Accepted], *, threshold: float,
-    singles: Sequence[Candidate] = (), contact: float = 0.0,
-) -> tuple[Fit, list[Accepted]]:  # fmt: skip
-    """Return the same as `two_instead`, or what was given where the work is spent."""
-    if rules.spent(current):
-        return current, accepted
-    return two_instead(current, accepted, threshold, rules.effects, singles, contact)
 
 
 def _weighed_again(
@@ -266,9 +256,7 @@ def _weighed_again(
     left = may_lack_more(current)
     if left and alone and alone.candidate.hypothesis.key == accepted[0].candidate.hypothesis.key:
         return current, accepted, accepted
-    current, accepted = _instead(
-        rules, current, accepted, threshold=threshold, singles=singles if left else ()
-    )
+    current, accepted = two_instead(current, accepted, threshold, rules, singles if left else ())
     return current, accepted, accepted if left or not singles else None
 
 

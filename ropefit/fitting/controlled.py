@@ -23,9 +23,10 @@ def controlled(
     """Return a rope as it is handed on to a recording, and the nominal model as fitted to the one
     it is known from; None where there is none of markers, or the two know different weights.
 
-    What is missed there counts without the frames at the edge of stability, as here. What was found
-    beside the rope there is not handed on: without it, more is missed. Where the rope's values were
-    fitted beside that, and miss much without it, the rope is taken as it was identified.
+    Where nothing was found, what is missed there counts without the frames at the edge of
+    stability, as here. What was found beside the rope there is not handed on: without it, more is
+    missed. Where the rope's values were fitted beside that, and miss much without it, the rope is
+    taken as it was identified.
     """
     there = context.external.get(NOMINAL_OBSERVATIONS)
     if there is None or not rope.elsewhere or {there.source, o.source} != {"markers"}:
@@ -36,15 +37,14 @@ def controlled(
     if fitted is None:
         return rope, None
     missed = float(np.sqrt((fitted.stations.residual**2).sum(axis=1).mean()))
+    identified = rope.model.nominal.rms_fit
     if found is None or not found.causes:
-        least = min(rope.model.nominal.rms_fit, missed)
-        return replace(rope, model=_missing(rope.model, least)), fitted
+        return replace(rope, model=_missing(rope.model, min(identified, missed))), fitted
     most = UNLIKE_ELSEWHERE**0.5 * found.rms_after
     if all(effect_of(cause).of_rope for cause in found.causes.values()):
         return rope, fitted
     if missed <= most:
-        most = max(rope.model.nominal.rms_fit, missed)
-        return replace(rope, model=_missing(rope.model, most)), fitted
+        return replace(rope, model=_missing(rope.model, max(identified, missed))), fitted
     context.say(
         "warning: what was found in the nominal run is not of the rope alone, and with that of the "
         f"rope alone its own recording is missed by {1e3 * missed:.1f} mm: the rope is taken as "

@@ -9,17 +9,17 @@ import numpy as np
 from ropefit.inference.bins import Data, Stations, match
 from ropefit.inference.noise import Noise
 
-WHERE_IT_TOUCHES = 2  # times as long an evaluation of a rope takes on which potentials act
+POTENTIALS_COST = 2  # evaluations without potentials, which take as long as one with them
 
 
 @dataclass
 class Work:
-    """How many evaluations of a model fits have taken: the same on every machine."""
+    """How many evaluations of a model fits have taken, however fast the machine is."""
 
     evaluations: int = 0
 
-    def add(self, evaluations: int, touches: bool) -> None:
-        self.evaluations += evaluations * (WHERE_IT_TOUCHES if touches else 1)
+    def add(self, evaluations: int, potentials: bool) -> None:
+        self.evaluations += evaluations * (POTENTIALS_COST if potentials else 1)
 
 
 @dataclass(frozen=True)
