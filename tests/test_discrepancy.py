@@ -91,6 +91,16 @@ def test_what_frames_share_misleads_by_its_share_however_many_they_are():
     assert misled(s, lever, 0.0)[0] == pytest.approx(ALIGNED * 0.01 / BINS)
 
 
+def test_what_is_beyond_the_sensors_noise_misleads():
+    """The noise itself averages out, and is in the covariance."""
+    s = stations()
+    s.residual[:] = 1e-3 * np.random.default_rng(8).choice([-1.0, 1.0], s.residual.shape)
+    lever = np.full((1, *s.residual.shape), 1 / s.residual.size)
+    assert misled(s, lever, 0.0, sensor=0.8e-3)[0] == pytest.approx(ALIGNED * 0.6e-3)
+    assert misled(s, lever, 0.0, sensor=1.1e-3)[0] == 0.0
+    assert misled(s, lever, 1.25e-3, sensor=1e-3)[0] == pytest.approx(ALIGNED * 0.75e-3)
+
+
 def test_a_noise_far_above_the_sensors_is_a_misfit():
     assert Noise(marker=3e-3, sensor=1e-3).misfit
     assert not Noise(marker=1.2e-3, sensor=1e-3).misfit

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -138,6 +140,35 @@ def test_the_rope_and_its_markers_are_handed_on_and_what_holds_it_is_not(pair):
     assert joined(here) == {"EI", rest_curve.SHORT, "rigidity", "off_axis"}
     assert [t.name for t in here.terms] == [t.name for t in there.terms]
     assert joined(there) == set()
+
+
+def test_what_is_known_elsewhere_misleads_by_what_its_model_misses(pair):
+    """Also where that is little more than noise; by noise alone intervals are narrower."""
+    o, rope, _, control = pair
+    found = posed(o, rope, SETTINGS, control=control).fitted()
+    assert found.known_elsewhere
+    assert not control.known_elsewhere
+    sensor = found.problem.noise.marker / 1.2
+    known = replace(found.problem, noise=replace(found.problem.noise, sensor=sensor))
+    little = replace(found, problem=known, z=found.z / found.scale, spread=1.0)
+    assert not little.misses
+    ratio = little.sd() / np.sqrt(np.diag(little.by_noise))
+    assert ratio.max() > 1.5
+    nothing = replace(little, problem=replace(known, noise=replace(known.noise, sensor=1.0)))
+    assert nothing.sd() == pytest.approx(np.sqrt(np.diag(nothing.by_noise)), rel=1e-6)
+    assert (nothing.sd() <= little.sd() + 1e-12).all()
+
+
+def test_the_noise_of_the_other_recording_is_no_more_than_neighbouring_poses_repeat(pair):
+    """What is measured beside a wrong nominal model is in part what that misses."""
+    o, rope, _, _ = pair
+    told: Any = SimpleNamespace(noise_white=2.4e-3, noise_repeated=1.1e-3, known={}, causes={})
+    there = replace(rope, found=told)
+    assert posed(o, there, SETTINGS).problem.noise.sensor == pytest.approx(1.1e-3 / 3**0.5)
+    told.noise_repeated = None
+    own = posed(o, replace(rope, found=None), SETTINGS).problem.noise.sensor
+    wanted = min(2.4e-3 / 3**0.5, own)
+    assert posed(o, there, SETTINGS).problem.noise.sensor == pytest.approx(wanted)
 
 
 def test_offsets_of_markers_elsewhere_on_the_rope_are_their_own(pair):

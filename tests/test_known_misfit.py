@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from ropefit.diagnosis import verdicts
-from ropefit.diagnosis.candidate import fit_candidate
+from ropefit.diagnosis.accepted import Accepted
+from ropefit.diagnosis.candidate import Candidate, fit_candidate
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.unexplained import may_lack_more
 from ropefit.diagnosis.verdicts import verdict_of
-from ropefit.effects import FollowerForce, WallField, WeightError
+from ropefit.effects import Effect, FollowerForce, WallField, WeightError
+from ropefit.effects.bending_law import BendingLaw
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
 from tests.concealed import nominal_fit, recorded, rope
@@ -61,17 +63,32 @@ def test_noise_that_is_larger_than_told_is_no_sign_of_a_cause():
      (WeightError, 4.0, "found")],
 )  # fmt: skip
 def test_a_force_that_can_stand_for_much_else_must_leave_little(effect, missed, said, monkeypatch):
-    accepted: Any = SimpleNamespace(
-        candidate=SimpleNamespace(hypothesis=SimpleNamespace(effect=effect()))
-    )
-    was: Any = SimpleNamespace(z=np.full(800, 20.0))
+    monkeypatch.setattr(verdicts, "heldout_rms", lambda *_: (1e-3 * missed, 1e-3))
+    monkeypatch.setattr(verdicts, "not_possible", lambda *_: "")
+    assert beside(effect(), []) == said
+
+
+def test_what_ends_where_it_is_not_possible_is_not_said_to_be_found(monkeypatch):
+    """It was accepted with other values, from which the last fit went on."""
+    monkeypatch.setattr(verdicts, "not_possible", lambda *_: "")
+    assert beside(BendingLaw(), []) == "found"
+    monkeypatch.setattr(verdicts, "not_possible", lambda one, final: f"at a bound in {one.fit.z}")
+    refused: list[str] = []
+    assert beside(BendingLaw(), refused) == "unknown"
+    assert refused == ["bending_law: at a bound in [1. 1.]"]
+
+
+def beside(effect: Effect, refused: list[str]) -> str:
+    """What is said of a rope at rest of which an effect leaves only noise."""
+    found: Any = None  # what it was before the last fit
+    own = Candidate(Hypothesis(effect, NO_PLACE), found, found, 50.0, np.zeros(0))
+    was: Any = SimpleNamespace(z=np.full(2, 20.0))
     final: Any = SimpleNamespace(
-        z=np.full(800, 1.0), spread=1.0, problem=SimpleNamespace(noise=Noise()),
+        z=np.ones(2), spread=1.0, problem=SimpleNamespace(noise=Noise()),
         forward=SimpleNamespace(instantaneous=True, terms=[]),
     )  # fmt: skip
-    monkeypatch.setattr(verdicts, "heldout_rms", lambda *_: (1e-3 * missed, 1e-3))
     latent: Any = SimpleNamespace(evidence=0.0, threshold=10.0)
-    assert verdict_of(was, final, [accepted], latent, False, []) == said
+    return verdict_of(was, final, [Accepted(own, [], 50.0, 0.0)], latent, False, refused)
 
 
 def test_a_rope_eight_times_as_heavy_as_stated_is_a_plausible_error_of_its_weight():

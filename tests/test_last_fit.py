@@ -21,7 +21,7 @@ from ropefit.effects import (
     PointMass,
     WeightError,
 )
-from ropefit.inference.least_squares import attempted, fit
+from ropefit.inference.least_squares import Fit, attempted, fit
 from ropefit.inference.noise import Noise
 from ropefit.inference.objective import LEFT
 from ropefit.inference.problem import FitProblem
@@ -87,11 +87,29 @@ def test_a_weight_beside_an_error_of_gravity_may_be_that_beside_a_load(loaded):
     assert error is not None
     tilted = [Accepted(error, [load], 0.0, 1.0), Accepted(mass, [], 0.0, 1.0)]
     # As good only if that is so in data: here the weight tilts with gravity, and does not fit.
-    ((item, beside),) = alternatives(error.fit, tilted)
+    ((item, beside),) = alternatives(error.fit, tilted, 6.0)
     assert item is tilted[0]
     assert beside.cost < error.fit.cost
     assert replace(mass, fit=beside).values()[0] == pytest.approx(MASS, rel=0.04)
-    assert not alternatives(error.fit, tilted[1:])
+    assert not alternatives(error.fit, tilted[1:], 6.0)
+
+
+def test_beside_an_effect_of_little_evidence_there_is_also_what_holds_without_it(
+    loaded, monkeypatch
+):
+    """On a rope that is known only up to what its model misses."""
+    effects, fitted = loaded
+    accepted = [Accepted(one, [], 0.0, 1.0) for one in effects]
+    assert not alternatives(fitted, accepted, 1e6)  # the rope is not known from elsewhere
+    assert fitted.covariance is not None  # as of a rope by itself
+    monkeypatch.setattr(Fit, "known_elsewhere", property(lambda one: one is fitted))
+    assert not alternatives(fitted, accepted, 6.0)  # both are beyond doubt
+    without = alternatives(fitted, accepted, 1e6)
+    assert [item for item, _ in without] == accepted
+    for item, beside in without:
+        assert item.candidate.term not in beside.forward.terms
+        assert beside.cost > fitted.cost
+        assert beside.converged
 
 
 def test_intervals_hold_both_of_two_fits(loaded):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ropefit.adapters.diagnosis_content import holding_both, sizes_of
+from ropefit.adapters.diagnosis_content import _stretch, holding_both, sizes_of
 from ropefit.diagnosis import open_places
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import columns_of, fit_candidate
@@ -72,6 +72,31 @@ def test_where_the_place_is_open_the_size_is_fitted_at_both_ends_of_its_interval
     sizes = sizes_of(candidate, candidate.values(), candidate.sd())
     both = holding_both(sizes, low.of(candidate))
     assert both["mass"].ci95 != sizes["mass"].ci95
+
+
+def test_an_effect_is_not_held_where_it_would_be_implausibly_large(weighted, monkeypatch):
+    candidate = weighted.candidate
+    place = columns_of(candidate.fit, candidate.term)[-1]
+    wide = as_if(candidate.fit, place, 0.12 * LENGTH / 1.96 / candidate.term.scale[-1])
+    monkeypatch.setattr(open_places, "NO_WORSE", np.inf)
+    assert held_places(wide, [weighted])
+    monkeypatch.setattr(PointMass, "implausible", 1e-3 * candidate.usual_sizes().max())
+    assert held_places(wide, [weighted]) == []
+
+
+def test_the_place_of_a_point_holds_also_what_it_is_beside_other_effects():
+    def at(place: float, sd: float) -> Any:
+        return SimpleNamespace(
+            hypothesis=SimpleNamespace(effect=PointMass()),
+            values=lambda: np.array([MASS, place]),
+            sd=lambda: np.array([1e-4, sd]),
+        )
+
+    layout: Any = SimpleNamespace(first=0.1, length=LENGTH)
+    alone = _stretch(at(0.5, 0.01), {}, [], layout)
+    assert alone == pytest.approx((0.1 + 0.5 - 0.0196, 0.1 + 0.5 + 0.0196), abs=1e-5)
+    both = _stretch(at(0.5, 0.01), {}, [at(0.6, 0.02)], layout)
+    assert both == pytest.approx((alone[0], 0.1 + 0.6 + 0.0392), abs=1e-5)
 
 
 @pytest.fixture(scope="module")

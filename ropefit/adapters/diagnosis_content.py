@@ -169,17 +169,18 @@ def _cause(o: Observations, item: engine.Accepted, d: engine.Diagnosis, layout: 
     values, sd = candidate.values(), candidate.sd()
     named = dict(zip(effect.names, (float(v) for v in values), strict=True))
     law, parameters = law_of(o, candidate, last), sizes_of(candidate, values, sd)
-    for of, fitted in d.alternatives:
-        if of is not item:  # what else may stand in the place of another effect
-            parameters = holding_both(parameters, replace(candidate, fit=fitted))
-    for held in d.held_places:
-        parameters = holding_both(parameters, held.of(candidate))
+    # What else may stand in the place of another effect, or nothing.
+    beside = [replace(candidate, fit=fitted) for of, fitted in d.alternatives if of is not item]
+    held = [(held.term is candidate.term, held.of(candidate)) for held in d.held_places]
+    for other in (*beside, *(there for _, there in held)):
+        parameters = holding_both(parameters, other)
+    elsewhere = [*beside, *(there for own, there in held if not own)]
     return Cause(
         name=effect.name,
         kind=effect.kind,
         variant=type(effect).__name__,
         end=effect.end if effect.locus == "end" else None,
-        arc_length=_stretch(candidate, named, sd, layout),
+        arc_length=_stretch(candidate, named, elsewhere, layout),
         frames=_acting(item.candidate, layout),
         parameters=parameters,
         values=values,
@@ -195,14 +196,15 @@ def _cause(o: Observations, item: engine.Accepted, d: engine.Diagnosis, layout: 
 
 
 def _stretch(
-    candidate: Candidate, named: dict[str, float], sd: np.ndarray, layout: Layout
+    candidate: Candidate, named: dict[str, float], elsewhere: list[Candidate], layout: Layout
 ) -> tuple[float, float] | None:
-    """Return where it acts [m]: an interval as fitted, a point with its confidence interval."""
+    """Return where it acts [m]: an interval as fitted, a point with its confidence interval; also
+    as that is beside other effects, elsewhere."""
     first, length = layout.first, layout.length
     effect = candidate.hypothesis.effect
     if effect.locus == "point":
-        half = half_interval(float(sd[-1]), length)
-        low, high = named["arc_length"] - half, named["arc_length"] + half
+        ends = np.array([_place(one, length) for one in (candidate, *elsewhere)])
+        low, high = ends[:, 0].min(), ends[:, 1].max()
     elif effect.locus == "interval":
         low = named["centre"] - named["width"] / 2
         high = named["centre"] + named["width"] / 2
@@ -212,6 +214,12 @@ def _stretch(
         low, high = 0.0, length
     low, high = np.clip((low, high), 0, length)
     return first + float(low), first + float(high)
+
+
+def _place(candidate: Candidate, length: float) -> tuple[float, float]:
+    """Return the confidence interval of the place of a point [m]."""
+    place, half = float(candidate.values()[-1]), half_interval(float(candidate.sd()[-1]), length)
+    return place - half, place + half
 
 
 def _acting(candidate: Candidate, layout: Layout) -> np.ndarray:

@@ -51,7 +51,7 @@ def first_acceptable(
 
 def refusal(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate is not accepted; empty if it is."""
-    why = _not_possible(candidate, current)
+    why = not_possible(candidate, current)
     if not why and not significant(candidate):
         return "its size is not significantly different from zero"
     return why or _not_supported(candidate, current)
@@ -60,10 +60,10 @@ def refusal(candidate: Candidate, current: Fit) -> str:
 def ruled_out(candidate: Candidate, current: Fit) -> bool:
     """Return whether a candidate with much evidence is not what is there: it is not possible, or
     not supported by held-out data. How well its own size is known does not matter."""
-    return bool(_not_possible(candidate, current) or _not_supported(candidate, current))
+    return bool(not_possible(candidate, current) or _not_supported(candidate, current))
 
 
-def _not_possible(candidate: Candidate, current: Fit) -> str:
+def not_possible(candidate: Candidate, current: Fit) -> str:
     """Return why a candidate's values cannot be; empty if they can."""
     if not candidate.plausible():
         return "larger than anything plausible"

@@ -1,16 +1,18 @@
-"""What else may stand in the place of one of two effects, and what the other one then is.
+"""What else may stand in the place of one of two effects, or nothing, and what the other then is.
 
 A load across the rope and an error of gravity may explain as much, but a weight beside the one is
 not the weight beside the other. Where the data do not tell which it is, the intervals of the other
-effect's sizes hold for both.
+effect's sizes and place hold for both. So they do without a second effect of little evidence on a
+rope that is known from another recording only up to what its model misses.
 """
 
 from __future__ import annotations
 
 from ropefit.diagnosis.accepted import Accepted
-from ropefit.diagnosis.equivalence import TIE_NATS
+from ropefit.diagnosis.candidate import comparable, compared
+from ropefit.diagnosis.equivalence import BY_MISFIT, TIE_NATS
 from ropefit.diagnosis.last_fit import last_fit
-from ropefit.diagnosis.reassessment import fitted_again, parts_of
+from ropefit.diagnosis.reassessment import fitted_again, needed, parts_of, without_effects
 from ropefit.inference.least_squares import Fit
 
 ALTERNATIVES_TRIED = 1  # tried in the place of one effect
@@ -18,9 +20,10 @@ ALTERNATIVES_TRIED = 1  # tried in the place of one effect
 Alternative = tuple[Accepted, Fit]
 
 
-def alternatives(current: Fit, accepted: list[Accepted]) -> list[Alternative]:
+def alternatives(current: Fit, accepted: list[Accepted], threshold: float) -> list[Alternative]:
     """Return accepted effects, each with the fit of something equivalent in its place beside the
-    others, that explains as much."""
+    others, that explains as much; and with that of nothing in its place, where its evidence is as
+    good as `threshold` [nats], that from which effects are accepted."""
     if len(accepted) < 2 or not current.forward.instantaneous:
         return []
     out = []
@@ -36,4 +39,23 @@ def alternatives(current: Fit, accepted: list[Accepted]) -> list[Alternative]:
                 continue
             if fitted.cost < current.cost + 2 * TIE_NATS * max(1.0, current.spread):
                 out.append((item, last_fit(fitted)))
+        without = _without(current, accepted, item, threshold) if current.known_elsewhere else None
+        if without is not None:
+            out.append((item, without))
     return out
+
+
+def _without(
+    current: Fit, accepted: list[Accepted], item: Accepted, threshold: float
+) -> Fit | None:
+    """Return the fit without an effect; None where its evidence is beyond doubt, or another effect
+    needs it."""
+    others = [one.candidate for one in accepted if one is not item]
+    if item.candidate.hypothesis.effect.slow or needed(current, item.candidate, others):
+        return None
+    without = without_effects(current, item.candidate)
+    if without is None or not comparable(current, without):
+        return None
+    without = last_fit(without)
+    now = compared(item.candidate.hypothesis, item.candidate.term, without, current)
+    return without if now.evidence < BY_MISFIT * threshold else None

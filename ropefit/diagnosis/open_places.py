@@ -51,7 +51,8 @@ def half_interval(sd: float, length: float) -> float:
 
 def held_places(final: Fit, accepted: list[Accepted]) -> list[HeldPlace]:
     """Return the fits of a rope at rest with every open place held at the ends of its interval, or
-    half the way there, that are not significantly worse than the last."""
+    half the way there, that are not significantly worse than the last; not where the effect would
+    have to be implausibly large, as a force next to a clamp."""
     if not final.forward.instantaneous:
         return []
     return [held for item in accepted for held in _of(final, item.candidate)]
@@ -64,7 +65,8 @@ def _of(final: Fit, candidate: Candidate) -> Iterator[HeldPlace]:
     now = replace(candidate, fit=final)
     for begin, end in _elsewhere(now, float(final.point.setup.properties.length.sum())):
         every = (_held(final, now.term, begin + share * (end - begin)) for share in SHARES)
-        best = next((held for held in every if held is not None), None)
+        possible = (held for held in every if held and held.of(candidate).plausible())
+        best = next(possible, None)
         if best is not None:
             yield best
 

@@ -38,7 +38,7 @@ def reassessed(
         if one is accepted[-1] and not changed:
             break
         after = [f.candidate for f in accepted[index + 1 :]]
-        if _needed(current, one.candidate, after):
+        if needed(current, one.candidate, after):
             continue
         without = without_effects(current, one.candidate)
         if without is None or not comparable(current, without):
@@ -98,7 +98,7 @@ def without_insignificant(
         if len(out) == 1 or significant(replace(one.candidate, fit=current)):
             continue
         others = [f.candidate for f in out if f is not one]
-        if _needed(current, one.candidate, others):
+        if needed(current, one.candidate, others):
             continue
         without = without_effects(current, one.candidate)
         if without is None or not comparable(current, without):
@@ -124,7 +124,7 @@ def _with_their_like(
     return best_of([*candidates, *fitted])
 
 
-def _needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:
+def needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:
     """Return whether a later effect needs a candidate's, as friction needs contact."""
     rest = [part for part in parts_of(current) if part[0] is not candidate.term]
     values = [term.value(u) for term, u in rest]

@@ -69,7 +69,7 @@ class Diagnosis:
     @cached_property
     def alternatives(self) -> list[Alternative]:
         """Return what else may stand in the place of one effect, beside the others."""
-        return alternatives(self.final, self.accepted)
+        return alternatives(self.final, self.accepted, self.threshold)
 
     @cached_property
     def held_places(self) -> list[HeldPlace]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ropefit.diagnosis.acceptance import (
     BEYOND_SENSOR,
     MOST_RMS_RATIO_IN_MOTION,
     far_beyond_sensor,
+    not_possible,
 )
 from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.full_scan import Scan
@@ -45,9 +48,14 @@ def verdict_of(
     refused: list[str],
 ) -> str:  # fmt: skip
     """Return none, found or unknown. crowded: more effects would be needed than may be accepted;
-    refused: candidates that were not accepted, and why."""
+    refused: candidates that were not accepted, and why; to it goes what is not possible as it was
+    fitted last."""
     explained = _explained(nominal, final, accepted)
-    if crowded or _stands_for_another(final, accepted):
+    # Beside later effects, and fitted to the end, values may be what would not have been accepted.
+    candidates = [replace(one.candidate, fit=final) for one in accepted]
+    reasons = [(one.hypothesis.name, not_possible(one, final)) for one in candidates]
+    refused += [f"{name}: {why}" for name, why in reasons if why]
+    if crowded or any(why for _, why in reasons) or _stands_for_another(final, accepted):
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"

@@ -17,7 +17,7 @@ from ropefit.adapters.rope_setup import (
     segments_for,
 )
 from ropefit.adapters.settings import DiagnoseSettings
-from ropefit.adapters.taken_over import TakenOver, of_rope
+from ropefit.adapters.taken_over import TakenOver, noise_there, of_rope
 from ropefit.artifacts import Diagnosis, Model, Observations
 from ropefit.diagnosis.noise_measurement import on_edge
 from ropefit.fitting.free_law import own_laws
@@ -136,7 +136,7 @@ def _measured_there(rope: KnownRope, o: Observations) -> float:
     of few frames is an upper bound."""
     if not o.noise_bounded:
         return np.inf
-    measured = rope.found.noise_white if rope.found else np.inf
+    measured = noise_there(rope.found) if rope.found else np.inf
     return min(measured, rope.model.nominal.rms_fit) / 3**0.5
 
 

@@ -45,21 +45,23 @@ def inflation_of_repeated(z: np.ndarray, repeats: float, free: int) -> float:
     return max(float(z @ z) / max(len(z) / repeats - free, 1.0), 1.0)
 
 
-def misled(s: Stations, lever: np.ndarray, least: float) -> np.ndarray:
+def misled(s: Stations, lever: np.ndarray, least: float, sensor: float = 0.0) -> np.ndarray:
     """Return (P,) one sigma of the errors of estimates by what their model misses of markers at
     rest (model inadequacy: Kennedy & O'Hagan 2001).
 
     lever (P, M, D) [1/m]: how far an error of each sample moves each estimate; least [m]: rms of
-    what is missed, at least. The part of the misfit that an estimate takes for its own is not seen
-    in the residual; `ALIGNED` is from 26 pairs of recordings of simulated cables with friction,
-    sharp bends and unknown weights (seeds 1 to 22 and 101 to 108).
+    what is missed, at least; sensor [m]: noise of a marker by itself, which is in it and averages
+    out, if that is known. The part of the misfit that an estimate takes for its own is not seen in
+    the residual; `ALIGNED` is from 26 pairs of recordings of simulated cables with friction, sharp
+    bends and unknown weights (seeds 1 to 22 and 101 to 108).
     """
     size = np.zeros_like(s.residual)
     for place in np.unique(s.bin):
         mine = s.bin == place
         size[mine] = np.sqrt((s.residual[mine] ** 2).mean(axis=0))
     size *= max(1.0, least / max(float(np.sqrt((s.residual**2).mean())), 1e-12))
-    return ALIGNED * np.einsum("pmd,md->p", np.abs(lever), size)
+    missed = np.sqrt(np.maximum(size**2 - sensor**2, 0.0))
+    return ALIGNED * np.einsum("pmd,md->p", np.abs(lever), missed)
 
 
 def orders(s: Stations, seen: np.ndarray) -> list[np.ndarray]:

@@ -80,6 +80,13 @@ class Fit:
         at_rest = self.problem.data.material and self.forward.instantaneous
         return at_rest and (self.problem.noise.misfit or self.scale > MISFIT)
 
+    @property
+    def known_elsewhere(self) -> bool:
+        """Return whether the rope is known from another recording of its markers at rest: what that
+        knows of it holds here up to what its model misses."""
+        at_rest = self.problem.data.material and self.forward.instantaneous
+        return at_rest and bool(self.prior.together)
+
     @cached_property
     def left_to_gain(self) -> float:
         """Return by how much a linear step lowers χ², as large as noise makes it: of a fit that has
@@ -105,7 +112,7 @@ class Fit:
         wide as the broad prior of the effects' sizes.
         """
         prior = self.prior.with_broad(self.forward.broad())
-        if not self.misses:
+        if not (self.misses or self.known_elsewhere):
             return self._widened(self._by_noise(prior))
         basis, jacobian, held = self._basis, self.jacobian, prior.information
         if basis is not None:
@@ -113,9 +120,13 @@ class Fit:
         data, s = jacobian.T @ jacobian, self.stations
         inverse = np.linalg.pinv(data + held, rcond=1e-14)
         lever = inverse @ self.whitener.weighted(jacobian).T
-        noise = data * max(self.scale**2, 1.0) / self.problem.noise.repeats
+        told = self.problem.noise
+        # Of a rope that is known from elsewhere the sensor's noise is known beside what is missed.
+        sensor = told.sensor if self.known_elsewhere else 0.0
+        fresh = max(max(self.scale**2, 1.0) / told.repeats, min((sensor / told.marker) ** 2, 1.0))
+        noise = data * fresh
         out = inverse @ (noise + held) @ inverse
-        bias = misled(s, lever.reshape(-1, *s.residual.shape), self.problem.noise.marker)
+        bias = misled(s, lever.reshape(-1, *s.residual.shape), told.marker, sensor)
         wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
         out = wider[:, None] * out * wider
         return out if basis is None else basis.covariance(out)
