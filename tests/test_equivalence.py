@@ -285,8 +285,8 @@ def test_what_contains_the_named_effect_is_told_if_it_is_significantly_likelier(
 
 def test_how_well_its_size_is_known_refuses_a_candidate_but_does_not_rule_it_out(monkeypatch):
     mass, without = candidate(PointMass(), 57.0, 24.0), cast(Any, None)
-    for missing in ("", "_not_possible", "_not_supported"):
-        for name in ("_not_possible", "_not_supported"):
+    for missing in ("", "not_possible", "_not_supported"):
+        for name in ("not_possible", "_not_supported"):
             why = "why" if name == missing else ""
             monkeypatch.setattr(acceptance, name, lambda one, fit, why=why: why)
         for significance in (1.2, 5.0):

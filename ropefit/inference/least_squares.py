@@ -123,8 +123,8 @@ class Fit:
         told = self.problem.noise
         # Of a rope that is known from elsewhere the sensor's noise is known beside what is missed.
         sensor = told.sensor if self.known_elsewhere else 0.0
-        fresh = max(max(self.scale**2, 1.0) / told.repeats, min((sensor / told.marker) ** 2, 1.0))
-        noise = data * fresh
+        fresh = min((sensor / told.marker) ** 2, 1.0) if sensor else 0.0
+        noise = data * max(max(self.scale**2, 1.0) / told.repeats, fresh)
         out = inverse @ (noise + held) @ inverse
         bias = misled(s, lever.reshape(-1, *s.residual.shape), told.marker, sensor)
         wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
