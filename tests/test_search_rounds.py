@@ -80,7 +80,7 @@ def test_an_effect_that_the_last_fit_leaves_insignificant_is_dropped(
     weak = {id(first): significant, id(second): True}
     marks = iter([weak[id(one)] for one in (first, second)])
     monkeypatch.setattr(reassessment, "significant", lambda candidate: next(marks))
-    monkeypatch.setattr(reassessment, "needed", lambda *_: False)
+    monkeypatch.setattr(reassessment, "_needed", lambda *_: False)
     monkeypatch.setattr(reassessment, "without_effects", lambda *_: other)
     monkeypatch.setattr(reassessment, "comparable", lambda *_: True)
     monkeypatch.setattr(reassessment, "last_fit", lambda fit: fit)

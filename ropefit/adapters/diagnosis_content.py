@@ -171,16 +171,16 @@ def _cause(o: Observations, item: engine.Accepted, d: engine.Diagnosis, layout: 
     law, parameters = law_of(o, candidate, last), sizes_of(candidate, values, sd)
     # What else may stand in the place of another effect, or nothing.
     beside = [replace(candidate, fit=fitted) for of, fitted in d.alternatives if of is not item]
-    held = [(held.term is candidate.term, held.of(candidate)) for held in d.held_places]
-    for other in (*beside, *(there for _, there in held)):
+    beside += [h.of(candidate) for h in d.held_places if h.term is not candidate.term]
+    held = [h.of(candidate) for h in d.held_places if h.term is candidate.term]
+    for other in (*beside, *held):
         parameters = holding_both(parameters, other)
-    elsewhere = [*beside, *(there for own, there in held if not own)]
     return Cause(
         name=effect.name,
         kind=effect.kind,
         variant=type(effect).__name__,
         end=effect.end if effect.locus == "end" else None,
-        arc_length=_stretch(candidate, named, elsewhere, layout),
+        arc_length=_stretch(candidate, named, beside, layout),
         frames=_acting(item.candidate, layout),
         parameters=parameters,
         values=values,
@@ -196,14 +196,14 @@ def _cause(o: Observations, item: engine.Accepted, d: engine.Diagnosis, layout: 
 
 
 def _stretch(
-    candidate: Candidate, named: dict[str, float], elsewhere: list[Candidate], layout: Layout
+    candidate: Candidate, named: dict[str, float], beside: list[Candidate], layout: Layout
 ) -> tuple[float, float] | None:
-    """Return where it acts [m]: an interval as fitted, a point with its confidence interval; also
-    as that is beside other effects, elsewhere."""
+    """Return where it acts [m]: an interval as fitted, a point with its confidence interval,
+    which also holds those of the same effect in other fits, `beside`."""
     first, length = layout.first, layout.length
     effect = candidate.hypothesis.effect
     if effect.locus == "point":
-        ends = np.array([_place(one, length) for one in (candidate, *elsewhere)])
+        ends = np.array([_place(one, length) for one in (candidate, *beside)])
         low, high = ends[:, 0].min(), ends[:, 1].max()
     elif effect.locus == "interval":
         low = named["centre"] - named["width"] / 2

@@ -9,10 +9,10 @@ rope that is known from another recording only up to what its model misses.
 from __future__ import annotations
 
 from ropefit.diagnosis.accepted import Accepted
-from ropefit.diagnosis.candidate import comparable, compared
+from ropefit.diagnosis.candidate import compared
 from ropefit.diagnosis.equivalence import BY_MISFIT, TIE_NATS
 from ropefit.diagnosis.last_fit import last_fit
-from ropefit.diagnosis.reassessment import fitted_again, needed, parts_of, without_effects
+from ropefit.diagnosis.reassessment import fitted_again, last_fit_without, parts_of
 from ropefit.inference.least_squares import Fit
 
 ALTERNATIVES_TRIED = 1  # tried in the place of one effect
@@ -50,12 +50,10 @@ def _without(
 ) -> Fit | None:
     """Return the fit without an effect; None where its evidence is beyond doubt, or another effect
     needs it."""
-    others = [one.candidate for one in accepted if one is not item]
-    if item.candidate.hypothesis.effect.slow or needed(current, item.candidate, others):
+    if item.candidate.hypothesis.effect.slow:
         return None
-    without = without_effects(current, item.candidate)
-    if without is None or not comparable(current, without):
+    without = last_fit_without(current, item, accepted)
+    if without is None:
         return None
-    without = last_fit(without)
     now = compared(item.candidate.hypothesis, item.candidate.term, without, current)
     return without if now.evidence < BY_MISFIT * threshold else None

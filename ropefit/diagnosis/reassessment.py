@@ -38,7 +38,7 @@ def reassessed(
         if one is accepted[-1] and not changed:
             break
         after = [f.candidate for f in accepted[index + 1 :]]
-        if needed(current, one.candidate, after):
+        if _needed(current, one.candidate, after):
             continue
         without = without_effects(current, one.candidate)
         if without is None or not comparable(current, without):
@@ -88,6 +88,17 @@ def refitted_beside(
     return compared(candidate.hypothesis, candidate.term, without, fitted)
 
 
+def last_fit_without(current: Fit, one: Accepted, accepted: list[Accepted]) -> Fit | None:
+    """Return the last fit without one of the accepted effects; None where another one needs it, or
+    the model without it does not settle."""
+    if _needed(current, one.candidate, [f.candidate for f in accepted if f is not one]):
+        return None
+    without = without_effects(current, one.candidate)
+    if without is None or not comparable(current, without):
+        return None
+    return last_fit(without)
+
+
 def without_insignificant(
     current: Fit, accepted: list[Accepted], threshold: float
 ) -> tuple[Fit, list[Accepted]]:
@@ -97,14 +108,8 @@ def without_insignificant(
     for one in accepted:
         if len(out) == 1 or significant(replace(one.candidate, fit=current)):
             continue
-        others = [f.candidate for f in out if f is not one]
-        if needed(current, one.candidate, others):
-            continue
-        without = without_effects(current, one.candidate)
-        if without is None or not comparable(current, without):
-            continue
-        without = last_fit(without)
-        if 0.5 * (without.cost - current.cost) < threshold:
+        without = last_fit_without(current, one, out)
+        if without is not None and 0.5 * (without.cost - current.cost) < threshold:
             current, out = without, [f for f in out if f is not one]
     return current, out
 
@@ -124,7 +129,7 @@ def _with_their_like(
     return best_of([*candidates, *fitted])
 
 
-def needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:
+def _needed(current: Fit, candidate: Candidate, later: list[Candidate]) -> bool:
     """Return whether a later effect needs a candidate's, as friction needs contact."""
     rest = [part for part in parts_of(current) if part[0] is not candidate.term]
     values = [term.value(u) for term, u in rest]

@@ -21,8 +21,8 @@ def repeated_noise(fitted: Fit) -> float | None:
     few poses, between which the shape snaps, do not raise. Only markers at rest have one: of other
     points the scatter is measured, and a motion's shapes depend on more than the ends.
     """
-    s, problem = fitted.stations, fitted.problem
-    if not (problem.data.material and fitted.forward.instantaneous) or len(fitted.point.seen) < 2:
+    s = fitted.stations
+    if not fitted.markers_at_rest or len(fitted.point.seen) < 2:
         return None
     near = nearest_poses(fitted.point.setup)
     here, there = paired(s, near)

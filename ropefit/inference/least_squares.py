@@ -74,18 +74,21 @@ class Fit:
         return not by_shape or self.moved < AS_MATCHED
 
     @property
+    def markers_at_rest(self) -> bool:
+        """Return whether it is of markers on a rope at rest."""
+        return self.problem.data.material and self.forward.instantaneous
+
+    @property
     def misses(self) -> bool:
         """Return whether the model misses more of markers at rest than their noise, here or in the
         recording that the rope is known from."""
-        at_rest = self.problem.data.material and self.forward.instantaneous
-        return at_rest and (self.problem.noise.misfit or self.scale > MISFIT)
+        return self.markers_at_rest and (self.problem.noise.misfit or self.scale > MISFIT)
 
     @property
     def known_elsewhere(self) -> bool:
         """Return whether the rope is known from another recording of its markers at rest: what that
         knows of it holds here up to what its model misses."""
-        at_rest = self.problem.data.material and self.forward.instantaneous
-        return at_rest and bool(self.prior.together)
+        return self.markers_at_rest and bool(self.prior.together)
 
     @cached_property
     def left_to_gain(self) -> float:
@@ -120,13 +123,13 @@ class Fit:
         data, s = jacobian.T @ jacobian, self.stations
         inverse = np.linalg.pinv(data + held, rcond=1e-14)
         lever = inverse @ self.whitener.weighted(jacobian).T
-        told = self.problem.noise
+        noise = self.problem.noise
         # Of a rope that is known from elsewhere the sensor's noise is known beside what is missed.
-        sensor = told.sensor if self.known_elsewhere else 0.0
-        fresh = min((sensor / told.marker) ** 2, 1.0) if sensor else 0.0
-        noise = data * max(max(self.scale**2, 1.0) / told.repeats, fresh)
-        out = inverse @ (noise + held) @ inverse
-        bias = misled(s, lever.reshape(-1, *s.residual.shape), told.marker, sensor)
+        sensor = noise.sensor if self.known_elsewhere else 0.0
+        fresh = min((sensor / noise.marker) ** 2, 1.0) if sensor else 0.0
+        score = data * max(max(self.scale**2, 1.0) / noise.repeats, fresh)
+        out = inverse @ (score + held) @ inverse
+        bias = misled(s, lever.reshape(-1, *s.residual.shape), noise.marker, sensor)
         wider = np.sqrt(1 + bias**2 / np.maximum(np.diag(out), np.finfo(float).tiny))
         out = wider[:, None] * out * wider
         return out if basis is None else basis.covariance(out)
