@@ -16,6 +16,7 @@ from ropefit.effects import Effect, FollowerForce, WallField, WeightError
 from ropefit.effects.bending_law import BendingLaw
 from ropefit.inference.least_squares import fit
 from ropefit.inference.noise import Noise
+from ropefit.inference.problem import Work
 from tests.concealed import nominal_fit, recorded, rope
 
 MISFIT = Noise(marker=0.01, sensor=1e-4, repeats=20)
@@ -25,7 +26,7 @@ def verdict(spread: float, noise: Noise = MISFIT, samples: int = 800) -> str:
     """What is said of a rope at rest of which nothing was accepted, missed by so many times the
     variance."""
     final: Any = SimpleNamespace(
-        z=np.zeros(samples), spread=spread, problem=SimpleNamespace(noise=noise),
+        z=np.zeros(samples), spread=spread, problem=SimpleNamespace(noise=noise, work=Work()),
         forward=SimpleNamespace(instantaneous=True),
     )  # fmt: skip
     latent: Any = SimpleNamespace(evidence=0.0, threshold=10.0)
@@ -84,7 +85,7 @@ def beside(effect: Effect, refused: list[str]) -> str:
     own = Candidate(Hypothesis(effect, NO_PLACE), found, found, 50.0, np.zeros(0))
     was: Any = SimpleNamespace(z=np.full(2, 20.0))
     final: Any = SimpleNamespace(
-        z=np.ones(2), spread=1.0, problem=SimpleNamespace(noise=Noise()),
+        z=np.ones(2), spread=1.0, problem=SimpleNamespace(noise=Noise(), work=Work()),
         forward=SimpleNamespace(instantaneous=True, terms=[]),
     )  # fmt: skip
     latent: Any = SimpleNamespace(evidence=0.0, threshold=10.0)

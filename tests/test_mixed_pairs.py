@@ -63,12 +63,6 @@ def test_what_is_right_stays(both):
     assert two_instead(clean, [], 6.0, replace(RULES, effects=NAMES)) == (clean, [])
 
 
-def test_after_the_evaluations_that_it_may_take_a_search_compares_no_pairs(both, monkeypatch):
-    wrong = one_after_the_other(both, (Tether(), [0.01, 0.0, 0.0, 0.0, 0.45]))
-    monkeypatch.setattr(mixed_pairs, "scanned", lambda *_: pytest.fail("pairs were compared"))
-    assert two_instead(*wrong, 6.0, replace(RULES, effects=NAMES, most_evaluations=0)) == wrong
-
-
 def test_what_stands_for_another_gives_way_beside_what_is_right(both):
     """A tether in place of the stiff stretch leaves something; beside the weight the scan shows
     what is there."""

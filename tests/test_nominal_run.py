@@ -260,7 +260,7 @@ def test_a_search_ends_after_the_evaluations_that_are_asked_for(identified, monk
     monkeypatch.setattr(diagnosed, "_unstable", lambda *_: [])
     monkeypatch.setattr(diagnosed.engine, "search", search)
     inputs = {Observations.file_name: o, Model.file_name: model}
-    for settings, most in ((DiagnoseSettings(), 1600), (DiagnoseSettings(evaluations=40), 40)):
+    for settings, most in ((DiagnoseSettings(), 1200), (DiagnoseSettings(evaluations=40), 40)):
         with pytest.raises(Reached) as caught:
             diagnose.diagnosed(inputs, settings, Context(), RULES)
         assert caught.value.args == (most,)

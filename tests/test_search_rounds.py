@@ -142,13 +142,37 @@ def test_evaluations_of_all_fits_to_some_data_are_counted():
     assert problem.work.evaluations == total
 
 
-@pytest.mark.parametrize(("most", "effects"), [(0, 1), (RULES.most_evaluations, 2)])
-def test_after_the_evaluations_that_it_may_take_a_search_fits_no_further_candidates(most, effects):
-    """What the first round shows is named all the same."""
+@pytest.fixture(scope="module")
+def with_two():
     setup = StiffSection().apply(with_effect(PointMass(), [0.03, 0.37]), np.array([0.5, 0.7, 0.2]))
+    return recorded(setup, seed=5)
+
+
+@pytest.mark.parametrize(
+    ("most", "effects", "verdict"), [(1, 0, "unknown"), (90, 2, "unknown"), (np.inf, 2, "found")]
+)
+def test_after_the_evaluations_that_it_may_take_a_search_ends(with_two, most, effects, verdict):
+    """What was accepted by then stays, and is not called found."""
     names = ("point_mass", "stiff_section")
     rules = replace(RULES, effects=names, most_evaluations=most)
-    found = search(nominal_fit(recorded(setup, seed=5)), 0, lambda *_: None, rules)
+    found = search(nominal_fit(with_two), 0, lambda *_: None, rules)
     assert len(found.accepted) == effects
+    assert found.verdict == verdict
+    assert len(found.final.forward.terms) == len(found.nominal.forward.terms) + effects
     said = ENDED.split("{}")[0]
-    assert any(reason.startswith(said) for reason in found.refused) is (effects == 1)
+    assert any(reason.startswith(said) for reason in found.refused) is (verdict == "unknown")
+
+
+def test_no_fit_begins_after_the_evaluations_that_may_be_taken():
+    nominal = nominal_fit(recorded(with_effect(PointMass(), [0.002, 0.37]), seed=1))
+    work, taken = nominal.problem.work, nominal.problem.work.evaluations
+    with work.limited(taken + 1):
+        again = fit(nominal.forward, nominal.problem, nominal.point.u, evaluations=3)
+        fit(nominal.forward, nominal.problem, nominal.point.u, evaluations=3)
+        pytest.fail("a fit began")
+    assert work.exhausted
+    assert work.evaluations == taken + again.evaluations
+    fit(nominal.forward, nominal.problem, nominal.point.u, evaluations=3)  # without a limit again
+    with work.limited(work.evaluations + 1):
+        fit(nominal.forward, nominal.problem, nominal.point.u, evaluations=3)
+    assert not work.exhausted

@@ -38,7 +38,7 @@ class DiagnoseSettings(StageSettings):
 
     seed: int = 0
     most_frames: int = Field(default=48, ge=4)
-    evaluations: int = Field(default=1600, ge=1)
+    evaluations: int = Field(default=1200, ge=1)
     nominal: bool = False
     calibration: bool = False
     simulation: bool = False

@@ -54,7 +54,7 @@ def diagnose(
             help="The evaluations of the model after which a search at rest ends.",
             rich_help_panel=OF_EXPERTS,
         ),
-    ] = 1600,
+    ] = 1200,
     force: Force = False,
 ) -> None:
     """Find where model and recording differ: the missing physics."""

@@ -60,12 +60,12 @@ def two_instead(
     """Return a model with two effects of different kinds and these, in place of the accepted ones,
     where they are better together by more than a tie; else what was given, with its ties.
 
-    accepted: two at most. rules: which effects are looked for, and the number of evaluations after
-    which none are. singles: fits of one effect each on top of the model without any. contact: log
-    evidence [nats] of contact beside the accepted one, with which pairs compete.
+    accepted: two at most. rules: which effects are looked for. singles: fits of one effect each on
+    top of the model without any. contact: log evidence [nats] of contact beside the accepted one,
+    with which pairs compete.
     """
     held, names = [a.candidate for a in accepted], rules.effects
-    if rules.exhausted(current) or any(c.hypothesis.effect.slow for c in held):
+    if any(c.hypothesis.effect.slow for c in held):
         return current, accepted
     base = without_effects(current, *held) if held else current
     if base is None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ropefit.diagnosis.acceptance import first_acceptable
+from ropefit.diagnosis.accepted import Accepted
 from ropefit.diagnosis.candidate import Candidate
 from ropefit.diagnosis.candidates import MOST_SHOWN, fit_candidates
 from ropefit.diagnosis.fits import Progress, silent
@@ -17,6 +18,7 @@ from ropefit.inference.starts import cheaper
 from ropefit.solvers.equilibrium.branches import overwound
 
 RESTART_EVALUATIONS = 20
+MORE_BESIDE_CONTACT = 2
 
 
 class Selection:
@@ -77,8 +79,8 @@ class Rules:
     scan_explains: share of the misfit that a scan explains in one place, above which the noise is
     measured without further fits. calibration: whether fits include calibration errors. noise:
     measured with its correlation, or assumed white. effects: names of those that are looked for;
-    None: all. most_evaluations: of the model (`inference.problem.Work`), after which no further
-    candidates are fitted, nor two effects at once.
+    None: all. most_evaluations: of the model (`inference.problem.Work`), after which a search ends;
+    `most_beside`: twice as many once contact was accepted, beside which ropes rub along a path.
     """
 
     least_evidence: float = 6.0
@@ -95,9 +97,10 @@ class Rules:
     most_evaluations: float = float("inf")
     selection: Selection = field(default_factory=Selection)
 
-    def exhausted(self, current: Fit) -> bool:
-        """Return whether fits have taken more evaluations than they may."""
-        return current.problem.work.evaluations > self.most_evaluations
+    def most_beside(self, accepted: Sequence[Accepted]) -> float:
+        """Return after how many evaluations a search ends that has accepted some effects."""
+        slow = any(one.candidate.hypothesis.effect.slow for one in accepted)
+        return MORE_BESIDE_CONTACT * self.most_evaluations if slow else self.most_evaluations
 
 
 RULES = Rules()

@@ -110,121 +110,130 @@ def search(
     leader: list[Candidate] = []  # of the round before, where that restarted the model
     from_known: list[Candidate] = []
     of_known: list[Candidate] = []  # the same, of the first round
-    for round_ in range(rules.most_effects + MORE_ROUNDS):
-        progress(_share(round_), f"round {round_ + 1}: scan")
-        scan = None  # it is large: one at a time
-        scan = Scan(current, partial(sensitivities, current, accepted, rules.effects, known))
-        known = []  # of the nominal model
-        if scores is None or limits is None:
-            scores, limits = scan.scores, clean_limits(scan, rng, rules)
-            refused += confounded(current, scan.sensitivities)
-        scan.latent.threshold, latent = limits.latent, scan.latent
-        inexact = [one for one in accepted if not one.candidate.hypothesis.effect.exact]
-        needed = limits.needed(inexact)
-        anew = scan.anything(rules) and contact_anew(current, accepted, limits.threshold)
-        if anew:
-            current, accepted, compared = _weighed_again(
-                *anew, limits.threshold, len(scan.scores), rules, singles
-            )
-            continue
-        instead = partial(two_instead, threshold=limits.threshold, rules=rules)
-        if len(accepted) == most:
-            crowded, two = one_more(nominal, accepted, scan, limits), accepted
-            left = crowded or latent.evidence > latent.threshold
-            new = two is not compared and current.forward.instantaneous
-            if left and new and len(two) == 2:
-                current, accepted = instead(current, two, singles=singles)
+    with current.problem.work.limited() as work:
+        for round_ in range(rules.most_effects + MORE_ROUNDS):
+            work.most = rules.most_beside(accepted)
+            progress(_share(round_), f"round {round_ + 1}: scan")
+            scan = None  # it is large: one at a time
+            scan = Scan(current, partial(sensitivities, current, accepted, rules.effects, known))
+            known = []  # of the nominal model
+            if scores is None or limits is None:
+                scores, limits = scan.scores, clean_limits(scan, rng, rules)
+                refused += confounded(current, scan.sensitivities)
+            scan.latent.threshold, latent = limits.latent, scan.latent
+            inexact = [one for one in accepted if not one.candidate.hypothesis.effect.exact]
+            needed = limits.needed(inexact)
+            anew = scan.anything(rules) and contact_anew(current, accepted, limits.threshold)
+            if anew:
+                current, accepted, compared = _weighed_again(
+                    *anew, limits.threshold, len(scan.scores), rules, singles
+                )
+                continue
+            instead = partial(two_instead, threshold=limits.threshold, rules=rules)
+            if len(accepted) == most:
+                crowded, two = one_more(nominal, accepted, scan, limits), accepted
+                left = crowded or latent.evidence > latent.threshold
+                new = two is not compared and current.forward.instantaneous
+                if left and new and len(two) == 2:
+                    current, accepted = instead(current, two, singles=singles)
+                    compared = accepted
+                if accepted is two:
+                    break
+                continue
+            quick = started_from(fitted, proposals(current, slow=False, names=rules.effects))
+            quick += beside_contact(accepted, singles)
+            singles_of = partial(
+                rules.selection.candidates, current, scan.scores, quick, threshold=needed,
+                names=rules.effects, progress=_fits_of_round(progress, round_),
+            )  # fmt: skip
+            pair = accepted_companions(current, both, limits.threshold) if both else None
+            both = None  # if they are not accepted, what is slow is a candidate as ever
+            if pair is not None and _wins(pair, current, singles_of):
+                accepted, current = with_both(current, every, pair, scan)
+                continue
+            slow = started_from(fitted, scan.contact(rules, needed))
+            begun = contact.on(current) if slow else []
+            if leader:
+                from_known = recompared(from_known, current)
+            elif accepted:
+                from_known = []
+            elif before:
+                from_known = known_again(current, before)
+            else:
+                from_known = from_known_rope(current, needed, rules.effects)
+            of_known = from_known or of_known
+            again = before and pair_again(current, before, from_known, needed, len(scan.scores))
+            before = None
+            if again:
+                current, accepted = with_it(again[0], current.problem, scan.sensitivities), again[1]
+                compared = accepted  # with every pair, where there were more frames
+                continue
+            fits = singles_of(slow=slow, known=[*begun, *from_known])
+            candidates = best_of([*fits, *leader])
+            leader = []
+            singles = singles if accepted else candidates
+            progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
+            fitted = []  # to the nominal model
+            if far_beyond_sensor(current):
+                current, candidates = _in_motion(current, candidates, scan, limits.threshold)
+            if candidates and candidates[0].evidence >= needed:
+                again = rules.selection.restarted(current, candidates[0], rules.restart_share)
+                if again is not None:  # about which the scan may not show the leader any more
+                    current, leader = again, recompared(candidates[:1], again)
+                    continue
+            candidates, best, pair = *_acceptable(current, candidates, needed, rules, refused), None
+            there = bool(candidates) and candidates[0].evidence >= needed
+            if there and not accepted and most > 1 and current.forward.instantaneous:
+                pair = best_pair(current, scan.sensitivities, best, limits.threshold)
+            if pair is not None:
+                # Two effects of one kind may stand for two of different kinds and leave only noise.
+                accepted, current = accepted_pair(pair, len(scan.sensitivities))
+                current, accepted = instead(current, accepted, singles=singles)
                 compared = accepted
-            if accepted is two:
+                continue
+            left = there or latent.evidence > latent.threshold
+            if accepted:
+                as_elsewhere = current.problem.noise.misfit and not _is_left(current)
+                left = left and accepted[0] is not alone and not as_elsewhere
+            if (
+                best is None
+                and left
+                and len(accepted) < 2 <= most
+                and current.forward.instantaneous
+            ):
+                one = accepted
+                current, accepted = instead(current, one, singles=singles)
+                if accepted is not one:
+                    compared = accepted
+                    continue
+            if best is None:
                 break
-            continue
-        quick = started_from(fitted, proposals(current, slow=False, names=rules.effects))
-        quick += beside_contact(accepted, singles)
-        singles_of = partial(
-            rules.selection.candidates, current, scan.scores, quick, threshold=needed,
-            names=rules.effects, progress=_fits_of_round(progress, round_),
-        )  # fmt: skip
-        pair = accepted_companions(current, both, limits.threshold) if both else None
-        both = None  # if they are not accepted, what is slow is a candidate as ever
-        if pair is not None and _wins(pair, current, singles_of):
-            accepted, current = with_both(current, every, pair, scan)
-            continue
-        slow = started_from(fitted, scan.contact(rules, needed))
-        begun = contact.on(current) if slow else []
-        if leader:
-            from_known = recompared(from_known, current)
-        elif accepted:
-            from_known = []
-        elif before:
-            from_known = known_again(current, before)
-        else:
-            from_known = from_known_rope(current, needed, rules.effects)
-        of_known = from_known or of_known
-        again = before and pair_again(current, before, from_known, needed, len(scan.scores))
-        before = None
-        if again:
-            current, accepted = with_it(again[0], current.problem, scan.sensitivities), again[1]
-            compared = accepted  # with every pair, where there were more frames
-            continue
-        ended = round_ > 0 and rules.exhausted(current)
-        fits = [] if ended else singles_of(slow=slow, known=[*begun, *from_known])
-        candidates = best_of([*fits, *leader])
-        leader = []
-        singles = singles if accepted else candidates
-        progress(_share(round_ + 0.9), f"round {round_ + 1}: tests on held-out frames")
-        fitted = []  # to the nominal model
-        if far_beyond_sensor(current):
-            current, candidates = _in_motion(current, candidates, scan, limits.threshold)
-        if candidates and candidates[0].evidence >= needed:
-            again = rules.selection.restarted(current, candidates[0], rules.restart_share)
-            if again is not None:  # about which the scan may not show the leader any more
-                current, leader = again, recompared(candidates[:1], again)
-                continue
-        candidates, best, pair = *_acceptable(current, candidates, needed, rules, refused), None
-        there = bool(candidates) and candidates[0].evidence >= needed
-        if there and not accepted and most > 1 and current.forward.instantaneous:
-            pair = best_pair(current, scan.sensitivities, best, limits.threshold)
-        if pair is not None:
-            # Two effects of one kind may stand for two of different kinds and leave only noise.
-            accepted, current = accepted_pair(pair, len(scan.sensitivities))
-            current, accepted = instead(current, accepted, singles=singles)
-            compared = accepted
-            continue
-        left = there or latent.evidence > latent.threshold
-        if accepted:
-            as_elsewhere = current.problem.noise.misfit and not _is_left(current)
-            left = left and accepted[0] is not alone and not as_elsewhere
-        if best is None and left and len(accepted) < 2 <= most and current.forward.instantaneous:
-            one = accepted
-            current, accepted = instead(current, one, singles=singles)
-            if accepted is not one:
-                compared = accepted
-                continue
-        if best is None:
-            break
-        accepted.append(accept(best, candidates, current, len(scan.sensitivities)))
-        best = accepted[-1].candidate
-        most += not best.hypothesis.effect.counted
-        every = with_known_past(every, current, best)
-        problem = replace(current.problem, data=every.settled(best.fit.point.seen))
-        current = with_it(best.fit, problem, scan.sensitivities)
-        if len(accepted) == 1 < most and _is_left(current):
-            # It may stand for two: pairs are compared before a second is looked for beside it,
-            # unless contact leaves nothing that they could explain better.
-            one, contact = accepted, by_contact(current, limits.threshold, rules.effects)
-            if not (contact.explains or best.hypothesis.effect.slow):
-                current, accepted = instead(current, one, singles=singles, contact=contact.evidence)
-                singles, alone = [], None if contact.evidence else accepted[0]
-            if accepted is not one:
-                compared = accepted
-                continue
-        current, accepted, compared = _weighed_again(
-            current, accepted, limits.threshold, len(scan.sensitivities), rules, singles, alone
-        )
+            newest = accept(best, candidates, current, len(scan.sensitivities))
+            best = newest.candidate
+            most += not best.hypothesis.effect.counted
+            every = with_known_past(every, current, best)
+            problem = replace(current.problem, data=every.settled(best.fit.point.seen))
+            current = with_it(best.fit, problem, scan.sensitivities)
+            accepted = [*accepted, newest]
+            if len(accepted) == 1 < most and _is_left(current):
+                # It may stand for two: pairs are compared before a second is looked for beside it,
+                # unless contact leaves nothing that they could explain better.
+                one, contact = accepted, by_contact(current, limits.threshold, rules.effects)
+                if not (contact.explains or best.hypothesis.effect.slow):
+                    current, accepted = instead(
+                        current, one, singles=singles, contact=contact.evidence
+                    )
+                    singles, alone = [], None if contact.evidence else accepted[0]
+                if accepted is not one:
+                    compared = accepted
+                    continue
+            current, accepted, compared = _weighed_again(
+                current, accepted, limits.threshold, len(scan.sensitivities), rules, singles, alone
+            )
     progress(0.98, "intervals, and what a next motion would show")
     assert scores is not None
     assert limits is not None
-    if rules.exhausted(current):
+    if current.problem.work.exhausted:
         refused.append(ENDED.format(current.problem.work.evaluations))
     if accepted:
         current, accepted = without_insignificant(last_fit(current), accepted, limits.threshold)

@@ -55,7 +55,9 @@ def verdict_of(
     candidates = [replace(one.candidate, fit=final) for one in accepted]
     reasons = [(one.hypothesis.name, not_possible(one, final)) for one in candidates]
     refused += [f"{name}: {why}" for name, why in reasons if why]
-    if crowded or any(why for _, why in reasons) or _stands_for_another(final, accepted):
+    ended = final.problem.work.exhausted  # before all candidates were compared
+    impossible = any(why for _, why in reasons)
+    if ended or crowded or impossible or _stands_for_another(final, accepted):
         return "unknown"
     if latent.evidence > latent.threshold and not explained and not _as_good_as_noise(final):
         return "unknown"

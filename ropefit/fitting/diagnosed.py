@@ -86,7 +86,8 @@ def at_rest(
     rules = replace(rules, most_evaluations=settings.evaluations)
     result = engine.search(nominal, settings.seed, context.progress, rules)
     edge = on_edge(result.final)  # with an effect, other frames may be near instability
-    firm = problem.without(edge).firm() if edge.any() else None
+    ended = result.final.problem.work.exhausted
+    firm = problem.without(edge).firm() if edge.any() and not ended else None
     if firm is not None:
         left = np.flatnonzero(np.isin(problem.used, firm[0].used))
         dropped += _unstable(o, problem, firm[0], context)

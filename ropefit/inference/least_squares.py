@@ -207,6 +207,7 @@ def fit(
     Raises ArithmeticError when the start itself does not settle in any frame, or is not possible:
     a fit stays where length, rigidity and density are positive.
     """
+    problem.work.begin()
     u = forward.start() if start is None else np.asarray(start, dtype=float)
     objective = Objective(forward, problem, u, needed, highest)
     best = objective.known.result(lambda: objective.minimum(u, evaluations, tolerance, thorough))

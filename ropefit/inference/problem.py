@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,11 +15,35 @@ from ropefit.inference.noise import Noise
 POTENTIALS_COST = 2  # evaluations without potentials, which take as long as one with them
 
 
+class Exhausted(Exception):
+    """Fits have taken as many evaluations as they may."""
+
+
 @dataclass
 class Work:
-    """How many evaluations of a model fits have taken, however fast the machine is."""
+    """How many evaluations of a model fits have taken, however fast the machine is; most: from how
+    many no further fit begins; exhausted: whether one would have."""
 
     evaluations: int = 0
+    most: float = math.inf
+    exhausted: bool = False
+
+    @contextmanager
+    def limited(self, most: float = math.inf) -> Iterator[Work]:
+        """Let no fit begin after `most` evaluations: what is under way then is given up."""
+        self.most, self.exhausted = most, False
+        try:
+            yield self
+        except Exhausted:
+            pass
+        finally:
+            self.most = math.inf
+
+    def begin(self) -> None:
+        """Begin a fit. Raises Exhausted."""
+        if self.evaluations >= self.most:
+            self.exhausted = True
+            raise Exhausted
 
     def add(self, evaluations: int, potentials: bool) -> None:
         self.evaluations += evaluations * (POTENTIALS_COST if potentials else 1)
