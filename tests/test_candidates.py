@@ -1,5 +1,6 @@
 """Candidates whose fits were stopped for want of prospect: fitted to the end where they count."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,7 @@ from ropefit.diagnosis import candidates
 from ropefit.diagnosis import fits as fits_module
 from ropefit.diagnosis.accepted import close_cost
 from ropefit.diagnosis.candidate import Candidate, fit_candidate
-from ropefit.diagnosis.candidates import completed, fit_candidates, unfinished
+from ropefit.diagnosis.candidates import completed, fit_candidates, promised, unfinished
 from ropefit.diagnosis.fits import Fits
 from ropefit.diagnosis.hypotheses import NO_PLACE, Hypothesis
 from ropefit.diagnosis.scan import Projection, Scorer
@@ -55,7 +56,7 @@ def test_stopped_fits_change_no_answer():
     stopped = [c for c in found if c.fit.stopped]
     assert stopped
     assert not found[0].fit.stopped
-    ended = completed(nominal, found)
+    ended = completed(nominal, found, 6.0, lambda _: None)
     assert not any(c.fit.stopped for c in ended)
     assert [c.evidence for c in ended] == sorted((c.evidence for c in ended), reverse=True)
     for candidate in ended[1:]:  # what was not expected of them, they do not have
@@ -70,11 +71,27 @@ def test_a_fit_that_ended_before_its_minimum_goes_on():
     assert early is not None
     assert not early.fit.stopped
     assert unfinished(early)
-    (ended,) = completed(nominal, [early])
+    (ended,) = completed(nominal, [early], -np.inf, lambda _: None)
     assert not unfinished(ended)
     assert ended.fit.left_to_gain < LEFT < early.fit.left_to_gain
     assert ended.evidence > early.evidence + 1
-    assert completed(nominal, [ended]) == [ended]
+    assert completed(nominal, [ended], 6.0, lambda _: None) == [ended]
+
+
+def test_what_cannot_come_near_to_what_is_acceptable_is_not_fitted_to_the_end():
+    nominal = nominal_fit(recorded(with_effect(PointMass(), [0.0006, 0.37], 144), seed=7), 72)
+    start = np.array([0.0002, 0.3])
+    early = fit_candidate(nominal, Hypothesis(PointMass(), NO_PLACE), start, evaluations=12)
+    assert early is not None
+    assert unfinished(early)
+    most = promised(nominal, early)
+    assert most > early.evidence + 0.5 * early.fit.left_to_gain
+    for behind, further in ((4.0, True), (6.0, False)):  # nats: what is told as not ruled out
+        best = replace(early, evidence=most + behind)
+        (now,) = completed(nominal, [early], 6.0, lambda _, best=best: best)
+        assert (now is not early) is further
+    (now,) = completed(nominal, [early], most + 1.0, lambda _: None)
+    assert now is early
 
 
 class Given(Candidate):

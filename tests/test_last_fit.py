@@ -179,3 +179,16 @@ def test_a_fit_that_goes_back_to_where_it_was_is_not_moved_again(loaded, monkeyp
     )
     assert last_fit_module._with_least_sizes(fitted) is fitted
     assert len(refits) == 1
+
+
+@pytest.mark.parametrize(("ended", "rounds"), [(True, 1), (False, last_fit_module.ROUNDS)])
+def test_after_too_many_evaluations_fits_are_repeated_once(loaded, monkeypatch, ended, rounds):
+    _, fitted = loaded
+    refits, steps = [], iter(0.5 ** np.arange(9)[:, None] * np.ones_like(fitted.point.u))
+    monkeypatch.setattr(fitted.problem.work, "exhausted", ended)
+    monkeypatch.setattr(last_fit_module, "_to_least_sizes", lambda found: next(steps))
+    monkeypatch.setattr(
+        last_fit_module, "_refitted", lambda found, step, needed: refits.append(step) or found
+    )
+    last_fit_module._with_least_sizes(replace(fitted, cost=0.0))
+    assert len(refits) == rounds

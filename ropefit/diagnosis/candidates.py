@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from ropefit.diagnosis.calm import distorted
 from ropefit.diagnosis.candidate import (
@@ -11,7 +13,10 @@ from ropefit.diagnosis.candidate import (
     Candidate,
     compared_if_comparable,
     fit_candidate,
+    gain_of,
 )
+from ropefit.diagnosis.equivalence import ALSO_POSSIBLE_NATS
+from ropefit.diagnosis.few_frames import far_behind
 from ropefit.diagnosis.fits import Fits, Progress, best_first, silent
 from ropefit.diagnosis.leaders import leading
 from ropefit.diagnosis.proposals import Start
@@ -21,6 +26,7 @@ from ropefit.diagnosis.unexplained import leaves_something, unexplained
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.objective import LEFT
 
+LINEAR_STEPS = 2.0  # from where fits end, after so many evaluations, to their minimum, at most
 MOST_SHOWN = 0.7  # of the χ² in excess of noise, explained in one place of a scan
 
 
@@ -111,10 +117,25 @@ def started_from(known: list[Candidate], starts: list[list[Start]]) -> list[list
     return out
 
 
-def completed(current: Fit, candidates: list[Candidate]) -> list[Candidate]:
-    """Return the candidates, those that were stopped, or ended before their minimum, fitted to the
-    end; best first."""
-    return best_first([_to_the_end(current, c) if unfinished(c) else c for c in candidates])
+def completed(
+    current: Fit, candidates: list[Candidate], threshold: float,
+    acceptable: Callable[[list[Candidate]], Candidate | None],
+) -> list[Candidate]:  # fmt: skip
+    """Return the candidates, best first, those fitted to the end that were stopped, or ended before
+    their minimum, and may then not be ruled out beside the one that is acceptable; if none is, may
+    have the evidence of a threshold [nats]."""
+    ended: set[tuple[str, int]] = set()
+    while True:
+        best = acceptable(candidates)
+        least = best.evidence - ALSO_POSSIBLE_NATS if best else threshold
+        further = [c for c in candidates if unfinished(c) and c.hypothesis.key not in ended]
+        first = next((c for c in further if promised(current, c) >= least), None)
+        if first is None:
+            return candidates
+        ended.add(first.hypothesis.key)
+        rest = [c for c in candidates if c is not first]
+        needed = far_behind(best.fit) if best else np.inf
+        candidates = best_first([*rest, _to_the_end(current, first, needed)])
 
 
 def unfinished(candidate: Candidate) -> bool:
@@ -125,9 +146,22 @@ def unfinished(candidate: Candidate) -> bool:
     return not fitted.converged and fitted.left_to_gain > LEFT
 
 
-def _to_the_end(current: Fit, candidate: Candidate) -> Candidate:
+def promised(current: Fit, candidate: Candidate) -> float:
+    """Return the evidence [nats] that an unfinished candidate may have at its minimum, if that is
+    as far as it is by linear steps along a valley; any, if it was stopped."""
+    fitted = candidate.fit
+    if fitted.stopped:
+        return np.inf
+    lowest = max(fitted.cost - LINEAR_STEPS * fitted.left_to_gain, 1e-9)
+    spread = max(1.0, fitted.spread * lowest / fitted.cost)  # what it leaves scales evidence down
+    penalty = gain_of(candidate) - candidate.evidence
+    return 0.5 * (current.cost - lowest) / spread - penalty
+
+
+def _to_the_end(current: Fit, candidate: Candidate, needed: float) -> Candidate:
     if candidate.fit.stopped:
-        return fit_candidate(current, candidate.hypothesis, candidate.values()) or candidate
+        start = (candidate.hypothesis, candidate.values())
+        return fit_candidate(current, *start, needed=needed) or candidate
     u, forward = candidate.fit.point.u, candidate.fit.forward
     forward = forward.starting_from(candidate.fit.point.solution)
     again = attempted(forward, current.problem, u, EVALUATIONS, TOLERANCE, thorough=True)

@@ -18,7 +18,7 @@ import numpy as np
 from ropefit.inference.least_squares import Fit, attempted
 from ropefit.inference.objective import LEFT
 
-ROUNDS = 4  # at most, of either; one where fits are slow
+ROUNDS = 4  # at most, of either; one where fits are slow, or there have been too many
 STILL = 0.05  # standard errors: a fit that moves by less stays
 EVALUATIONS = 20
 EVALUATIONS_WITH_FRICTION = 6  # nodes stick and slip: more lead nowhere
@@ -36,7 +36,7 @@ def last_fit(found: Fit) -> Fit:
         return found
     slow = any(term.effect is not None and term.effect.slow for term in found.forward.terms)
     gained = np.inf
-    for _ in range(1 if slow else ROUNDS):
+    for _ in range(1 if slow else _rounds(found)):
         arrived = slow or min(found.left_to_gain, gained) < LEFT
         ended = found.converged and found.as_matched and arrived
         again = None if ended else _refitted(found, np.zeros_like(found.point.u), thorough=True)
@@ -49,6 +49,10 @@ def last_fit(found: Fit) -> Fit:
     return _with_least_sizes(found)
 
 
+def _rounds(found: Fit) -> int:
+    return 1 if found.problem.work.exhausted else ROUNDS
+
+
 def stays(before: Fit, after: Fit) -> bool:
     """Return whether a fit that was repeated moved by next to nothing."""
     moved = np.abs(after.point.u - before.point.u) / np.maximum(after.sd(), 1e-12)
@@ -57,7 +61,7 @@ def stays(before: Fit, after: Fit) -> bool:
 
 def _with_least_sizes(found: Fit) -> Fit:
     before = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(_rounds(found)):
         step = _to_least_sizes(found)
         size = 0.0 if step is None else float(np.linalg.norm(step))
         if step is None or size > SHORTER * before:  # each fit goes back to where it was

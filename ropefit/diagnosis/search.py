@@ -285,12 +285,13 @@ def _acceptable(
     current: Fit, candidates: list[Candidate], needed: float, rules: Rules, refused: list[str]
 ) -> tuple[list[Candidate], Candidate | None]:
     """Return the candidates and the one that is accepted, if any; why others are not goes to
-    `refused`. Where the leader is not, those that are unfinished are fitted to the end."""
+    `refused`. Where the leader is not, those that are unfinished may be fitted to the end."""
     refusals: list[str] = []
     candidates = rules.selection.supported(candidates, needed, current, refused)
     best = rules.selection.acceptable(candidates, needed, current, refusals)
     if refusals and any(map(unfinished, candidates)):
-        candidates, refusals = completed(current, candidates), []
+        accepts = partial(rules.selection.acceptable, threshold=needed, current=current, refused=[])
+        candidates, refusals = completed(current, candidates, needed, accepts), []
         best = rules.selection.acceptable(candidates, needed, current, refusals)
     refused += refusals
     return candidates, best
