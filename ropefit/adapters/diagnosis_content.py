@@ -117,13 +117,14 @@ def content(o: Observations, d: engine.Diagnosis, layout: Layout) -> dict[str, A
 
 
 def _in_part(d: engine.Diagnosis) -> list[str]:
-    """Describe the effects that come nearest, where they explain too little to be the cause."""
+    """Describe the effects that come nearest, where they are not said to be the cause."""
     if d.verdict != "unknown" or not d.accepted:
         return []
     was, left = engine.unexplained(d.nominal), engine.unexplained(d.final)
     joint = [replace(item.candidate, fit=d.final) for item in d.accepted]
     said = "; ".join(f"{candidate.hypothesis.name}: {_sentence(candidate)}" for candidate in joint)
-    return [f"explains only {100 * min(1 - left / was, 1):.0f} % of the misfit: {said}"]
+    share = 100 * min(1 - left / was, 1)
+    return [f"what comes nearest, explaining {share:.0f} % of the misfit: {said}"]
 
 
 def _sentence(candidate: Candidate) -> str:

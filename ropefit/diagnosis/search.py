@@ -45,7 +45,9 @@ from ropefit.diagnosis.with_accepted import with_both, with_it, with_known_past
 from ropefit.inference.least_squares import Fit
 
 MORE_ROUNDS = 4  # than effects: a restart, contact anew, one uncounted, one that sees what is left
-ENDED = "further candidates: not fitted after {} evaluations of the model (--evaluations)"
+ENDED = (
+    "further candidates: not fitted after {} evaluations of the model (--evaluations allows more)"
+)
 NEARLY_ALL = 0.01  # of the misfit, left by two effects at once: no single one comes near
 
 
